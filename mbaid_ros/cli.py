@@ -1,4 +1,4 @@
-"""What every executable shares: how arguments are declared, and the one place where known errors are caught."""
+"""The common part of every executable: its arguments, and the one place where known errors are caught."""
 
 from __future__ import annotations
 
@@ -13,25 +13,18 @@ from typing import NoReturn
 from mbaid_ros.core.errors import MbaidError, ParameterError, listing
 
 EXIT_USER_ERROR = 2
-EXIT_NOT_DETERMINED = 3  # the data do not say what was asked for
-EXIT_INCONSISTENT = 4  # the data contradict the model: what comes out must not be trusted
+EXIT_NOT_DETERMINED = 3  # the data do not determine the result
+EXIT_INCONSISTENT = 4  # the data contradict the model: the result must not be trusted
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 EXIT_BROKEN_PIPE = 141  # 128 + SIGPIPE
 _LONGEST_LINE = 2000
 
 
 def run(main_function: Callable[[list[str]], int], argv: Sequence[str] | None = None, name: str = '') -> int:
-    """Run an executable's body and return its exit code.
+    """Run an executable's body on its arguments (default: the process's) and return its exit code.
 
-    Parameters
-    ----------
-    main_function : takes the arguments, returns the exit code
-    argv : the arguments without the program's name; those of the process where not given
-    name : what an error line calls the executable; the name of the function's module where not given
-
-    Returns
-    -------
-    What the function returns; 2 after an error the user can cause, told in one line on stderr; 130 after an interrupt.
+    An error that the user can cause is one line on stderr with the executable's name (default: the function's module)
+    and gives 2; an interrupt gives 130.
     """
     name = name or main_function.__module__.rsplit('.', 1)[-1]
     try:
@@ -59,9 +52,9 @@ def _complain(name: str, text: str) -> int:
 
 
 def warn(name: str, warnings: Iterable[str]) -> None:
-    """Tell on stderr what a user should know, a line each; `name` is what the lines call the executable."""
+    """Write warnings of an executable to stderr, a line each."""
     for warning in warnings:
-        print(f'mbaid_ros {name}: warning: {one_line(warning)}', file=sys.stderr)  # noqa: T201 - where no error is
+        print(f'mbaid_ros {name}: warning: {one_line(warning)}', file=sys.stderr)  # noqa: T201 - no error line
 
 
 def one_line(text: str) -> str:
@@ -72,14 +65,7 @@ def one_line(text: str) -> str:
 
 
 class ArgumentParser(argparse.ArgumentParser):
-    """An argparse parser whose errors are ParameterErrors, and whose help ends with an example.
-
-    Parameters
-    ----------
-    name : name of the executable
-    description : what it does
-    example : a command line and what it gives, printed as it is
-    """
+    """An argparse parser whose errors are ParameterErrors, and whose help ends with an example, printed as it is."""
 
     def __init__(self, name: str, description: str, example: str) -> None:
         super().__init__(

@@ -1,4 +1,4 @@
-"""Files that are read as a whole: regular ones only, up to a bound, and what is in them as JSON."""
+"""Whole files: regular ones only, read up to a bound, as text or JSON; written so that none is ever half there."""
 
 from __future__ import annotations
 
@@ -16,19 +16,7 @@ _PART = 40  # characters of a name that the name of a file in the making has
 
 
 def require_regular(path: str | Path, kind: str, error: type[MbaidError] = DataError) -> None:
-    """Refuse what is there but is no regular file: opening a pipe or a device may never end.
-
-    Parameters
-    ----------
-    path : the file
-    kind : what an error calls it
-    error : the error to raise
-
-    Raises
-    ------
-    MbaidError
-        It is of another kind, or cannot be looked at.
-    """
+    """Raise an error about a `kind` of file if it is no regular file: opening a pipe or a device may never end."""
     try:
         mode = Path(path).stat().st_mode
     except (OSError, ValueError) as reason:
@@ -40,20 +28,12 @@ def require_regular(path: str | Path, kind: str, error: type[MbaidError] = DataE
 def read_text(
     path: str | Path, kind: str, limit: int, accepted: str = '', error: type[MbaidError] = ParameterError
 ) -> str:
-    """Return the content of a text file of at most so many characters, without a byte order mark.
-
-    Parameters
-    ----------
-    path : the file
-    kind : what an error calls it
-    limit : number of characters; more of a longer file are not read
-    accepted : what an error says of the files that are, if anything
-    error : the error to raise
+    """Return the content of a text file of at most `limit` characters, without a byte order mark.
 
     Raises
     ------
     MbaidError
-        The file cannot be read, is no regular file, is no text, or is longer.
+        The file cannot be read, is no regular file, is no text (`accepted` ends that message), or is longer.
     """
     require_regular(path, kind, error)
     try:
@@ -63,8 +43,8 @@ def read_text(
     except OSError as reason:
         raise error(f"cannot read {kind} '{path}': {_why(reason)}") from reason
     except UnicodeDecodeError as reason:
-        told = f'; {accepted}' if accepted else ''
-        raise error(f"{kind} '{path}' is not text in UTF-8{told}") from reason
+        hint = f'; {accepted}' if accepted else ''
+        raise error(f"{kind} '{path}' is not text in UTF-8{hint}") from reason
     if len(text) > limit:
         raise error(f"{kind} '{path}' has more than {limit} characters, which is the limit")
     return text
@@ -83,9 +63,7 @@ def require_writable(option: str, path: str | None) -> None:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a file so that at every instant it is there as a whole, whoever else writes it; a device is written to.
-
-    What UTF-8 does not have is written as in `as_utf8`.
+    """Write a file so that at every instant it is there as a whole; a device is written to. Escapes as `as_utf8`.
 
     Raises
     ------
@@ -99,7 +77,7 @@ def write_text(path: str | Path, text: str) -> None:
         new.write_text(as_utf8(text), encoding='utf-8')
         if not device:
             new.replace(target)
-    except OSError as reason:  # of a file that nobody has heard of, or of none
+    except OSError as reason:  # which names the temporary file, or none
         raise OSError(reason.errno, reason.strerror, str(path)) from reason
     finally:
         if not device:
@@ -125,6 +103,21 @@ def parse_json(text: str) -> Any:
         return json.loads(text, parse_int=_integer, parse_float=_number, parse_constant=_constant)
     except RecursionError as error:
         raise ValueError('nested too deeply') from error
+
+
+def read_json(path: str | Path, kind: str, limit: int, accepted: str) -> Any:
+    """Return the content of a JSON file of at most `limit` characters.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, or is not JSON.
+    """
+    text = read_text(path, kind, limit, accepted, DataError)
+    try:
+        return parse_json(text)
+    except ValueError as error:
+        raise DataError(f"{kind} '{path}' is not JSON: {error}; {accepted}") from error
 
 
 def _integer(text: str) -> int:

@@ -14,9 +14,9 @@ from mbaid_ros.config.trajectory import read_trajectory
 from mbaid_ros.core.errors import DataError, ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.physical_consistency import is_physical
-from mbaid_ros.core.robot.inertia import standard
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.capture import CaptureSimulation, Target
 from mbaid_ros.simulation.dynamics import State

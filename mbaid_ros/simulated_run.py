@@ -12,8 +12,8 @@ from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.outgoing import Frames, MessageTypes, SensorMessages, inertia_message
 from mbaid_ros.simulated_robot import (
@@ -111,8 +111,8 @@ class SimulatedRun:
         self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate, imu)
 
     @property
-    def tells_momentum(self) -> bool:
-        """Whether the wheels' momentum is told."""
+    def publishes_momentum(self) -> bool:
+        """Whether the wheels' momentum is published."""
         return self.wheels is not None and self.config.wheels.publish == 'stored_momentum'
 
     @property
@@ -172,7 +172,7 @@ class SimulatedRun:
             self.pulse.link.name if self.pulse is not None and self.pulse.link is not None else self.config.odom_frame
         )
         odometry, joint_state = self._messages.odometry, self._messages.joint_state
-        told = self.wheels.stored(joints.wheel_speed) if self.wheels is not None and self.tells_momentum else ()
+        told = self.wheels.stored(joints.wheel_speed) if self.wheels is not None and self.publishes_momentum else ()
         stored = self._messages.stored_momentum
         messages = [
             *(TimedMessage(t, 'thrust', self._messages.wrench(wrench, frame, self.stamp(t))) for t, wrench in due),

@@ -20,8 +20,7 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.recordings.recording import MODEL_FILE, PARAMETER_FILE, Recording, write_recording
-from mbaid_ros.recordings.spot import read_spot_2021
-from mbaid_ros.recordings.spot_2023 import read_spot_2023
+from mbaid_ros.recordings.spot import read_spot_2021, read_spot_2023
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.run import replay_bag
 

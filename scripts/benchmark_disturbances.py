@@ -17,13 +17,13 @@ from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.physical_consistency import is_physical
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import relative_factor
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import change_inertial
 from mbaid_ros.outgoing import SensorMessages
-from mbaid_ros.replay.bag_types import BAG_TYPES
-from mbaid_ros.replay.campaigns.monte_carlo import coverage
+from mbaid_ros.replay.campaigns.statistics import coverage
+from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_robot import make_motion, make_simulation
 from mbaid_ros.simulated_run import commands
@@ -153,10 +153,8 @@ ROWS = (
     Row('none', 'a force, base axes', _constant('body'), _TRAJECTORY),
     Row('pulse', 'detected'),
     Row('pulse', 'commanded', commanded=True),
-    Row('inertial', 'not modelled', (('trajectory.adapt', False),), _TRAJECTORY),
     Row('inertial', 'detected'),
     Row('inertial', 'declared', _constant('inertial'), _TRAJECTORY),
-    Row('body', 'not modelled', (('trajectory.adapt', False),), _TRAJECTORY),
     Row('body', 'detected'),
     Row('body', 'declared', _constant('body'), _TRAJECTORY),
     Row('links 1 %', 'taken as exact'),

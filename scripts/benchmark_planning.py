@@ -20,9 +20,9 @@ from mbaid_ros.core.identifier import Estimator, knowledge_of
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import BAND
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.streams import Windows

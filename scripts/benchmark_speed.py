@@ -41,7 +41,7 @@ VARIANTS: dict[str, Mapping[str, object]] = {
 # Wrongly declared noise contradicts the data: the filter searches for a start and for causes, again and again.
 _CONTRADICTED = {'method': 'trajectory', 'noise.joint_position': 1e-5, 'noise.base_position': 3e-4}
 # The executable that `ros2 run` starts is these two lines with a shebang.
-_PROGRAM = [sys.executable, '-c', 'import sys; from mbaid_ros.replay.replay import main; sys.exit(main())']
+_PROGRAM = [sys.executable, '-c', 'import sys; from mbaid_ros.replay.start import replay; sys.exit(replay())']
 
 
 @dataclass(frozen=True)

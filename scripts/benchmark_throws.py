@@ -22,10 +22,10 @@ import numpy as np
 
 from benchmarks.frame import table
 from mbaid_ros.core.geometry import Array, unvec
-from mbaid_ros.core.robot.inertia import physical_jacobian
+from mbaid_ros.core.robot.momentum import physical_jacobian
 from mbaid_ros.recordings.convert import main as convert
 from mbaid_ros.recordings.throws import OBJECTS, read_tudelft_throw
-from mbaid_ros.replay.calibrate import main as calibrate
+from mbaid_ros.replay.start import calibrate
 
 DEVICE = 'device-only'
 THROWN = {

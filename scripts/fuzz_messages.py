@@ -47,16 +47,16 @@ class Node:
     def __init__(self) -> None:
         self.node = EstimatorNode()
         self.published: list[Any] = []
-        work = self.node._estimating  # noqa: SLF001 - what is looked for is what its callbacks do
+        work = self.node._estimator  # noqa: SLF001 - what is looked for is what its callbacks do
         self.work = work
-        keep = work._telling._outlets.publish  # noqa: SLF001
+        keep = work._publication._publishers.publish  # noqa: SLF001
 
         def publish(estimate: Any, frames: Any, urdf: str) -> None:
             self.published.append(estimate)
             keep(estimate, frames, urdf)
 
-        work._telling._outlets.publish = publish  # type: ignore[method-assign] # noqa: SLF001
-        inlets = {**work._inlets, 'thrust': work._thrust, 'stored_momentum': work._stored_momentum}  # noqa: SLF001
+        work._publication._publishers.publish = publish  # type: ignore[method-assign] # noqa: SLF001
+        inlets = {**work._subscriptions, 'thrust': work._thrust, 'stored_momentum': work._stored_momentum}  # noqa: SLF001
         self._callbacks: dict[str, Callable[[Any], None]] = {}
         for name, inlet in inlets.items():
             self._callbacks[name] = inlet._on_message  # noqa: SLF001

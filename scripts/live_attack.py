@@ -30,7 +30,7 @@ from benchmarks.bags import ROBOT, make_bag
 from benchmarks.frame import Frame, provenance, resident, table
 from benchmarks.speed_live import node_beside, received
 from demo_graph import CONFIG, Graph, executable, graph
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.subscriptions import qos
 
 MEMORY = 1000.0  # MB
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)

@@ -24,9 +24,9 @@ from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.cli import ArgumentParser, number, run
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.errors import DataError, ParameterError, listing
-from mbaid_ros.replay import replay as replay_executable
-from mbaid_ros.replay import simulate as simulate_executable
-from mbaid_ros.replay.truth import TRUTH_FILE
+from mbaid_ros.replay.saved import TRUTH_FILE
+from mbaid_ros.replay.start import replay as replay_executable
+from mbaid_ros.replay.start import simulate as simulate_executable
 
 ROOT = Path(__file__).resolve().parents[1]
 ESTIMATE = '/estimator/estimate'
@@ -85,7 +85,7 @@ def make(recipe: Recipe, bag: Path) -> None:
 def simulate(recipe: Recipe, bag: Path) -> None:
     """Simulate a run into a bag."""
     files = ('--model', recipe.file('.urdf'), '--params', recipe.file('_simulator.yaml'))
-    _succeed(simulate_executable.main([*files, *recipe.parameters, '--output', str(bag)]), bag)
+    _succeed(simulate_executable([*files, *recipe.parameters, '--output', str(bag)]), bag)
     truth = bag / TRUTH_FILE
     content = json.loads(truth.read_text(encoding='utf-8'))
     content['parameters']['robot_description_file'] = f'{CONFIG.name}/{recipe.robot}.urdf'  # the same on any machine
@@ -123,7 +123,7 @@ def record(recipe: Recipe, bag: Path) -> None:
             work.mkdir()
             run_graph(recipe, bag)
             files = ('--model', recipe.file('.urdf'), '--params', recipe.file('_estimator.yaml'))
-            _succeed(replay_executable.main([str(bag), *files, '--output', str(work / 'replayed')]), bag)
+            _succeed(replay_executable([str(bag), *files, '--output', str(work / 'replayed')]), bag)
             if estimates(bag) == estimates(work / 'replayed'):
                 shutil.copy(offline / TRUTH_FILE, bag)
                 return

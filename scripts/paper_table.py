@@ -17,10 +17,10 @@ from benchmarks.frame import Frame, provenance, table
 from benchmarks.methods import Identification
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.paper import forms
-from mbaid_ros.core.paper.rls import RecursiveLeastSquares
+from mbaid_ros.core.paper.estimator import RecursiveLeastSquares
 from mbaid_ros.core.robot.kernel import BodyStates
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.momentum import regressor
-from mbaid_ros.core.robot.planar import PlaneDetector
 
 NAMES = ('m', 'x_c', 'y_c', 'Izz')
 PLANE = [0, 1, 2, 9]  # their indices

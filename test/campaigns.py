@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mbaid_ros.replay import campaign
+from mbaid_ros.replay.start import campaign
 from simulated import CONFIG
 
 TEXT = f"""
@@ -30,7 +30,7 @@ def written(folder: Path, text: str = TEXT) -> Path:
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert campaign.main(list(arguments)) == 2
+    assert campaign(list(arguments)) == 2
     captured = capsys.readouterr()
     assert captured.out == ''
     assert captured.err.startswith('mbaid_ros campaign: ')

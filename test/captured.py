@@ -13,10 +13,10 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotation_from_quaternion, unvec
 from mbaid_ros.core.results.publication import Frame
-from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import express, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.core.robot.momentum import physical, standard
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.simulated_robot import make_motion
 from mbaid_ros.simulation.motion import Sinusoids

@@ -7,18 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbaid_ros.core.filter.settings import TrajectorySettings
 from mbaid_ros.core.geometry import Array, cross, exp, quaternion_from_rotation
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
-from mbaid_ros.core.robot.inertia import physical
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.model_errors import declared
-from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
-from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, physical
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
+from mbaid_ros.core.trajectory.target_runs import TrajectorySettings
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth

@@ -16,10 +16,10 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.replay.bag_types import BAG_TYPES
+from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage

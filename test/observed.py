@@ -15,9 +15,9 @@ from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.session import make_estimator

@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from mbaid_ros.bags.types import ADDED, ESTIMATE_TYPE, definition
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.outgoing import Frames, MessageTypes, estimate_message
-from mbaid_ros.replay.bag_types import BAG_TYPES
+from mbaid_ros.replay.run import BAG_TYPES
 
 TOPIC = '/estimator/estimate'
 

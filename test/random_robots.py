@@ -75,4 +75,4 @@ def random_storage(rng: np.random.Generator, model: RobotModel) -> Storage:
         names = [f'wheel{wheels.count + index}' for index in range(count)]
         unit = axes / np.linalg.norm(axes, axis=1, keepdims=True)
         wheels += Storage.wheels(link, names, unit, rng.uniform(0.5, 2.0, count).tolist(), 0.1)
-    return wheels + Storage.told(model.link(model.last_link), 0.1)
+    return wheels + Storage.published(model.link(model.last_link), 0.1)

@@ -19,8 +19,8 @@ from benchmarks.honesty.runs import Outcome, jointly, judged, rank, run
 from benchmarks.honesty.worlds import World, float_freely, swing
 from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.simulation.simulation import total_momentum
 
 

@@ -19,7 +19,7 @@ from mbaid_msgs.msg import InertiaEstimate
 from documents import CAMPAIGNS, DOCUMENTS, MARK, README, ROOT, TUTORIAL, Block, bash, blocks, names, prelude, project
 from graph import Graph, graph
 from mbaid_ros.bags import BagReader
-from mbaid_ros.nodes.description import message_class
+from mbaid_ros.nodes.subscriptions import message_class
 from stand_ins import put_on_path
 
 HERE = re.compile(r"^cat > \S+ <<'END'\n.*?^END\n", re.DOTALL | re.MULTILINE)  # a file that a block writes

@@ -9,7 +9,7 @@ from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.parameters import ErrorBudget
 from mbaid_ros.core.results.publication import Debris, Frame
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
-from mbaid_ros.replay.bag_types import BAG_TYPES
+from mbaid_ros.replay.run import BAG_TYPES
 
 FRAMES = Frames(target_link='link7', odometry='odom')
 

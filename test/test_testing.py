@@ -16,7 +16,7 @@ from graph import LOCAL, reserved_domain
 from made_runs import BODY, STD, estimate
 from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.nodes.publishers import TYPES
+from mbaid_ros.nodes.subscriptions import TYPES
 from mbaid_ros.outgoing import Frames, estimate_message
 from mbaid_ros.testing import assert_within, deviations, wait_for_estimate
 

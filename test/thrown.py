@@ -14,8 +14,8 @@ import numpy as np
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.replay.bag_types import BAG_TYPES
-from mbaid_ros.replay.calibrate import main as calibrate
+from mbaid_ros.replay.run import BAG_TYPES
+from mbaid_ros.replay.start import calibrate
 from mbaid_ros.simulated_run import SimulatedRun
 
 _URDF = """<robot name="thrown">

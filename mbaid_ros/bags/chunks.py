@@ -1,4 +1,4 @@
-"""Messages of a bag as columns: what is the same for many is done for many at once."""
+"""Messages of a bag as columns, a block at a time; MCAP files read chunk by chunk."""
 
 from __future__ import annotations
 
@@ -22,20 +22,13 @@ from mbaid_ros.core.samples import Stamps
 Raw = tuple[str, bytes, int]  # topic, CDR bytes, and the time it was recorded at, ns
 
 _AT_ONCE = 1_000
-_MAGIC = b'\x89MCAP0\r\n'
+MCAP_MAGIC = b'\x89MCAP0\r\n'
 LATEST = 2**63 - 1  # ns: later times, which are none, count as this
 
 
 @dataclass(frozen=True)
 class Block:
-    """N messages in the order they were recorded.
-
-    Attributes
-    ----------
-    topics : names
-    contents : CDR bytes
-    times : (N,) ns, when each was recorded
-    """
+    """N messages in recorded order: topic, CDR bytes and time of each, (N,) ns."""
 
     topics: list[str]
     contents: list[bytes]
@@ -120,13 +113,7 @@ class ChunkReader(McapReader):
             yield Block(names, messages.contents, messages.times)
 
     def open(self) -> None:
-        """Open the file and read its index.
-
-        Raises
-        ------
-        UnindexedError
-            It has none, or one that does not say which channels a chunk holds.
-        """
+        """Open the file and read its index; raise an UnindexedError if it has none, or none of its messages."""
         super().open()
         if not self.chunks or not all(chunk.channel_count for chunk in self.chunks):
             self.close()
@@ -134,16 +121,10 @@ class ChunkReader(McapReader):
 
     @staticmethod
     def require_whole(path: Path) -> None:
-        """Refuse a file whose end is missing.
-
-        Raises
-        ------
-        ReaderError
-            It is.
-        """
+        """Raise a ReaderError for a file whose end is missing."""
         with path.open('rb') as file:
-            file.seek(max(path.stat().st_size - len(_MAGIC), 0))
-            if file.read() != _MAGIC:
+            file.seek(max(path.stat().st_size - len(MCAP_MAGIC), 0))
+            if file.read() != MCAP_MAGIC:
                 raise ReaderError(f'the end of {path} is missing')
 
     def meta_scan(self) -> None:
@@ -163,25 +144,15 @@ class ChunkReader(McapReader):
             length = _LENGTH(head)[0]
             total += length if head[0] == _CHANNEL else 0
             if total > limits.CHANNEL_BYTES:
-                raise DataError(
-                    f"bag '{self.path}' describes its channels in more than {limits.CHANNEL_BYTES} bytes, which is the "
-                    'limit'
-                )
+                most = f'{limits.CHANNEL_BYTES} bytes, which is the limit'
+                raise DataError(f"bag '{self.path}' describes its channels in more than {most}")
             place += _BEFORE + length
         super().read_index()
 
 
 @dataclass(frozen=True)
 class _Messages:
-    """N messages of chunks.
-
-    Attributes
-    ----------
-    times : (N,) ns
-    chunks : (N,) place of each one's chunk in the file
-    channels : (N,)
-    contents : their bytes
-    """
+    """N messages of chunks: times (ns), places of their chunks in the file and channels, (N,) each, and their bytes."""
 
     times: npt.NDArray[np.int64]
     chunks: npt.NDArray[np.int64]
@@ -210,7 +181,7 @@ def _in_order(stream: BinaryIO, chunks: Collection[ChunkInfo], wanted: Collectio
     nothing = np.zeros(0, dtype=np.int64)
     waiting = _Messages(nothing, nothing, nothing.astype(np.uint16), [])
     for chunk in sorted(chunks, key=lambda chunk: chunk.message_start_time):
-        # Those of a chunk are no earlier than it says: what is before that can go.
+        # Those of a chunk are no earlier than its start: earlier ones can go.
         ready = int(np.searchsorted(waiting.times, chunk.message_start_time))
         if ready:
             yield waiting.part(0, ready)
@@ -224,15 +195,7 @@ def _in_order(stream: BinaryIO, chunks: Collection[ChunkInfo], wanted: Collectio
 
 
 def _content(stream: BinaryIO, chunk: ChunkInfo, wanted: Collection[int]) -> _Messages:
-    """Return the messages of wanted channels in a chunk, as they stand in it.
-
-    Raises
-    ------
-    DataError
-        The chunk is too large.
-    ReaderError, struct.error, and what decompression raises
-        The chunk is damaged.
-    """
+    """Return the messages of wanted channels in a chunk, in their order; raise one of DAMAGE if it is damaged."""
     if chunk.compressed_size > limits.CHUNK_BYTES:
         raise DataError(f'a chunk of {chunk.compressed_size} bytes; at most {limits.CHUNK_BYTES} are accepted')
     stream.seek(chunk.chunk_start_offset + 9 + 24)

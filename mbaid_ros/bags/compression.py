@@ -1,4 +1,4 @@
-"""Decompression that ends at a bound, whatever the compressed bytes claim to hold."""
+"""Decompression that ends at a bound, regardless of the size that the compressed bytes claim."""
 
 from __future__ import annotations
 
@@ -13,18 +13,13 @@ from mbaid_ros import limits
 from mbaid_ros.core.errors import DataError
 
 _PIECE = 1_000_000  # bytes
-_ZSTD = b'\x28\xb5\x2f\xfd'  # what a frame of zstd begins with, and no message in CDR
+_ZSTD = b'\x28\xb5\x2f\xfd'  # beginning of a zstd frame, but of no message in CDR
 
 
 def unpacked(data: bytes, most: int, what: str) -> bytes:
-    """Return what zstd compressed, one frame or several.
+    """Return the content of zstd frames; raise a DataError about `what` if it is longer than `most` bytes.
 
-    Raises
-    ------
-    DataError
-        It is longer than `most` bytes.
-    ReaderError, ZstdError
-        The data are damaged.
+    Damaged data raise a ReaderError or ZstdError.
     """
     parts: list[bytes] = []
     size = 0
@@ -41,19 +36,14 @@ def unpacked(data: bytes, most: int, what: str) -> bytes:
 
 
 def is_compressed(message: bytes) -> bool:
-    """Tell whether a message was compressed by itself."""
+    """Return whether a message was compressed by itself."""
     return message.startswith(_ZSTD)
 
 
 def unpacked_chunk(data: bytes, compression: str, size: int, checksum: int) -> bytes:
-    """Return the records of a chunk that says how large they are.
+    """Return the records of a chunk, of the size and checksum that it claims; raise a DataError if it is too large.
 
-    Raises
-    ------
-    DataError
-        They are larger than a chunk may be.
-    ReaderError, ZstdError, RuntimeError
-        The data are damaged.
+    Damaged data raise a ReaderError, ZstdError or RuntimeError.
     """
     if max(size, len(data)) > limits.CHUNK_BYTES:
         raise DataError(f'a chunk of {max(size, len(data))} bytes; at most {limits.CHUNK_BYTES} are accepted')
@@ -71,18 +61,12 @@ def unpacked_chunk(data: bytes, compression: str, size: int, checksum: int) -> b
 
 
 def beginning(data: bytes) -> bytes:
-    """Return what there is of a chunk that zstd compressed and whose end is missing."""
+    """Return the readable beginning of a chunk that zstd compressed and whose end is missing."""
     return zstd.ZstdDecompressor().decompress(data, max_length=limits.CHUNK_BYTES)
 
 
 def unpack_file(source: Path, target: Path) -> None:
-    """Write what a compressed file holds into another.
-
-    Raises
-    ------
-    DataError
-        It holds far more than a recording of its size.
-    """
+    """Decompress a file into another; raise a DataError if it holds far more than a recording of its size."""
     most = max(limits.UNPACKED_BYTES, limits.UNPACKED_RATIO * source.stat().st_size)
     written = 0
     with zstd.open(source, 'rb') as packed, target.open('wb') as file:

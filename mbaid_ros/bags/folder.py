@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, TypeVar
 
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag2 import ReaderError
@@ -24,7 +24,9 @@ from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.samples import Stamps
 from mbaid_ros.files import require_regular
 
+T = TypeVar('T')
 _NEWEST = 9  # version of the metadata
+_KINDS: Mapping[type, str] = {list: 'list', str: 'text', int: 'number'}
 _NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, '')
 
 
@@ -34,27 +36,19 @@ class FolderReader(DirectoryReader):
     STORAGE_PLUGINS: Mapping[str, type[Any]] = {'mcap': ChunkReader, 'sqlite3': SqliteReader}
 
     def open(self) -> None:
-        """Open the files that the metadata name.
-
-        Raises
-        ------
-        DataError
-            A bound is exceeded, or something is no regular file.
-        ReaderError
-            The metadata cannot be used.
-        """
+        """Open the files that the metadata name; raise a ReaderError where the metadata cannot be used."""
         folder = Path(str(self.path))
         self.stack = ExitStack()
         self._parts: list[tuple[type[ChunkReader | SqliteReader], Path]] = []
         try:
-            told = _read(folder / 'metadata.yaml')
-            plugin = self.STORAGE_PLUGINS.get(_text(told, 'storage_identifier'))
+            declared = _read(folder / 'metadata.yaml')
+            plugin = self.STORAGE_PLUGINS.get(_value(declared, 'storage_identifier', str))
             if plugin is None:
-                raise ReaderError(f'storage {told["storage_identifier"]!r:.40} is not known')
-            mode = _compression(told)
-            files = _files(told, folder)
-            self.connections = self._topics(told)
-            self.metadata = ReaderMetadata(0, 0, 0, _count(told, 'message_count'), None, mode, None, None)
+                raise ReaderError(f'storage {declared["storage_identifier"]!r:.40} is not known')
+            mode = _compression(declared)
+            files = _files(declared, folder)
+            self.connections = self._topics(declared)
+            self.metadata = ReaderMetadata(0, 0, 0, _value(declared, 'message_count', int), None, mode, None, None)
             for path in self._unpacked(files) if mode == 'file' else files:
                 self._parts.append((plugin, path))
             self._find_definitions()
@@ -72,25 +66,25 @@ class FolderReader(DirectoryReader):
                 if chosen:
                     yield from file.blocks(chosen)
 
-    def _topics(self, told: Mapping[str, Any]) -> list[Connection]:
-        topics = _list(told, 'topics_with_message_count')
+    def _topics(self, declared: Mapping[str, Any]) -> list[Connection]:
+        topics = _value(declared, 'topics_with_message_count', list)
         if len(topics) > limits.TOPICS:
             raise DataError(f"bag '{self.path}' has {len(topics)} topics; at most {limits.TOPICS} are accepted")
         return [self._topic(number, _mapping(each)) for number, each in enumerate(topics, start=1)]
 
-    def _topic(self, number: int, told: Mapping[str, Any]) -> Connection:
-        topic = _mapping(told.get('topic_metadata'))
+    def _topic(self, number: int, declared: Mapping[str, Any]) -> Connection:
+        topic = _mapping(declared.get('topic_metadata'))
         profiles = topic.get('offered_qos_profiles', [])
-        encoding = _text(topic, 'serialization_format')
+        encoding = _value(topic, 'serialization_format', str)
         if encoding != 'cdr':
             raise ReaderError(f'a topic is encoded as {encoding!r:.40}; accepted: cdr')
         return Connection(
             number,
-            _text(topic, 'name'),
-            _text(topic, 'type'),
+            _value(topic, 'name', str),
+            _value(topic, 'type', str),
             _NO_DEFINITION,
             '',
-            _count(told, 'message_count'),
+            _value(declared, 'message_count', int),
             ConnectionExtRosbag2(encoding, parse_profiles(profiles if isinstance(profiles, str | list) else [])),
             self,
         )
@@ -119,15 +113,11 @@ class FolderReader(DirectoryReader):
             yield folder / file.stem
 
 
-@contextmanager
-def _opened(plugin: type[ChunkReader | SqliteReader], path: Path) -> Iterator[ChunkReader | SqliteReader]:
+def _opened(plugin: type[ChunkReader | SqliteReader], path: Path) -> closing[ChunkReader | SqliteReader]:
     """Open one file of a bag for a block: a process may not have thousands of them open."""
     storage = plugin(path)
     storage.open()
-    try:
-        yield storage
-    finally:
-        storage.close()
+    return closing(storage)
 
 
 def _read(path: Path) -> Mapping[str, Any]:
@@ -136,14 +126,14 @@ def _read(path: Path) -> Mapping[str, Any]:
         content = file.read(limits.METADATA_BYTES + 1)
     if len(content) > limits.METADATA_BYTES:
         raise DataError(f"metadata '{path}' has more than {limits.METADATA_BYTES} bytes, which is the limit")
-    told = _mapping(_mapping(parse_yaml(content.decode())).get('rosbag2_bagfile_information'))
-    if _count(told, 'version') > _NEWEST:
-        raise ReaderError(f'metadata of version {told["version"]}; accepted: up to {_NEWEST}')
-    return told
+    declared = _mapping(_mapping(parse_yaml(content.decode())).get('rosbag2_bagfile_information'))
+    if _value(declared, 'version', int) > _NEWEST:
+        raise ReaderError(f'metadata of version {declared["version"]}; accepted: up to {_NEWEST}')
+    return declared
 
 
-def _files(told: Mapping[str, Any], folder: Path) -> list[Path]:
-    names = _list(told, 'relative_file_paths')
+def _files(declared: Mapping[str, Any], folder: Path) -> list[Path]:
+    names = _value(declared, 'relative_file_paths', list)
     if len(names) > limits.FOLDER_FILES:
         raise DataError(f"bag '{folder}' has {len(names)} files; at most {limits.FOLDER_FILES} are accepted")
     if not all(isinstance(name, str) and '\0' not in name for name in names):
@@ -151,9 +141,8 @@ def _files(told: Mapping[str, Any], folder: Path) -> list[Path]:
     paths = [folder / PurePath(name).name for name in names]
     if len(set(paths)) < len(paths):
         twice = next(path for path in paths if paths.count(path) > 1)
-        raise DataError(
-            f"metadata of bag '{folder}' list file '{twice.name}' {paths.count(twice)} times; accepted: once"
-        )
+        times = f'{paths.count(twice)} times; accepted: once'
+        raise DataError(f"metadata of bag '{folder}' list file '{twice.name}' {times}")
     for path in paths:
         if not path.exists():
             raise ReaderError(f"file '{path}' is missing")
@@ -161,13 +150,13 @@ def _files(told: Mapping[str, Any], folder: Path) -> list[Path]:
     return paths
 
 
-def _compression(told: Mapping[str, Any]) -> str:
+def _compression(declared: Mapping[str, Any]) -> str:
     """Return what is compressed: messages, files, or nothing."""
-    mode = str(told.get('compression_mode') or '').lower()
+    mode = str(declared.get('compression_mode') or '').lower()
     if mode in {'', 'none'}:
         return ''
-    if mode not in {'file', 'message'} or told.get('compression_format') != 'zstd':
-        raise ReaderError(f'compression {mode!r:.40} as {told.get("compression_format")!r:.40} is not known')
+    if mode not in {'file', 'message'} or declared.get('compression_format') != 'zstd':
+        raise ReaderError(f'compression {mode!r:.40} as {declared.get("compression_format")!r:.40} is not known')
     return mode
 
 
@@ -177,22 +166,10 @@ def _mapping(value: Any) -> Mapping[str, Any]:
     return value
 
 
-def _list(told: Mapping[str, Any], key: str) -> list[Any]:
-    if not isinstance(told.get(key), list):
-        raise ReaderError(f'metadata have no list {key}')
-    return list(told[key])
-
-
-def _text(told: Mapping[str, Any], key: str) -> str:
-    if not isinstance(told.get(key), str):
-        raise ReaderError(f'metadata have no text {key}')
-    return str(told[key])
-
-
-def _count(told: Mapping[str, Any], key: str) -> int:
-    value = told.get(key)
-    if not isinstance(value, int) or not 0 <= value < 2**63:
-        raise ReaderError(f'metadata have no number {key}')
+def _value(declared: Mapping[str, Any], key: str, kind: type[T]) -> T:
+    value = declared.get(key)
+    if not isinstance(value, kind) or (isinstance(value, int) and not 0 <= value < 2**63):
+        raise ReaderError(f'metadata have no {_KINDS[kind]} {key}')
     return value
 
 
@@ -201,14 +178,7 @@ Timed = tuple[str, Any, int]  # topic, message, and the time it was recorded at,
 
 @dataclass(frozen=True)
 class Recorded:
-    """N messages.
-
-    Attributes
-    ----------
-    topics : N names, the topic of each message in the order they were recorded
-    messages : those of each topic, in order: a list, or `Packets`
-    times : of each topic, ns, when they were recorded
-    """
+    """N messages: the topic of each in recorded order; each topic's messages (a list, or `Packets`) and times, ns."""
 
     topics: Sequence[str]
     messages: Mapping[str, Sequence[Any]]

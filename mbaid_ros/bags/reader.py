@@ -15,19 +15,10 @@ from rosbags.typesys import TypesysError
 from rosbags.typesys.store import Typestore
 
 from mbaid_ros import limits
-from mbaid_ros.bags.chunks import Block, Raw, UnindexedError, in_blocks, of_length
+from mbaid_ros.bags.chunks import MCAP_MAGIC, Block, Raw, UnindexedError, in_blocks, of_length
 from mbaid_ros.bags.compression import is_compressed, unpacked
 from mbaid_ros.bags.folder import Recorded, Timed
-from mbaid_ros.bags.sources import (
-    DAMAGE,
-    MCAP_MAGIC,
-    IndexedSource,
-    SalvagedSource,
-    Source,
-    Topic,
-    UnpackedSource,
-    by_name,
-)
+from mbaid_ros.bags.sources import DAMAGE, IndexedSource, SalvagedSource, Source, Topic, UnpackedSource, by_name
 from mbaid_ros.bags.sqlite import unread_log
 from mbaid_ros.bags.types import ADDED, defined, is_standard, message_types
 from mbaid_ros.cdr import packer
@@ -40,17 +31,13 @@ ROS1_MAGIC = b'#ROSBAG V2.0'
 
 
 class BagReader:
-    """A recorded bag; a context manager.
-
-    Parameters
-    ----------
-    path : a rosbag2 folder (MCAP or sqlite3), or a bare ``.mcap`` or ``.db3`` file
+    """A recorded bag, a rosbag2 folder (MCAP or sqlite3) or a bare ``.mcap`` or ``.db3`` file; a context manager.
 
     Attributes
     ----------
     topics : the topics by name
     messages : number of messages on all of them
-    warnings : what a user should know of this bag, one line each; reading may add to them
+    warnings : for the user, one line each; reading may add to them
 
     Raises
     ------
@@ -69,7 +56,8 @@ class BagReader:
             self.warnings.append(
                 f"bag '{self.path}' was cut off while it was written: read up to the cut, {self.messages} messages"
             )
-        self.warnings += _unread_logs(self.path)
+        files = sorted(self.path.glob('*.db3')) if self.path.is_dir() else [self.path]
+        self.warnings += filter(None, map(unread_log, files))
         for name, count in sum((source.left_out for source in self._sources), left_out).items():
             self.warnings.append(
                 f"topic '{name}' of bag '{self.path}' is of type {self.topics[name].type}, and {count} of its messages "
@@ -101,19 +89,13 @@ class BagReader:
             raise DataError(f"topic '{topic}' of bag '{self.path}' holds no messages")
 
     def blocks(self, topics: Collection[str]) -> Iterator[Block]:
-        """Yield the messages of topics in recorded order, a chunk at a time.
-
-        Where the bytes turn out to be damaged, reading ends there, with a warning.
-        """
+        """Yield the messages of topics in recorded order, a chunk at a time; damaged bytes end it, with a warning."""
         chosen = set(topics)
         for source in self._sources:
             read = 0
             reason = ''
-            own = {
-                name: topic.count
-                for name, topic in source.topics.items()
-                if name in chosen and topic.type == self.topics[name].type
-            }
+            there = (topic for name, topic in source.topics.items() if name in chosen)
+            own = {topic.name: topic.count for topic in there if topic.type == self.topics[topic.name].type}
             try:
                 for block in source.blocks(own):
                     read += len(block)
@@ -131,27 +113,16 @@ class BagReader:
             yield from block
 
     def read(self, topics: Collection[str]) -> Iterator[Timed]:
-        """Yield (topic, message, log time in ns) in recorded order.
-
-        Raises
-        ------
-        DataError
-            A type is not known, or a message is not of the type the bag says.
-        """
+        """Yield (topic, message, log time in ns) in recorded order; a DataError if a message is not of its type."""
         deserializers = {name: self._deserializer(name, self._typestore(self.topics[name])) for name in topics}
         for topic, data, time in self.raw(topics):
             yield topic, deserializers[topic](data, time), time
 
     def read_packed(self, topics: Collection[str], at_once: int) -> Iterator[Recorded]:
-        """Yield messages in recorded order, so many at once, the last time fewer.
+        """Yield messages in recorded order, so many at once; a DataError if a message is not of its type.
 
-        Messages of the types that `mbaid_ros.cdr` knows are packets, which takes a fraction of the time; objects they
-        are where the bag defines the type in another way than ROS 2 Jazzy, or the bytes are not understood.
-
-        Raises
-        ------
-        DataError
-            A type is not known, or a message is not of the type the bag says.
+        Messages of the types that `mbaid_ros.cdr` knows are packets, which takes a fraction of the time; they are
+        objects where the bag defines the type in another way than ROS 2 Jazzy, or the bytes are not understood.
         """
         make = {name: self._maker(name) for name in topics}
         for block in of_length(self.blocks(topics), at_once):
@@ -217,13 +188,7 @@ class BagReader:
         return deserialize
 
     def _typestore(self, topic: Topic) -> Typestore:
-        """Return the types as the bag defines them, or as they are known where it does not.
-
-        Raises
-        ------
-        DataError
-            The type is not defined, or lacks what it is known to have.
-        """
+        """Return the types as the bag defines them, or else as they are known; refuse types that lack known fields."""
         if len(topic.definition) > limits.DEFINITION_CHARACTERS:
             raise DataError(
                 f"topic '{topic.name}' of bag '{self.path}' defines its type in {len(topic.definition)} characters; at "
@@ -293,12 +258,6 @@ def _reason(error: Exception) -> str:
     return ' '.join(str(error).split())[:200] or type(error).__name__
 
 
-def _unread_logs(path: Path) -> list[str]:
-    """Return what to know of a bag whose databases were not closed, one line each."""
-    files = sorted(path.glob('*.db3')) if path.is_dir() else [path]
-    return list(filter(None, map(unread_log, files)))
-
-
 def _files(folder: Path, reason: str) -> list[Path]:
     """Return the files of a folder that may hold messages, in their order; its metadata have a reason to be no use."""
     entries = list(islice(folder.iterdir(), limits.FOLDER_FILES + 1))
@@ -306,9 +265,8 @@ def _files(folder: Path, reason: str) -> list[Path]:
         raise DataError(f"folder '{folder}' holds more than {limits.FOLDER_FILES} files, which is the limit")
     files = [path for path in sorted(entries, key=_natural_order) if path.name.endswith(BAG_FILES)]
     if not files:
-        raise DataError(
-            f"folder '{folder}' is not a bag: there is no .mcap and no .db3 file in it; metadata.yaml: {reason}"
-        )
+        why = f'there is no .mcap and no .db3 file in it; metadata.yaml: {reason}'
+        raise DataError(f"folder '{folder}' is not a bag: {why}")
     return files
 
 
@@ -328,10 +286,8 @@ def _open_file(file: Path) -> Source:
         if file.suffix == '.mcap' and MCAP_MAGIC.startswith(head):
             raise DataError(f"bag '{file}' holds no messages: it was cut off before the first one") from error
         if head == ROS1_MAGIC[: len(head)] and head:
-            raise DataError(
-                f"bag '{file}' is one of ROS 1; accepted: the same converted, by rosbags-convert --src {file.name} "
-                '--dst FOLDER'
-            ) from error
+            command = f'rosbags-convert --src {file.name} --dst FOLDER'
+            raise DataError(f"bag '{file}' is one of ROS 1; accepted: the same converted, by {command}") from error
         if log := unread_log(file):
             raise DataError(f"bag '{file}' cannot be read: {log}") from error
         raise DataError(f"'{file}' is not a bag; accepted: a rosbag2 folder, an .mcap file or a .db3 file") from error

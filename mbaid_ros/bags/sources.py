@@ -1,4 +1,4 @@
-"""Where a bag's messages come from: a complete file or folder, or what there is of a file that was cut off."""
+"""Sources of a bag's messages: a complete file or folder, or the readable part of a file that was cut off."""
 
 from __future__ import annotations
 
@@ -30,10 +30,9 @@ from mbaid_ros.core.errors import DataError
 
 Storage = FolderReader | ChunkReader | SqliteReader
 
-MCAP_MAGIC = b'\x89MCAP0\r\n'
 _LARGEST_RECORD = limits.CHUNK_BYTES + 1_000  # bytes: a chunk and what is before its content
 
-# What the libraries raise on damaged files: besides their own exceptions, whatever parsing wrong bytes leads to.
+# What the libraries raise on damaged files: besides their own exceptions, all that parsing wrong bytes leads to.
 DAMAGE = (
     *(ReaderError, McapError, apsw.Error, ZstdError, zstandard.ZstdError),
     *(struct.error, ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError),
@@ -47,14 +46,9 @@ class Topic:
 
     Attributes
     ----------
-    name : full name
-    type : ``package/msg/Type``
-    count : number of messages
-    definition : text of the message's definition; empty where the bag has none
-    idl : True if that text is OMG IDL, not .msg
+    definition : text of the message's definition, OMG IDL if `idl`, else .msg; empty where the bag has none
     latched : True if the publisher offered transient local
     reliable : True unless every publisher offered best effort only
-    encoding : serialization format: cdr
     """
 
     name: str
@@ -68,14 +62,7 @@ class Topic:
 
 
 class Source(Protocol):
-    """One file, or one folder with its metadata.
-
-    Attributes
-    ----------
-    topics : the topics by name
-    left_out : by topic, number of messages that are not read, as they are of another type
-    complete : False if the end is missing
-    """
+    """One file, or one folder with its metadata; `left_out` counts messages of another type by topic."""
 
     topics: dict[str, Topic]
     left_out: Counter[str]
@@ -102,12 +89,7 @@ def by_name(found: Iterable[Topic]) -> tuple[dict[str, Topic], Counter[str]]:
 
 
 class IndexedSource:
-    """A complete bag, read through its index.
-
-    Raises
-    ------
-    One of DAMAGE or OSError if it is not complete.
-    """
+    """A complete bag, read through its index; one that is not raises one of DAMAGE, or an OSError."""
 
     def __init__(self, path: Path) -> None:
         self.complete = True
@@ -117,11 +99,8 @@ class IndexedSource:
 
     def blocks(self, topics: Collection[str]) -> Iterator[Block]:
         """Yield the messages."""
-        chosen = [
-            connection
-            for connection in self._reader.connections
-            if connection.topic in topics and self.topics[connection.topic].type == connection.msgtype
-        ]
+        connections = (each for each in self._reader.connections if each.topic in topics)
+        chosen = [each for each in connections if self.topics[each.topic].type == each.msgtype]
         if chosen:  # the reader takes an empty selection for all
             yield from self._reader.blocks(chosen)
 
@@ -131,13 +110,7 @@ class IndexedSource:
 
 
 def _storage(path: Path) -> Storage:
-    """Return what reads a folder or a file, which is not open yet.
-
-    Raises
-    ------
-    ReaderError, OSError
-        It is neither.
-    """
+    """Return the reader of a folder or a file, which is not open yet."""
     kinds: dict[str, type[Storage]] = {'.mcap': ChunkReader, '.db3': SqliteReader}
     kind = FolderReader if path.is_dir() else kinds.get(path.suffix)
     if kind is None:
@@ -163,9 +136,8 @@ class SalvagedSource:
                 counts[record.channel_id] += 1
             elif isinstance(record, Footer):
                 self.complete = True
-        self.topics, self.left_out = by_name(
-            replace(topic, count=counts[number]) for number, topic in self._channels.items()
-        )
+        counted = (replace(topic, count=counts[number]) for number, topic in self._channels.items())
+        self.topics, self.left_out = by_name(counted)
 
     def blocks(self, topics: Collection[str]) -> Iterator[Block]:
         """Yield the messages."""
@@ -198,17 +170,9 @@ class SalvagedSource:
 
 
 class UnpackedSource:
-    """A file that was compressed as a whole: unpacked into a folder that goes when it is closed.
+    """A file that was compressed as a whole (``.zstd``), unpacked into a folder that goes when it is closed.
 
-    Parameters
-    ----------
-    path : the file, ``.zstd`` after its name
-    opened : what opens the file that was in it
-
-    Raises
-    ------
-    DataError
-        It holds far more than a recording of its size, or no bag.
+    Raises a DataError if it holds far more than a recording of its size, or no bag that `opened` can open.
     """
 
     def __init__(self, path: Path, opened: Callable[[Path], Source]) -> None:

@@ -49,13 +49,7 @@ class SqliteReader(Sqlite3Reader):
     """A sqlite3 file."""
 
     def open(self) -> None:
-        """Open the file and read what it says of its topics.
-
-        Raises
-        ------
-        ReaderError
-            It is no bag.
-        """
+        """Open the file and read its topics; raise a ReaderError if it is no bag."""
         path = Path(str(self.path))
         self._steps = 0
         self._most = limits.QUERY_STEPS + limits.QUERY_STEPS_PER_BYTE * path.stat().st_size
@@ -74,13 +68,7 @@ class SqliteReader(Sqlite3Reader):
 
     @classmethod
     def require_whole(cls, path: Path) -> None:
-        """Refuse what is no bag, by opening it.
-
-        Raises
-        ------
-        ReaderError
-            It is none.
-        """
+        """Open and close a file: a ReaderError if it is no bag."""
         reader = cls(path)
         reader.open()
         reader.close()
@@ -120,15 +108,7 @@ class SqliteReader(Sqlite3Reader):
         return self._steps > self._most
 
     def _query(self, text: str, values: tuple[int | str, ...] = ()) -> Iterator[tuple[Any, ...]]:
-        """Yield the rows of a query.
-
-        Raises
-        ------
-        DataError
-            It takes more steps than the size of the file explains.
-        apsw.Error
-            The database is damaged, or does more than hold rows.
-        """
+        """Yield the rows of a query; raise a DataError if it takes more steps than the size of the file explains."""
         if self.dbconn is None:
             raise ReaderError('the database is not open')
         self._steps = 0
@@ -153,12 +133,9 @@ class SqliteReader(Sqlite3Reader):
             if not isinstance(number, int) or not all(isinstance(text, str) for text in texts):
                 raise ReaderError(f'a topic is {row!r:.200}; accepted: a number and texts')
             name, kind, encoding, profile = texts
+            definition, count = definitions.get(kind, nothing), counts.get(number, 0)
             extension = ConnectionExtRosbag2(encoding, parse_profiles(profile))
-            self.connections.append(
-                Connection(
-                    number, name, kind, definitions.get(kind, nothing), '', counts.get(number, 0), extension, self
-                )
-            )
+            self.connections.append(Connection(number, name, kind, definition, '', count, extension, self))
             if len(self.connections) > limits.TOPICS:
                 raise ReaderError(f'more than {limits.TOPICS} topics')
         if len({connection.id for connection in self.connections}) < len(self.connections):
@@ -167,11 +144,8 @@ class SqliteReader(Sqlite3Reader):
 
     def _columns(self, table: str) -> set[str]:
         """Return the names of the plain columns of a table, none where there is no such table."""
-        found = list(
-            self._query(
-                'SELECT type, rootpage FROM sqlite_master WHERE lower(name) = ? AND type != ?', (table, 'index')
-            )
-        )
+        query = 'SELECT type, rootpage FROM sqlite_master WHERE lower(name) = ? AND type != ?'
+        found = list(self._query(query, (table, 'index')))
         if not found:
             return set()
         # A virtual table has no page of its own, a view is none.
@@ -183,9 +157,8 @@ class SqliteReader(Sqlite3Reader):
     def _definitions(self) -> dict[str, MessageDefinition]:
         """Return the definitions of types that are there and can be understood."""
         found: dict[str, MessageDefinition] = {}
-        for kind, encoding, text in self._query(
-            'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'
-        ):
+        query = 'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'
+        for kind, encoding, text in self._query(query):
             if isinstance(kind, str) and isinstance(text, str) and encoding in _FORMATS:
                 found.setdefault(kind, MessageDefinition(_FORMATS[encoding], text))
             if len(found) > limits.TOPICS:
@@ -199,7 +172,7 @@ class SqliteReader(Sqlite3Reader):
 
 
 def unread_log(file: Path) -> str:
-    """Return what to know of a database with a log beside it, which a writer that is killed leaves; else nothing."""
+    """Return a warning about the log that a killed writer leaves beside a database; empty where there is none."""
     log = file.with_name(f'{file.name}-wal')
     if not log.is_file() or not log.stat().st_size:
         return ''

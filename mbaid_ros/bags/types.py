@@ -18,21 +18,13 @@ from mbaid_ros.core.errors import DataError
 ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'
 EVENT_TYPE = 'mbaid_msgs/msg/MomentumEvent'
 # Fields that a type had not always: bags from before them are read by their own definition, without these.
-ADDED = {
-    ESTIMATE_TYPE: {'stage', 'standard_deviation', 'budget_causes', 'budget_shares', 'phase', 'stale', 'events'},
-}
+ADDED = {ESTIMATE_TYPE: {'stage', 'standard_deviation', 'budget_causes', 'budget_shares', 'phase', 'stale', 'events'}}
 _DEFINITION = re.compile(r'^\s*(?:([a-z]\w*)/)?(?:msg/)?([A-Z]\w*)', re.MULTILINE)
 
 
 @cache
 def message_types() -> Typestore:
-    """Return the known message types: those of Jazzy, and mbaid_msgs.
-
-    Raises
-    ------
-    DataError
-        The definition of the project's own message is not found.
-    """
+    """Return the known message types: those of Jazzy, and mbaid_msgs."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for name in (EVENT_TYPE, ESTIMATE_TYPE):
         store.register(get_types_from_msg(_own_definition(name.rpartition('/')[2]), name))
@@ -40,13 +32,7 @@ def message_types() -> Typestore:
 
 
 def message_class(type_name: str) -> Any:
-    """Return the class of a message type, for making messages that `serialize` takes.
-
-    Raises
-    ------
-    DataError
-        The type is not known.
-    """
+    """Return the class of a message type, for messages that `serialize` takes; a DataError if it is not known."""
     _ensure(type_name)
     return message_types().types[type_name]
 
@@ -64,13 +50,7 @@ def deserialize(data: bytes, type_name: str) -> Any:
 
 
 def definition(type_name: str) -> tuple[str, str]:
-    """Return the full text of a message definition and its RIHS01 hash, as a bag stores them.
-
-    Raises
-    ------
-    DataError
-        The type is not known.
-    """
+    """Return the full text of a known type's definition and its RIHS01 hash, as a bag stores them."""
     _ensure(type_name)
     store = message_types()
     text, _ = store.generate_msgdef(type_name, ros_version=2)
@@ -79,13 +59,7 @@ def definition(type_name: str) -> tuple[str, str]:
 
 @lru_cache(maxsize=16)  # it takes longer than reading thousands of messages, and bags of one robot define the same
 def defined(text: str, name: str, *, idl: bool) -> Typestore:
-    """Return the types of a definition, that of a name among them.
-
-    Raises
-    ------
-    rosbags.typesys.TypesysError
-        The definition is none.
-    """
+    """Return the types of a definition, that of a name among them; a TypesysError if it cannot be understood."""
     parse = _types_from_idl if idl else get_types_from_msg
     store = get_typestore(Stores.EMPTY)
     store.register(parse(text, name))

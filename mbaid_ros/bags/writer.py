@@ -1,4 +1,4 @@
-"""The QoS profiles that publishers offered, as bags store them: YAML of several versions."""
+"""Writing bags; the YAML that bags hold, and the QoS profiles in it."""
 
 from __future__ import annotations
 
@@ -31,15 +31,7 @@ class _Loader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[mi
 
 
 def parse_yaml(text: str) -> Any:
-    """Return what YAML of a bag says.
-
-    Raises
-    ------
-    DataError
-        A bound is exceeded.
-    ReaderError
-        It is no YAML.
-    """
+    """Return the content of a bag's YAML; a DataError if it exceeds a bound, a ReaderError if it is no YAML."""
     try:
         _check_size(text)
         return yaml.load(text, _Loader)
@@ -59,13 +51,7 @@ def _check_size(text: str) -> None:
 
 
 def parse_profiles(given: str | list[Any]) -> list[Qos]:
-    """Return the profiles of a topic.
-
-    Raises
-    ------
-    ReaderError
-        They are none.
-    """
+    """Return the profiles of a topic; a ReaderError if they are none."""
     if isinstance(given, str) and len(given) > limits.PROFILE_CHARACTERS:
         raise DataError(f'QoS profiles of {len(given)} characters; at most {limits.PROFILE_CHARACTERS} are accepted')
     items = parse_yaml(given) if isinstance(given, str) else given
@@ -79,15 +65,10 @@ _FOREVER = QosTime(9223372036, 854775807)
 
 
 class BagWriter:
-    """A bag that is being written; a context manager, which completes the bag whatever ends it.
+    """A bag that is being written into a new folder; a context manager, which completes the bag however it ends.
 
-    Where that is an error before the first message, nothing is left of it.
-
-    A disk that takes no more ends it, too: messages that have been handed over by then stay, and can be read.
-
-    Parameters
-    ----------
-    path : the folder to make; it must not exist
+    Where that is an error before the first message, nothing is left of it. A disk that takes no more ends it, too:
+    messages that have been handed over by then stay, and can be read.
 
     Raises
     ------
@@ -109,7 +90,7 @@ class BagWriter:
             # By chunks, not by messages: other readers do not understand compressed messages.
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             self._writer.open()
-            self._hand_over()  # by now a reader can tell what it is, and that it holds nothing
+            self._hand_over()  # from here on a reader takes it for an empty bag
         except WriterError as error:
             raise DataError(f"bag '{self.path}' exists already; a bag is never overwritten") from error
         except OSError as error:
@@ -118,14 +99,7 @@ class BagWriter:
             raise DataError(f"bag '{self.path}' cannot be made: {error.strerror or error}") from error
 
     def add_topic(self, topic: str, type_name: str, *, latched: bool = False, reliable: bool = True) -> None:
-        """Declare a topic, once.
-
-        Parameters
-        ----------
-        topic : full name
-        type_name : ``package/msg/Type``
-        latched : True if its publisher keeps the last message for who comes later (transient local)
-        reliable : False if its publisher offers best effort only
+        """Declare a topic, latched (transient local) or not, reliable or best effort.
 
         Raises
         ------
@@ -138,11 +112,10 @@ class BagWriter:
             return
         text, digest = definition(type_name)
         profile = _profile(latched=latched, reliable=reliable)
-        connection = self._writer.add_connection(
+        self._types[topic] = type_name
+        self._connections[topic] = self._writer.add_connection(
             topic, type_name, msgdef=text, rihs01=digest, offered_qos_profiles=[profile]
         )
-        self._types[topic] = type_name
-        self._connections[topic] = connection
 
     def write(self, topic: str, message: Any, time: int) -> None:
         """Write a message of a declared topic; `time` in ns is when it was received."""

@@ -20,10 +20,9 @@ from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.filter.state import MOMENTUM
 from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.results.physical_consistency import project
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.momentum import Storage
-from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.robot.scale import unknown_scale
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.unknowns.bodies import KnownTarget
 from mbaid_ros.core.unknowns.catalogue import Uncertainty

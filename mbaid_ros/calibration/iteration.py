@@ -1,7 +1,7 @@
-"""The trajectory filter with the target link known: passes over all motions until the point that they stand on stays.
+"""Batch iteration of the trajectory filter over several motions, with a prior of the target link.
 
-The motions come one after the other. Pose error and momentum are new in each; the target link, whose prior is that of a
-known body, and all other unknowns carry over with all their correlations.
+Each motion has a pose error and a momentum of its own; target link and all other unknowns carry over with their
+correlations.
 """
 
 from __future__ import annotations
@@ -12,39 +12,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.filter.averaging import KnotAveraging
-from mbaid_ros.core.filter.gaussian import SquareRootInformation
-from mbaid_ros.core.filter.square_root import (
-    advance,
-    new_motion,
-    pose_reset,
-    update,
-)
+from mbaid_ros.core.filter.batch import is_converged
+from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, new_motion, pose_reset, update
 from mbaid_ros.core.filter.start import angular_momentum
-from mbaid_ros.core.filter.state import (
-    BODY,
-    MOMENTUM,
-    Layout,
-    Point,
-    layout_of,
-    near_part,
-)
+from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, Point, layout_of, near_part
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import LinearisationCache, WhitenedWindow
 from mbaid_ros.core.filter.window import Window, in_stacks
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import UNDISTURBED
 
-_PASSES = 24  # at most: Newton's steps, halved where they turn back
-_SETTLED = 0.1  # standard deviations: further passes change nothing that is published
-_TOGETHER = 30  # windows linearised in one call: the arrays of all of a long motion would fill the memory
-_FEW = 60  # windows of the first passes, which take most of the way for a part of the work
-# An eighth, a quarter, half of the windows are passed first where no pose holds the base; windows it takes at least.
+_ITERATIONS = 24  # at most: Gauss-Newton steps, halved where they turn back
+_TOGETHER = 30  # windows linearised in one call: the arrays of a whole long motion would fill the memory
+_FEW = 60  # windows of the first iterations, which take most of the way for a part of the work
+# Parts of the windows that iterations begin with where no pose locates the base, and their fewest windows.
 _PARTS, _FEWEST = (8, 4, 2), 3
-_HALVINGS = 20  # of a step that would leave a body no mass: by then a millionth of it is left
+_HALVINGS = 20  # of a step that would leave a body no mass
 _BACK = -0.5  # cosine of the angle between two steps, of which the second goes back: the first was too long
 
 
@@ -96,12 +83,12 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationIteration:
-    """What a pass over all motions has come to.
+    """The outcome of one iteration over all motions.
 
     Attributes
     ----------
     belief : at the end of the last motion
-    mean, factor : (v - h,), (v - h, v - h) of what all motions share: target link and unknowns
+    mean, factor : (v - h,), (v - h, v - h) of target link and unknowns, which all motions share
     momenta : (R, 6) of each motion, about its origin
     momentum_factors : R factors of their covariances, (6, w) each
     """
@@ -115,12 +102,12 @@ class CalibrationIteration:
 
 @dataclass(frozen=True, eq=False)
 class Converged:
-    """The last pass, whether it has left the point that it was linearised at where it was, and the next point.
+    """The last iteration, whether it has converged, and the next point.
 
     Attributes
     ----------
-    passed : Passed
-    stays : whether the pass moved nothing by more than a tenth of its standard deviation
+    passed : CalibrationIteration
+    stays : whether it has converged
     common, momenta : (s - 12,), (R, 6) the point: target link and unknowns, momentum of each motion
     """
 
@@ -131,7 +118,7 @@ class Converged:
 
 
 def converge(motions: Sequence[Motion], start: Array) -> Converged:
-    """Pass over all motions until what they lead to is where they were linearised.
+    """Iterate over all motions until their solution is where they were linearised.
 
     Parameters
     ----------
@@ -141,7 +128,7 @@ def converge(motions: Sequence[Motion], start: Array) -> Converged:
     Raises
     ------
     LinAlgError
-        The windows cannot be weighed at the start.
+        The windows cannot be linearised at the start.
     """
     first = motions[0]
     common = np.concatenate((start, first.layout.known.mean))
@@ -149,17 +136,17 @@ def converge(motions: Sequence[Motion], start: Array) -> Converged:
     for momentum, motion in zip(momenta, motions, strict=True):
         momentum[3:] = angular_momentum(first.layout.kernel, start, motion.windows)
     for count in _beginnings(motions):
-        near = _repeat([replace(first, windows=first.windows[:count])], common, momenta[:1])
+        near = _iterate([replace(first, windows=first.windows[:count])], common, momenta[:1])
         if near.stays:
             common, momenta = near.common, np.concatenate((near.momenta, momenta[1:]))
-    return _repeat(motions, common, momenta)
+    return _iterate(motions, common, momenta)
 
 
 def _beginnings(motions: Sequence[Motion]) -> list[int]:
-    """Return of how many of the first windows passes begin.
+    """Return the numbers of first windows that iterations begin with: most of the way for a part of the work.
 
-    A part of the windows takes most of the way, for a part of the work. Where no pose holds the base, what the start is
-    off by grows with the time, until nothing of it is linear: then each part is twice the one before.
+    Where no pose locates the base, the error of the start grows with time until nothing is linear: each part is then
+    twice the one before.
     """
     windows = motions[0].windows
     if windows and not np.isfinite(windows[0].noise.pose[:3, :3]).all():
@@ -167,27 +154,25 @@ def _beginnings(motions: Sequence[Motion]) -> list[int]:
     return [_FEW] if sum(len(motion.windows) for motion in motions) > 2 * _FEW else []
 
 
-def _repeat(motions: Sequence[Motion], common: Array, momenta: Array) -> Converged:
+def _iterate(motions: Sequence[Motion], common: Array, momenta: Array) -> Converged:
     layout = motions[0].layout
     deviation: Array = np.zeros(len(common))
     before: Array = np.zeros(len(common))
     pace = 1.0
     result: Converged | None = None
-    for _ in range(_PASSES):
+    for _ in range(_ITERATIONS):
         points = [_point(layout, common, momentum, deviation) for momentum in momenta]
         try:
             passed = _pass(motions, points)
         except np.linalg.LinAlgError:
             if result is None:
                 raise
-            return result  # its step has led to where nothing can be linearised
+            return result  # the step has led to where nothing can be linearised
         step, deviation = _step(motions[0].variables, passed, common)
         near = near_part(*(np.concatenate((np.zeros(6), each)) for each in (common, step)))
         part = min(_massive(layout, common, step), near)
         sizes = np.array([np.sqrt(np.sum(factor**2, axis=1)) for factor in passed.momentum_factors])
-        still = np.all(np.abs(step) <= _SETTLED * deviation)
-        still &= np.all(np.abs(passed.momenta - momenta) <= _SETTLED * sizes)
-        stays = bool(still) and part == 1.0
+        stays = is_converged(step, deviation) and is_converged(passed.momenta - momenta, sizes) and part == 1.0
         pace = 0.5 * pace if _turns_back(step, before, deviation) else min(1.0, 1.5 * pace)
         part *= pace
         common, momenta, before = common + part * step, momenta + part * (passed.momenta - momenta), step
@@ -199,15 +184,15 @@ def _repeat(motions: Sequence[Motion], common: Array, momenta: Array) -> Converg
 
 
 def _turns_back(step: Array, before: Array, deviation: Array) -> bool:
-    """Tell whether a step goes back the way that the one before came: that one was too long."""
+    """Tell whether a step reverses the one before, which was too long."""
     scaled, last = (each / np.where(deviation > 0.0, deviation, np.inf) for each in (step, before))
     return bool(scaled @ last < _BACK * np.linalg.norm(scaled) * np.linalg.norm(last))
 
 
 def _step(shared: Variables, passed: CalibrationIteration, common: Array) -> tuple[Array, Array]:
-    """Return where a pass leads to from its point, and the standard deviations there."""
+    """Return the Gauss-Newton step of an iteration, and the standard deviations."""
     spread = shared.spread[BODY.start :, shared.head :]
-    # What the variables leave out of a planar target link stays where it was.
+    # Numbers of a planar target link that the variables leave out do not move.
     step = spread @ (passed.mean - np.linalg.pinv(spread) @ common)
     return step, np.sqrt(np.sum((spread @ passed.factor) ** 2, axis=1))
 
@@ -219,7 +204,7 @@ def _point(layout: Layout, common: Array, momentum: Array, deviation: Array) -> 
 
 
 def _massive(layout: Layout, common: Array, step: Array) -> float:
-    """Return what part of a step leaves each moving body a mass."""
+    """Return the part of a step that leaves each moving body a mass."""
     part = 1.0
     body = layout.kernel.target.body
     for _ in range(_HALVINGS):
@@ -255,16 +240,16 @@ def _pass(motions: Sequence[Motion], points: Sequence[Point]) -> CalibrationIter
 
 
 def _linearised(motion: Motion, point: Point) -> Iterator[tuple[Window, WhitenedWindow]]:
-    """Yield windows, each as it is and linearised, some at a time: those of a long motion would fill the memory."""
+    """Yield windows, as they are and linearised, some at a time."""
     linearised = LinearisationCache(motion.layout, motion.variables)
     for part in in_stacks(motion.windows, _TOGETHER):
         yield from linearised.all_whitened(part, point)
 
 
 def _of_momentum(belief: SquareRootInformation, own: Variables) -> Array:
-    """Return the (p, v + 2) rows that tell the momentum at a motion's end, given all that other motions share.
+    """Return the (p, v + 2) rows of the momentum at a motion's end, given the unknowns that all motions share.
 
-    What the motion has of its own is eliminated: its columns are zero, as those of the next motion are other numbers.
+    The motion's own unknowns are eliminated: their columns are zero.
     """
     root, mine = belief.root, own.renewed.any(axis=1)
     if own.times.size:
@@ -281,12 +266,11 @@ def _of_momentum(belief: SquareRootInformation, own: Variables) -> Array:
 
 
 def _momentum(rows: Array, own: Variables, mean: Array, factor: Array) -> tuple[Array, Array]:
-    """Return the momentum of a motion, (6,), and a covariance factor (6, w), from what is known of all else at last.
+    """Return the momentum of a motion, (6,), and a covariance factor (6, w).
 
     Parameters
     ----------
-    rows : (p, v + 2) of the triangle at the motion's end: what is known of the momentum, given all else
-    own : variables of the motion
+    rows, own : (p, v + 2) of the triangle at the motion's end, given all else; variables of the motion
     mean, factor : (v - h,), (v - h, v - h) of all else
     """
     back = np.linalg.inv(rows[:, own.poses : own.head])

@@ -12,8 +12,8 @@ from mbaid_ros.calibration.unknowns import Prior
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.estimate import Thruster
 from mbaid_ros.core.results.physical_consistency import InertiaRatios, inertia_ratios
-from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.momentum import physical, physical_jacobian
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
 # Part of a prior variance that the data have to take away for a value to count as theirs.

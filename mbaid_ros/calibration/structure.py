@@ -11,9 +11,8 @@ import numpy as np
 
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array, Flags, exp, vec
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.model import Link, express
-from mbaid_ros.core.robot.scale import unknown_scale
 
 STANDARD = ('m', 'hx', 'hy', 'hz', 'Ixx', 'Ixy', 'Ixz', 'Iyy', 'Iyz', 'Izz')
 _MEANING = (

@@ -15,17 +15,16 @@ from scipy.linalg import block_diag
 
 from mbaid_ros.calibration.iteration import CalibrationIteration
 from mbaid_ros.core.errors import ModelError, ParameterError
-from mbaid_ros.core.filter.prior_scales import PriorScaleFactors
+from mbaid_ros.core.filter.gaussian import PriorScaleFactors
 from mbaid_ros.core.filter.state import BODY
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.estimate import Thruster
-from mbaid_ros.core.robot.inertia import physical, physical_jacobian, pseudo_inertia
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.model_errors import KnownErrors, to_bodies
-from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.robot.momentum import physical, physical_jacobian, pseudo_inertia
 from mbaid_ros.core.unknowns.base import OdometryMount
 from mbaid_ros.core.unknowns.bodies import masses
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue

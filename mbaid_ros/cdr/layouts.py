@@ -1,8 +1,7 @@
 """Where the numbers stand in the bytes of a message: after its strings and lengths, which mostly repeat.
 
-The messages of a topic have the same frames, names and lengths as those before, so that what is found out once tells
-where the numbers of all of them are. Alignment counts from the byte after the four that say how the rest is encoded.
-Bytes are not trusted: a layout is only found where every length in them has been checked against what there is.
+Alignment counts from the byte after the four of the encapsulation header. Bytes are not trusted: a layout exists only
+after every length has been checked against the bytes that there are.
 """
 
 from __future__ import annotations
@@ -44,16 +43,9 @@ class HasBytes(Protocol):
 
 
 class Cursor:
-    """Goes through the bytes of a message and notes what other messages must have, too, to be laid out alike.
+    """Goes through the bytes of a message and notes the parts that all messages laid out alike have in common.
 
-    Parameters
-    ----------
-    data : the message
-
-    Raises
-    ------
-    MisfitError
-        The bytes are encoded in another way, or there are too few.
+    Raises MisfitError where the bytes are encoded in another way, or too few.
     """
 
     def __init__(self, data: bytes) -> None:
@@ -120,19 +112,12 @@ class Cursor:
 
 
 class _Layout:
-    """What messages of one layout have in common: their size, their strings and lengths, and where the numbers are.
-
-    Attributes
-    ----------
-    size : bytes of a message
-    """
+    """The common parts of messages of one layout: size in bytes, strings and lengths, and the places of the numbers."""
 
     def __init__(self, data: bytes, cursor: Cursor, places: dict[str, tuple[int, int]]) -> None:
         cursor.end()
         self.size = len(data)
         self._constant = [(begin, data[begin:end]) for begin, end in cursor.constant]
-        # The same with the padding between, in few pieces: most publishers always pad alike.
-        self._usual = [(begin, data[begin:end]) for begin, end in _joined(cursor.constant)]
         self._record = np.dtype(
             {
                 'names': ['stamp', *places],
@@ -143,23 +128,16 @@ class _Layout:
         )
 
     def fits(self, data: bytes) -> bool:
-        """Tell whether a message is laid out like this."""
-        if len(data) != self.size:
-            return False
-        for place, constant in self._usual:
-            if not data.startswith(constant, place):
-                break
-        else:
-            return True
-        return all(data.startswith(constant, place) for place, constant in self._constant)
+        """Return whether a message is laid out like this."""
+        return len(data) == self.size and all(data.startswith(part, begin) for begin, part in self._constant)
 
     def stamps(self, joined: bytes) -> Stamps | None:
         """Return the stamps (N,), ns, of N messages of this size in a row, None if one is not laid out like this."""
         content = np.frombuffer(joined, np.uint8).reshape(-1, self.size)
-        for parts in (self._usual, self._constant):
-            if all(np.all(content[:, at : at + len(part)] == np.frombuffer(part, np.uint8)) for at, part in parts):
-                return _stamps(np.frombuffer(joined, self._record))
-        return None
+        for begin, part in self._constant:
+            if not np.all(content[:, begin : begin + len(part)] == np.frombuffer(part, np.uint8)):
+                return None
+        return _stamps(np.frombuffer(joined, self._record))
 
     def _read(self, messages: Sequence[HasBytes]) -> tuple[Stamps, npt.NDArray[np.void]]:
         """Return the stamps (N,), ns, of N messages that are laid out like this, and all their numbers."""
@@ -174,21 +152,9 @@ def _stamps(records: npt.NDArray[np.void]) -> Stamps:
 
 
 class JointStateLayout(_Layout):
-    """A layout of sensor_msgs/JointState.
+    """The layout of a sensor_msgs/JointState: the joints' names, and the numbers of positions and velocities.
 
-    Parameters
-    ----------
-    data : a message that has it
-
-    Attributes
-    ----------
-    names : of the joints
-    positions, velocities : how many there are
-
-    Raises
-    ------
-    MisfitError
-        The bytes are not understood.
+    Raises MisfitError where its bytes are not understood.
     """
 
     type_name: ClassVar[str] = JOINT_STATE_TYPE
@@ -209,20 +175,9 @@ class JointStateLayout(_Layout):
 
 
 class OdometryLayout(_Layout):
-    """A layout of nav_msgs/Odometry.
+    """The layout of a nav_msgs/Odometry with the names of its frames.
 
-    Parameters
-    ----------
-    data : a message that has it
-
-    Attributes
-    ----------
-    frame_id, child_frame_id : names of the frames
-
-    Raises
-    ------
-    MisfitError
-        The bytes are not understood.
+    Raises MisfitError where its bytes are not understood.
     """
 
     type_name: ClassVar[str] = ODOMETRY_TYPE
@@ -241,14 +196,3 @@ class OdometryLayout(_Layout):
         given = records['numbers'].astype(float, 'C')
         numbers = np.concatenate((given[:, _POSE], given[:, _TWIST]), axis=1)
         return stamp, numbers, given[:, _POSE_COVARIANCE], given[:, _TWIST_COVARIANCE]
-
-
-def _joined(parts: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Return parts (begin, end), those joined between which there is nothing but padding."""
-    joined = [parts[0]]
-    for begin, end in parts[1:]:
-        if begin - joined[-1][1] <= _SPARE:
-            joined[-1] = (joined[-1][0], end)
-        else:
-            joined.append((begin, end))
-    return joined

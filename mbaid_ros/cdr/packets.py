@@ -19,14 +19,7 @@ Layout = TypeVar('Layout', JointStateLayout, OdometryLayout)
 
 
 class Packet(Generic[Layout]):
-    """A message as its bytes.
-
-    Attributes
-    ----------
-    data : the bytes, CDR with its encapsulation header
-    layout : where its numbers are; that has been checked
-    stamp : ns
-    """
+    """A message as its bytes (CDR with its encapsulation header), with its checked layout and its stamp, ns."""
 
     __slots__ = ('data', 'layout', 'stamp')
 
@@ -37,14 +30,7 @@ class Packet(Generic[Layout]):
 
 
 class Packets(Sequence[Packet[Layout]]):
-    """Messages of one layout as their bytes, one after the other.
-
-    Parameters
-    ----------
-    data : the bytes of N messages
-    layout : where the numbers of each are; that has been checked
-    stamps : (N,) ns
-    """
+    """N messages of one checked layout as their bytes, one after the other, with their stamps (N,), ns."""
 
     __slots__ = ('data', 'layout', 'stamps')
 
@@ -70,12 +56,7 @@ class Packets(Sequence[Packet[Layout]]):
 
 
 class Packer(Generic[Layout]):
-    """Makes packets of a topic's messages.
-
-    Parameters
-    ----------
-    kind : the layouts of the topic's type
-    """
+    """Makes packets of the messages of a topic, whose type has a kind of layout."""
 
     def __init__(self, kind: type[Layout]) -> None:
         self._kind: type[Layout] = kind
@@ -91,7 +72,11 @@ class Packer(Generic[Layout]):
             learnt: Layout = self._kind(data)
         except MisfitError:
             return None
-        self._remember(learnt, len(data))
+        if self._count == _MOST_LAYOUTS:
+            self._known.clear()
+            self._count = 0
+        self._known.setdefault(len(data), []).append(learnt)
+        self._count += 1
         return _packet(data, learnt)
 
     def many(self, given: Sequence[bytes]) -> Packets[Layout] | None:
@@ -102,13 +87,6 @@ class Packer(Generic[Layout]):
         data = b''.join(given)
         stamps = first.layout.stamps(data) if set(map(len, given)) == {first.layout.size} else None
         return None if stamps is None else Packets(data, first.layout, stamps)
-
-    def _remember(self, layout: Layout, size: int) -> None:
-        if self._count == _MOST_LAYOUTS:
-            self._known.clear()
-            self._count = 0
-        self._known.setdefault(size, []).append(layout)
-        self._count += 1
 
 
 def _packet(data: bytes, layout: Layout) -> Packet[Layout]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import JointDeviations, mount_orientation, mount_position
+from mbaid_ros.config.model_errors import JointDeviations, LinkPriorConfig, mount_orientation, mount_position
 from mbaid_ros.config.parameters import build, by_name, parameter
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
@@ -102,27 +102,6 @@ def _is_covariance(matrix: Array) -> bool:
 
 NODE = 'calibrate'
 _OWN = ('prior.', 'unknown_links')
-
-
-@dataclass(frozen=True)
-class LinkPriorConfig:
-    """How far the <inertial> of every unknown link may be off: one standard deviation."""
-
-    mass_relative_std: float = parameter(
-        0.05, 'Relative standard deviation of each mass; 0 means that nothing is known of it.', minimum=0.0
-    )
-    com_std: float = parameter(
-        0.01,
-        'Standard deviation of each coordinate of a centre of mass; 0 means that nothing is known of it.',
-        unit='m',
-        minimum=0.0,
-    )
-    inertia_relative_std: float = parameter(
-        0.1,
-        'Standard deviation of each element I_ij about the centre of mass at a given mass, relative to '
-        'sqrt(I_ii I_jj); 0 means that nothing is known of it.',
-        minimum=0.0,
-    )
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import dotted, load_parameter_file, read_yaml
-from mbaid_ros.config.parameters import build
+from mbaid_ros.config.parameters import build, shown
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import MbaidError, ParameterError, listing
@@ -200,7 +200,7 @@ def _then(kind: object, simulator: SimulatorConfig, estimator: EstimatorConfig) 
     if kind == '':
         return ''
     if kind not in THEN:
-        raise ParameterError(f"'{_THEN}' is {_shown(kind)}; accepted: {listing(THEN)}")
+        raise ParameterError(f"'{_THEN}' is {shown(kind)}; accepted: {listing(THEN)}")
     if simulator.motion.kind == 'passive':
         raise ParameterError(f"'{_THEN}' is '{kind}' with motion.kind 'passive'; accepted: joints that are driven")
     if not estimator.plan.duration:
@@ -217,13 +217,13 @@ def _mapping(where: str, content: object, keys: Sequence[str] = (), *, required:
     if content is None and not required:
         return {}
     if not isinstance(content, dict) or (required and not content):
-        raise ParameterError(f"{where} is {_shown(content)}; accepted: 'name: value' pairs")
+        raise ParameterError(f"{where} is {shown(content)}; accepted: 'name: value' pairs")
     for key in content:
         if not isinstance(key, str):
-            raise ParameterError(f'{where} has the name {_shown(key)}; accepted: text (in quotes, if need be)')
+            raise ParameterError(f'{where} has the name {shown(key)}; accepted: text (in quotes, if need be)')
         if keys and key not in keys:
             similar = sorted(keys, key=lambda known: -difflib.SequenceMatcher(None, key, known).ratio())
-            raise ParameterError(f'{where} has the unknown key {_shown(key)}; known: {listing(similar)}')
+            raise ParameterError(f'{where} has the unknown key {shown(key)}; known: {listing(similar)}')
     return content
 
 
@@ -235,15 +235,10 @@ def _seeds(key: str, content: object) -> tuple[int, ...]:
         seeds = tuple(seed for seed in content if type(seed) is int and 0 <= seed < 2**63)
         if len(seeds) == len(content):
             return seeds
-    raise ParameterError(f"'{key}' is {_shown(content)}; accepted: {_SEEDS}")
+    raise ParameterError(f"'{key}' is {shown(content)}; accepted: {_SEEDS}")
 
 
 def _path(key: str, content: object) -> str:
     if not isinstance(content, str) or not content:
-        raise ParameterError(f"'{key}' is {_shown(content)}; accepted: the path of a file")
+        raise ParameterError(f"'{key}' is {shown(content)}; accepted: the path of a file")
     return content
-
-
-def _shown(content: object) -> str:
-    text = ' '.join(repr(content).split())
-    return text if len(text) <= 80 else f'{text[:77]}...'

@@ -1,9 +1,10 @@
-"""The parameters of the estimator about the capture, the bodies on either side of it, and what disturbs them."""
+"""The parameters of the estimator about the capture, the bodies before and after it, and disturbances."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mbaid_ros.config.model_errors import LinkPriorConfig
 from mbaid_ros.config.parameters import parameter
 
 CONSTANT_FORCES = ('none', 'inertial', 'body')
@@ -16,29 +17,29 @@ class DebrisConfig:
 
     report: bool = parameter(
         default=False,
-        description="Also report the captured body alone: what is identified less the target link's <inertial>.",
+        description="Also report the captured body alone: the estimate less the target link's <inertial>.",
     )
     frame: str = parameter(
         '',
-        'Frame it is given in: a link fixed to the target link, or principal for its own principal axes through its '
-        "centre of mass; empty is the target link's.",
+        'Frame of the captured body: a link fixed to the target link, or principal for its principal axes through its '
+        "centre of mass; empty: the target link's.",
     )
 
 
 @dataclass(frozen=True)
 class DisturbanceConfig:
-    """What acts on the robot from outside."""
+    """External forces and torques."""
 
     constant: str = parameter(
         'none',
-        'Axes of a constant external force and torque that trajectory estimates along: body, on the base link, or '
-        'inertial, as on a tilted table; none estimates one where the data ask for it (trajectory.adapt).',
+        'Axes of a constant external force and torque that trajectory estimates: body, on the base link, or inertial, '
+        'as on a tilted table; none: estimated only if the data show one.',
         choices=CONSTANT_FORCES,
     )
     torque_std: float = parameter(
         0.0,
-        'Standard deviation of a torque from outside about each axis of the base, constant in these and another one in '
-        'every motion, as that of the air on a thrown body; 0 is none.',
+        'Standard deviation of an external torque about each axis of the base, constant in a motion and different in '
+        'every motion, as from air on a thrown body; 0: none.',
         unit='N m',
         minimum=0.0,
     )
@@ -46,44 +47,37 @@ class DisturbanceConfig:
 
 @dataclass(frozen=True)
 class ThrustConfig:
-    """The commanded thrust, where there is a topic of it."""
+    """The commanded thrust on the topic thrust."""
 
     hold: float = parameter(
         1.0,
-        'Longest time that a commanded wrench is taken to act after its stamp; the next one in its frame ends it.',
+        'Longest time that a commanded wrench acts after its stamp; the next one in its frame ends it.',
         unit='s',
         minimum=0.0,
         exclusive_minimum=True,
     )
     scale_std: float = parameter(
         0.0,
-        'Relative standard deviation of how strong a thruster is, constant, estimated along (trajectory); 0 takes '
-        'commands as exact.',
+        'Relative standard deviation of the strength of a thruster, constant, estimated by trajectory; 0: commands are '
+        'exact.',
         minimum=0.0,
     )
     direction_std: float = parameter(
         0.0,
-        'Standard deviation of how its direction is turned about each axis of its frame, constant; 0 is exact.',
+        'Standard deviation of its misalignment about each axis of its frame, constant; 0: exact.',
         unit='rad',
         minimum=0.0,
     )
-    delay_std: float = parameter(
-        0.02,
-        'Standard deviation of how late it begins and ends after the stamps of its commands, constant; 0 is in time.',
-        unit='s',
-        minimum=0.0,
-        maximum=1.0,
-    )
     frames: tuple[str, ...] = parameter(
         (),
-        'Frames of the thrusters that these are about, each with its own; empty is the base link, if a scale or a '
-        'direction is uncertain, or else none.',
+        'Frames of the thrusters with these errors, each with its own; empty: the base link if a scale or a direction '
+        'is uncertain, otherwise none.',
     )
 
 
 @dataclass(frozen=True)
 class CaptureConfig:
-    """The capture, where the data begin before it."""
+    """The capture, in data that begin before it."""
 
     phase: str = parameter(
         'post_capture',
@@ -93,46 +87,31 @@ class CaptureConfig:
     )
     time: float = parameter(
         0.0,
-        'Time of the capture after the first sample, where it is known beforehand; 0 leaves it to phase.',
+        'Time of the capture after the first sample, if known beforehand; 0: phase decides.',
         unit='s',
         minimum=0.0,
     )
     detect: bool = parameter(
         default=False,
-        description='Take a jump of the momentum for the capture, once pre_capture has lasted some five seconds.',
+        description='Interpret a jump of the momentum as the capture, once pre_capture has lasted five seconds.',
     )
     margin: float = parameter(
         0.5,
-        'Time before and after the capture in which bodies touch and slip: windows with a sample in it are not used.',
+        'Time before and after the capture in which bodies touch and slip: windows with such samples are not used.',
         unit='s',
         minimum=0.0,
     )
 
 
 @dataclass(frozen=True)
-class SelfCalibrationConfig:
-    """What a run that begins before the capture learns of the robot's own bodies."""
+class SelfCalibrationConfig(LinkPriorConfig):
+    """The calibration of the robot's bodies in a run that begins before the capture."""
 
     enabled: bool = parameter(
         default=False,
         description='At the capture, calibrate links, joints and the mount of the odometry from the latest 600 windows '
-        'before it, as calibrate does, and go on with what that says of them and leaves uncertain. How well joints and '
-        'mount are known before is what known_joints and odometry_mount say.',
-    )
-    mass_relative_std: float = parameter(
-        0.05, 'Relative standard deviation of each mass in the URDF; 0 means that nothing is known of it.', minimum=0.0
-    )
-    com_std: float = parameter(
-        0.01,
-        'Standard deviation of each coordinate of a centre of mass; 0 means that nothing is known of it.',
-        unit='m',
-        minimum=0.0,
-    )
-    inertia_relative_std: float = parameter(
-        0.1,
-        'Standard deviation of each element I_ij about the centre of mass at a given mass, relative to '
-        'sqrt(I_ii I_jj); 0 means that nothing is known of it.',
-        minimum=0.0,
+        'before it, as calibrate does, and continue with its values and covariance. The prior of joints and mount is '
+        'known_joints and odometry_mount.',
     )
     weighed_links: tuple[str, ...] = parameter(
         (), 'Links whose mass is known better, in the order of calibration.weighed_stds: one fixes the scale.'

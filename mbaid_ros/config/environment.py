@@ -1,4 +1,4 @@
-"""The parameters about what the robot description does not have: the orbit, and wheels inside the base."""
+"""The parameters that no robot description has: the orbit, and wheels inside the base."""
 
 from __future__ import annotations
 
@@ -54,15 +54,14 @@ class OrbitConfig(SimulatedOrbitConfig):
 
     epoch: float = parameter(
         0.0,
-        'Stamp at which an inertial frame has nadir where it is said to be, and at which one that turns has the axes '
-        'that momentum is reported in; 0 is the first sample.',
+        'Stamp at which nadir has the given direction, and at which a turning frame has the axes of the reported '
+        'momentum; 0: the first sample.',
         unit='s',
         minimum=0.0,
     )
     undeclared_rate: float = parameter(
         1.2e-3,
-        'Without orbit.mean_motion: rate up to which there may be an orbit all the same, whose gravity gradient is '
-        'estimated along; 0 for a robot that is in none.',
+        'Without orbit.mean_motion: largest rate of an undeclared orbit, whose gravity gradient is estimated; 0: none.',
         unit='rad/s',
         minimum=0.0,
         maximum=0.1,
@@ -111,8 +110,8 @@ def make_orbit(config: SimulatedOrbitConfig) -> Orbit | None:
 
 
 @dataclass(frozen=True)
-class WheelsConfig:
-    """Wheels and gyros that are no joints of the robot description."""
+class WheelBodies:
+    """Wheels inside the base that are no joints of the robot description."""
 
     names: tuple[str, ...] = parameter(
         (), 'Names of the wheels in JointState, whose velocities are read; none may be a joint of the robot.'
@@ -127,17 +126,22 @@ class WheelsConfig:
         minimum=0.0,
         exclusive_minimum=True,
     )
+
+
+@dataclass(frozen=True)
+class WheelsConfig(WheelBodies):
+    """The wheels, with their uncertainty, and gyros of which only the momentum is published."""
+
     spin_inertia_relative_std: float = parameter(
         0.0,
-        'Relative standard deviation of each spin inertia, estimated along (trajectory); 0 takes them as exact.',
+        'Relative standard deviation of each spin inertia, estimated by trajectory; 0: exact.',
         minimum=0.0,
         maximum=1.0,
     )
-    speed_std: float = parameter(0.05, "Standard deviation of a wheel's speed.", unit='rad/s', minimum=0.0)
     momentum_frame: str = parameter(
         '',
-        'Link in whose axes stored_momentum tells the angular momentum of wheels or gyros, wheels.names left out; '
-        'samples without one are not used. Empty: the topic is not used.',
+        'Link in whose axes stored_momentum has the angular momentum of wheels or gyros, without wheels.names; samples '
+        'without such a message are not used. Empty: the topic is not used.',
     )
     momentum_std: float = parameter(
         0.0, 'Standard deviation of each coordinate of that momentum.', unit='N m s', minimum=0.0
@@ -145,18 +149,9 @@ class WheelsConfig:
 
 
 @dataclass(frozen=True)
-class SimulatedWheelsConfig:
+class SimulatedWheelsConfig(WheelBodies):
     """Wheels inside the base of the simulated robot that are no joints of its description."""
 
-    names: tuple[str, ...] = parameter((), 'Names of the wheels; empty means that there are none.')
-    axes: tuple[float, ...] = parameter((), "Axis of each wheel in the base link's frame, three numbers each.")
-    spin_inertias: tuple[float, ...] = parameter(
-        (),
-        'Moment of inertia of each wheel about its axis; the base link has it, too, with the wheels locked.',
-        unit='kg m^2',
-        minimum=0.0,
-        exclusive_minimum=True,
-    )
     speeds: tuple[float, ...] = parameter(
         (), 'Speed of each wheel relative to the base at time 0; empty means zero.', unit='rad/s'
     )
@@ -170,8 +165,8 @@ class SimulatedWheelsConfig:
     speed_noise: float = parameter(0.0, 'Noise of the speeds that are read.', unit='rad/s', minimum=0.0)
     publish: str = parameter(
         'joint_states',
-        'Where the wheels are told: as velocities in joint_states (positions are 0, which nobody reads), as their '
-        'momentum on stored_momentum with every JointState, or nowhere.',
+        'Publication of the wheels: as velocities in joint_states (positions are 0), as their momentum on '
+        'stored_momentum with every JointState, or none.',
         choices=('joint_states', 'stored_momentum', 'none'),
     )
 

@@ -31,12 +31,12 @@ TIME_JUMPS = ('reset', 'error', 'ignore')
 
 @dataclass(frozen=True)
 class MomentumConfig:
-    """What is known beforehand of the total momentum."""
+    """The prior of the total momentum."""
 
     linear_prior_std: float = parameter(
         0.0,
         'Standard deviation of the total linear momentum about zero, if the servicer matched velocities before the '
-        'capture; 0 means that nothing is known of it.',
+        'capture; 0: unknown.',
         unit='N s',
         minimum=0.0,
     )
@@ -61,60 +61,20 @@ class PaperConfig:
     )
     reference: str = parameter(
         'previous',
-        'The sample that the angular equations are differenced against: the previous one or the first.',
+        'Sample that the angular equations are differenced against: the previous one or the first.',
         choices=REFERENCES,
     )
     lag: int = parameter(
         0,
-        'Number of samples to look back for that difference, instead of the reference; 0 means off.',
+        'Number of samples between the two that are differenced, in place of the reference; 0: off.',
         unit='samples',
         minimum=0,
     )
     total_angular_momentum: tuple[float, ...] = parameter(
         (),
-        'Total angular momentum about the origin of the odometry frame, which paper_main needs; empty means not given.',
+        'Total angular momentum about the origin of the odometry frame, which paper_main needs; empty: not given.',
         unit='N m s',
         lengths=(0, 3),
-    )
-
-
-@dataclass(frozen=True)
-class DifferenceConfig:
-    """The weighted difference form."""
-
-    kept_windows: int = parameter(
-        40,
-        'Number of the latest windows that every update solves again; older ones are marginalised.',
-        minimum=2,
-        maximum=10_000,
-    )
-    forgetting_time: float = parameter(
-        0.0,
-        'Time constant of forgetting, for parameters that really change (slosh, a second capture); 0 never forgets.',
-        unit='s',
-        minimum=0.0,
-    )
-
-
-@dataclass(frozen=True)
-class TrajectoryConfig:
-    """The trajectory-level estimator."""
-
-    start_windows: int = parameter(
-        10,
-        'Number of windows that are collected before the first estimate.',
-        minimum=2,
-        maximum=1_000,
-    )
-    kept_windows: int = parameter(
-        120,
-        'Number of windows that are linearised again while the run is young; from then on each is taken once.',
-        minimum=2,
-        maximum=10_000,
-    )
-    adapt: bool = parameter(
-        default=True,
-        description='Also follow the hypotheses that momentum or odometry drift, and report the best of them.',
     )
 
 
@@ -135,8 +95,8 @@ class TimeOffsetConfig:
     )
     drift_std: float = parameter(
         5e-5,
-        "Standard deviation of how much faster the clock of JointState runs, s a second: 2e-5 is a computer's own "
-        'quartz; 0 is one clock, or clocks that are kept together.',
+        'Standard deviation of the drift of the clock of JointState relative to the other one, s a second: 2e-5 for '
+        "a computer's own quartz; 0: one clock, or synchronised clocks.",
         minimum=0.0,
         maximum=0.01,
     )
@@ -144,48 +104,48 @@ class TimeOffsetConfig:
 
 @dataclass(frozen=True)
 class MarkerConfig:
-    """A frame on the base that the odometry is about, where it is no link of the robot."""
+    """A frame on the base that the odometry locates and that is no link of the robot."""
 
     position: tuple[float, ...] = parameter(
         (),
-        "Origin in the base link's frame of a child_frame_id that is no link of the robot; empty refuses such frames.",
+        "Origin, in the base link's frame, of a child_frame_id that is no link of the robot; empty: refused.",
         unit='m',
         lengths=(0, 3),
     )
     orientation: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0, 1.0),
-        "Orientation of that frame in the base link's, a quaternion x, y, z, w.",
+        "Orientation of that frame in the base link's: quaternion x, y, z, w.",
         lengths=(4,),
     )
 
 
 @dataclass(frozen=True)
 class ConvergenceConfig:
-    """When an estimate counts as converged; what is set while the node runs counts from the next window on."""
+    """Thresholds of published estimates; changes at run time count from the next window on."""
 
     relative_std: float = parameter(
         0.01,
-        'Converged is when the standard deviations, relative to the size of the estimate, are below this.',
+        'An estimate is converged when its standard deviations, relative to its size, are below this.',
         minimum=0.0,
         exclusive_minimum=True,
         read_only=False,
     )
     identifiable_std: float = parameter(
         0.5,
-        'A parameter counts as determined by the data when its relative standard deviation is below this.',
+        'A parameter is identifiable when its relative standard deviation is below this.',
         minimum=0.0,
         exclusive_minimum=True,
         read_only=False,
     )
     largest_residual: float = parameter(
         2.0,
-        'The data count as inconsistent when the residuals are more than this many times what the noise explains.',
+        'A run is inconsistent when its residuals exceed this multiple of the noise.',
         minimum=1.0,
         read_only=False,
     )
     length: float = parameter(
         1.0,
-        'Length that the standard deviation of the centre of mass is taken relative to.',
+        'Length that the standard deviation of the centre of mass is relative to.',
         unit='m',
         minimum=0.0,
         exclusive_minimum=True,
@@ -195,24 +155,23 @@ class ConvergenceConfig:
 
 @dataclass(frozen=True)
 class EstimatorConfig:
-    """Everything that decides what the estimator makes of the messages it is given."""
+    """All parameters of the estimator."""
 
-    robot_description_file: str = parameter(
-        '', 'URDF file of the robot; empty means the topic robot_description instead.'
-    )
+    robot_description_file: str = parameter('', 'URDF file of the robot; empty: the topic robot_description.')
     base_link: str = parameter(
-        '', "Link that floats, whatever it hangs on in the URDF; empty means the root, or what a root 'world' carries."
+        '',
+        "Link that floats, even if the URDF attaches it to another; empty: the root, or the child of 'world'.",
     )
     target_link: str = parameter(
-        '', 'Link whose inertia is identified; empty means the last one with an inertia, furthest from the base.'
+        '', 'Link whose inertia is identified; empty: the last one with an inertia, furthest from the base.'
     )
     method: str = parameter('trajectory', 'Identification method.', choices=METHODS)
     window: float = parameter(
-        0.5, 'Length of the windows that the data are processed in.', unit='s', minimum=0.0, exclusive_minimum=True
+        0.5, 'Length of the windows in which the data are processed.', unit='s', minimum=0.0, exclusive_minimum=True
     )
     maximum_gap: float = parameter(
         0.1,
-        'Longest gap between two Odometry messages that is interpolated; joint states in a longer one are dropped.',
+        'Longest gap between two Odometry messages that is interpolated; joint states in longer gaps are dropped.',
         unit='s',
         minimum=0.0,
         exclusive_minimum=True,
@@ -228,37 +187,28 @@ class EstimatorConfig:
         'up (ignore).',
         choices=TIME_JUMPS,
     )
-    time_jump_threshold: float = parameter(
-        1.0,
-        'Difference between consecutive stamps of a topic that counts as a jump.',
-        unit='s',
-        minimum=0.0,
-        exclusive_minimum=True,
-    )
     reorder_time: float = parameter(
         0.05,
-        'Longest that messages wait for late ones, once a topic has turned out to need it; 0 drops late ones.',
+        'Longest time that messages wait for late ones, once a topic has had some; 0 drops late ones.',
         unit='s',
         minimum=0.0,
         maximum=1.0,
     )
     publish_tf: bool = parameter(
         default=False,
-        description='Send the frames of the links on /tf, where no robot_state_publisher does.',
+        description='Send the frames of the links on /tf, if no robot_state_publisher does.',
         read_only=False,
     )
     frame_prefix: str = parameter(
         '',
-        'What stands before the names of links where these are frames, in what comes in and goes out, as that of '
-        'robot_state_publisher: servicer/.',
+        'Prefix of link names in frame names, in received and published messages, as for robot_state_publisher: '
+        'servicer/.',
     )
     marker: MarkerConfig = field(default_factory=MarkerConfig)
     pose: PoseConfig = field(default_factory=PoseConfig)
     imu: ImuConfig = field(default_factory=ImuConfig)
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     momentum: MomentumConfig = field(default_factory=MomentumConfig)
-    difference: DifferenceConfig = field(default_factory=DifferenceConfig)
-    trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
     time_offset: TimeOffsetConfig = field(default_factory=TimeOffsetConfig)
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     calibration: SelfCalibrationConfig = field(default_factory=SelfCalibrationConfig)

@@ -1,4 +1,4 @@
-"""How far a robot may be from its URDF beside its bodies: parameters that the estimator and `calibrate` share."""
+"""The uncertainty of the robot description, the odometry and the target."""
 
 from __future__ import annotations
 
@@ -8,26 +8,30 @@ from dataclasses import dataclass
 from mbaid_ros.config.parameters import by_name, parameter
 
 
+def _zero() -> float:
+    return parameter(
+        1e-3,
+        "Standard deviation of every joint's zero, true less measured position, constant; m for a prismatic joint. 0: "
+        'exact.',
+        unit='rad',
+        minimum=0.0,
+    )
+
+
 @dataclass(frozen=True)
 class JointDeviations:
     """Standard deviations of the joints."""
 
-    zero_std: float = parameter(
-        1e-3,
-        'Standard deviation of the true position of every joint less the measured one, constant; in m for a prismatic '
-        "joint. 0 takes the encoders' zeros as exact.",
-        unit='rad',
-        minimum=0.0,
-    )
+    zero_std: float = _zero()
     origin_std: float = parameter(
         1e-3,
-        "Standard deviation of each coordinate of every joint's origin; 0 takes the URDF as exact.",
+        "Standard deviation of each coordinate of every joint's origin; 0: exact.",
         unit='m',
         minimum=0.0,
     )
     axis_std: float = parameter(
         1e-3,
-        "Standard deviation of the tilt of every joint's axis, about either of two directions; 0 takes it as exact.",
+        "Standard deviation of the tilt of every joint's axis, about each of two directions; 0: exact.",
         unit='rad',
         minimum=0.0,
     )
@@ -37,7 +41,7 @@ def mount_position() -> float:
     """Return the parameter of where the odometry is mounted."""
     return parameter(
         2e-3,
-        "Standard deviation of each coordinate of the base link's origin in the frame that the odometry locates; 0 is "
+        "Standard deviation of each coordinate of the base link's origin in the frame that the odometry locates; 0: "
         'exact.',
         unit='m',
         minimum=0.0,
@@ -48,13 +52,13 @@ def mount_orientation() -> float:
     """Return the parameter of how the odometry is mounted."""
     return parameter(
         2e-3,
-        "Standard deviation of the base link's orientation in that frame, about each axis; 0 is exact.",
+        "Standard deviation of the base link's orientation in that frame, about each axis; 0: exact.",
         unit='rad',
         minimum=0.0,
     )
 
 
-# Parameters of a robot that is exactly its URDF and in no orbit that is not declared, as only a simulated one is.
+# Parameters of a robot that is exactly its URDF and in no undeclared orbit, as only a simulated one is.
 EXACT = {
     'known_links.relative_std': 0.0,
     'known_joints.zero_std': 0.0,
@@ -75,7 +79,7 @@ class LinkDeviations:
 
     mass_relative_std: float = parameter(
         0.01,
-        'Relative standard deviation of the mass of this link and all that is fixed to it; the inertia goes with it.',
+        'Relative standard deviation of the mass of this link and everything fixed to it; the inertia scales with it.',
         minimum=0.0,
         maximum=1.0,
     )
@@ -92,55 +96,72 @@ class LinkDeviations:
 
 
 @dataclass(frozen=True)
+class LinkPriorConfig:
+    """The prior of the <inertial> of every link to calibrate: standard deviations."""
+
+    mass_relative_std: float = parameter(0.05, 'Relative standard deviation of each mass; 0: unknown.', minimum=0.0)
+    com_std: float = parameter(
+        0.01,
+        'Standard deviation of each coordinate of a centre of mass; 0: unknown.',
+        unit='m',
+        minimum=0.0,
+    )
+    inertia_relative_std: float = parameter(
+        0.1,
+        'Standard deviation of each element I_ij about the centre of mass at a given mass, relative to '
+        'sqrt(I_ii I_jj); 0: unknown.',
+        minimum=0.0,
+    )
+
+
+@dataclass(frozen=True)
 class KnownLinksConfig:
-    """How well the known bodies are known."""
+    """The uncertainty of the known bodies."""
 
     relative_std: float = parameter(
         0.01,
-        'Relative standard deviation of every known body as a whole, all of its inertial parameters by one factor, and '
-        'beside that of each of them by itself; 0 takes the URDF as exact.',
+        'Relative standard deviation of every known body: of a common factor of its inertial parameters, and of each '
+        'parameter by itself; 0: exact.',
         minimum=0.0,
         maximum=1.0,
     )
     calibration: str = parameter(
         '',
-        'JSON file of calibrate, whose covariance of links, joints and mount counts, not relative_std, the zeros, '
-        'origins and axes of known_joints, and odometry_mount; the URDF is then the one it wrote.',
+        'JSON file of calibrate: its covariance of links, joints and mount replaces relative_std, the zeros, origins '
+        'and axes of known_joints, and odometry_mount. It needs the URDF that calibrate wrote.',
     )
     links: Mapping[str, Mapping[str, float]] = by_name(LinkDeviations, 'link')
 
 
-@dataclass(frozen=True)
-class RunJointDeviations(JointDeviations):
-    """The same, and how far joints wander from where they are read to be."""
-
-    tracking_std: float = parameter(
+def _tracking() -> float:
+    return parameter(
         0.0,
-        'Standard deviation of what the true position of every joint wanders by about the measured one and its zero, '
-        'as where joint states hold commands, which the arm follows with errors; in m for a prismatic joint; 0 is '
-        'none.',
+        'Standard deviation of the tracking error of every joint, for joint states that hold commands: true less '
+        'commanded position, a Gauss-Markov process of 2 s; m for a prismatic joint; 0: none.',
         unit='rad',
         minimum=0.0,
     )
-    tracking_time: float = parameter(
-        2.0,
-        'Time constant of that: errors so far apart have a correlation of 1/e. Not much less than window.',
-        unit='s',
-        minimum=0.01,
-        maximum=1e4,
-    )
 
 
 @dataclass(frozen=True)
-class KnownJointsConfig(RunJointDeviations):
-    """How well the joints are known."""
+class SingleJointDeviations:
+    """Standard deviations of a single joint, in place of those of all."""
 
-    joints: Mapping[str, Mapping[str, float]] = by_name(RunJointDeviations, 'joint')
+    zero_std: float = _zero()
+    tracking_std: float = _tracking()
+
+
+@dataclass(frozen=True)
+class KnownJointsConfig(JointDeviations):
+    """The uncertainty of the joints."""
+
+    tracking_std: float = _tracking()
+    joints: Mapping[str, Mapping[str, float]] = by_name(SingleJointDeviations, 'joint')
 
 
 @dataclass(frozen=True)
 class OdometryMountConfig:
-    """How well it is known where on the base the odometry is mounted."""
+    """The uncertainty of the mount of the odometry on the base."""
 
     position_std: float = mount_position()
     orientation_std: float = mount_orientation()
@@ -148,19 +169,18 @@ class OdometryMountConfig:
 
 @dataclass(frozen=True)
 class OdometryConfig:
-    """What the odometry may read wrong beside its noise, the same all the time."""
+    """Constant errors of the odometry, beside its noise."""
 
     scale_std: float = parameter(
         0.0,
-        'Relative standard deviation of the lengths that it reads, as of a camera whose baseline is not quite as it is '
-        'believed; 0 is exact.',
+        'Relative standard deviation of its length scale, as from the baseline of a stereo camera; 0: exact.',
         minimum=0.0,
         maximum=0.1,
     )
     angular_velocity_bias_std: float = parameter(
         1e-4,
-        'Standard deviation of a constant that its angular velocity has too much about each axis of the base, as the '
-        'bias of a gyro that it is taken from: 10 deg/h are 5e-5 rad/s; 0 is exact.',
+        'Standard deviation of the bias of its angular velocity about each axis of the base, if a gyro measures it: '
+        '10 deg/h are 5e-5 rad/s; 0: exact.',
         unit='rad/s',
         minimum=0.0,
     )
@@ -168,18 +188,16 @@ class OdometryConfig:
 
 @dataclass(frozen=True)
 class TargetPriorConfig:
-    """What is known of the target link, with all that it holds, beforehand."""
+    """The prior of the target link with everything it holds."""
 
-    mass: float = parameter(0.0, 'Its mass, where that is known.', unit='kg', minimum=0.0)
-    mass_std: float = parameter(
-        0.0, 'Standard deviation of that mass; 0 means that nothing is known of it.', unit='kg', minimum=0.0
-    )
+    mass: float = parameter(0.0, 'Mass of the target link, if known.', unit='kg', minimum=0.0)
+    mass_std: float = parameter(0.0, 'Standard deviation of that mass; 0: unknown.', unit='kg', minimum=0.0)
     com: tuple[float, ...] = parameter(
-        (), "Its centre of mass in the link's frame, where that is known.", unit='m', lengths=(0, 3)
+        (), "Its centre of mass in the link's frame, if known.", unit='m', lengths=(0, 3)
     )
     com_std: float = parameter(
         0.0,
-        'Standard deviation of each coordinate of that, which takes mass_std too; 0 means that nothing is known of it.',
+        'Standard deviation of each of its coordinates, which needs mass_std too; 0: unknown.',
         unit='m',
         minimum=0.0,
     )

@@ -1,12 +1,13 @@
-"""What is known of one parameter without a value for it, and the one set of rules that values are checked with."""
+"""Parameters as fields of dataclasses: their specifications, the rules for values, and instances from values."""
 
 from __future__ import annotations
 
 import array
 import difflib
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import cache
 from typing import Any, Literal, TypeVar, cast, get_type_hints
 
 from mbaid_ros import limits
@@ -37,20 +38,17 @@ _INTEGER_LIMIT = 2**63  # a ROS integer has 64 bits
 
 @dataclass(frozen=True)
 class ParameterSpec:
-    """What is known of one parameter without a value for it.
+    """A parameter without its value.
 
     Attributes
     ----------
     name : dotted name
     type : one of Kind; upper-cased it names a member of rclpy's Parameter.Type
-    default : the value where none is given
-    description : one sentence, as `ros2 param describe` prints it
-    unit : SI unit, empty where there is none
+    description, unit : one sentence, as `ros2 param describe` prints it; SI unit or empty
     minimum, maximum : limits of a number, or of each number of a list; None is no limit
-    exclusive_minimum : True where the minimum itself is not accepted
-    choices : the accepted strings; empty is any
-    lengths : the accepted lengths of a list; empty is any
-    read_only : True where the value cannot change while the node runs
+    exclusive_minimum : True if the minimum itself is not accepted
+    choices, lengths : accepted strings, accepted lengths of a list; empty is any
+    read_only : True if the value cannot change while the node runs
     """
 
     name: str
@@ -125,7 +123,7 @@ class ParameterSpec:
         return limits.SHORTEST if self.unit == 's' else limits.SMALLEST
 
     def _has_a_size(self, number: float) -> bool:
-        """Tell whether a number is 0 or one whose square, times another's, can still be computed with."""
+        """Return whether a number is 0, or its square times another's neither over- nor underflows."""
         return number == 0 or self.type == 'integer' or self._smallest <= abs(number) <= limits.QUANTITY
 
     def _refused(self, value: object) -> ParameterError:
@@ -149,9 +147,9 @@ def shown(value: object) -> str:
 
 T = TypeVar('T')
 
-_METADATA, _NAMED = 'mbaid_ros.parameter', 'mbaid_ros.by_name'
+_METADATA, _BY_NAME = 'mbaid_ros.parameter', 'mbaid_ros.by_name'
 
-# What every ROS node understands besides its own parameters: may stand in a file, is not ours to interpret.
+# Every ROS node has these besides its own parameters: they may stand in a file, and ROS interprets them.
 _OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
@@ -188,59 +186,52 @@ def parameter(  # noqa: PLR0913 - one for each attribute of a ParameterSpec
 
 
 def by_name(cls: type, word: str) -> Mapping[str, Mapping[str, float]]:
-    """Return a dataclass field for parameters of single things, by the names that a user gives them.
+    """Return a dataclass field for the parameters (`cls`) of single links or joints (`word`), by their names.
 
-    The group's name, a thing's and a parameter's make the dotted name: ``known_joints.elbow.zero_std``. The value of
-    the field holds by thing what is given, without any defaults.
-
-    Parameters
-    ----------
-    cls : dataclass of the parameters of one thing
-    word : what the things are, for documents and errors: ``joint``
+    The dotted name has the link's or joint's: ``known_joints.elbow.zero_std``. The field holds only given values.
     """
-    return field(default_factory=dict, metadata={_NAMED: (cls, word)})
+    return field(default_factory=dict, metadata={_BY_NAME: (cls, word)})
 
 
-def specifications(cls: type) -> dict[str, ParameterSpec]:
+@cache
+def specifications(cls: type) -> Mapping[str, ParameterSpec]:
     """Return every parameter of a dataclass and of its groups, by dotted name, in the order of declaration."""
     return {spec.name: spec for spec in _walk(cls, '')}
 
 
-def named_specifications(cls: type) -> dict[str, ParameterSpec]:
-    """Return every parameter of single things, by a name like ``known_joints.<joint>.zero_std``."""
+@cache
+def named_specifications(cls: type) -> Mapping[str, ParameterSpec]:
+    """Return every parameter of single links or joints, by a name like ``known_joints.<joint>.zero_std``."""
     return {spec.name: spec for spec in _walk(cls, '', named=True)}
 
 
-def specification(name: str, known: Mapping[str, ParameterSpec], of_things: Iterable[ParameterSpec]) -> ParameterSpec:
-    """Return what is known of a parameter by its full name, that of a single thing too.
+def specification_of(name: str, cls: type) -> ParameterSpec | None:
+    """Return the specification of a parameter by its full name, None if the dataclass has none."""
+    if name in specifications(cls):
+        return specifications(cls)[name]
+    named = named_specifications(cls).values()
+    return next((replace(spec, name=name) for spec in named if _fits(name, spec.name)), None)
 
-    Parameters
-    ----------
-    name : dotted name
-    known, of_things : `specifications` of a dataclass, and the values of its `named_specifications`
+
+def specification(name: str, cls: type) -> ParameterSpec:
+    """Return the specification of a parameter by its full name.
 
     Raises
     ------
     ParameterError
-        No parameter has that name.
+        The dataclass has none of that name; the text lists the known ones, the most similar first.
     """
-    found = specification_of(name, known, of_things)
-    if found is None:
-        raise unknown_parameter(name, {**known, **{spec.name: spec for spec in of_things}})
-    return found
-
-
-def specification_of(
-    name: str, known: Mapping[str, ParameterSpec], of_things: Iterable[ParameterSpec]
-) -> ParameterSpec | None:
-    """Return what `specification` does, None where no parameter has that name."""
-    if name in known:
-        return known[name]
-    return next((replace(spec, name=name) for spec in of_things if _fits(name, spec.name)), None)
+    found = specification_of(name, cls)
+    if found is not None:
+        return found
+    known = [*specifications(cls), *named_specifications(cls)]
+    beginning = name[: 2 * max(map(len, known), default=0)]  # comparing takes the square of the length
+    known.sort(key=lambda other: -difflib.SequenceMatcher(None, beginning, other).ratio())
+    raise ParameterError(f'unknown parameter {shown(name)}; known: {listing(known, limit=len(known))}')
 
 
 def _fits(name: str, pattern: str) -> bool:
-    """Tell whether a name is that of a single thing's parameter, ``known_joints.<joint>.zero_std``."""
+    """Return whether a name has the pattern ``known_joints.<joint>.zero_std``."""
     group, _, rest = pattern.partition('<')
     short = rest.partition('>')[2]
     return name.startswith(group) and name.endswith(short) and len(name) > len(group) + len(short)
@@ -250,8 +241,8 @@ def _walk(cls: type, prefix: str, *, named: bool = False) -> Iterator[ParameterS
     types = get_type_hints(cls)
     for item in fields(cls):
         declared = types[item.name]
-        if _NAMED in item.metadata:
-            things, word = item.metadata[_NAMED]
+        if _BY_NAME in item.metadata:
+            things, word = item.metadata[_BY_NAME]
             yield from _walk(things, f'{prefix}<{word}>.') if named else ()
         elif is_dataclass(declared):
             yield from _walk(cast('type', declared), f'{prefix}{item.name}.', named=named)
@@ -262,24 +253,23 @@ def _walk(cls: type, prefix: str, *, named: bool = False) -> Iterator[ParameterS
 
 
 def build(cls: type[T], values: Mapping[str, object]) -> T:
-    """Return an instance of a parameter dataclass.
+    """Return an instance of a parameter dataclass; a parameter without a value keeps its default.
 
     Parameters
     ----------
     cls : the dataclass
-    values : values by dotted name or as nested mappings; a parameter that is not there keeps its default
+    values : by dotted name or as nested mappings
 
     Raises
     ------
     ParameterError
         An unknown name, or a value that is not accepted.
     """
-    known, of_things = specifications(cls), tuple(named_specifications(cls).values())
     checked: dict[str, Value] = {}
     for name, value in _flatten(values, ''):
-        if name not in known and name.startswith(_OF_ROS):
+        if name not in specifications(cls) and name.startswith(_OF_ROS):  # type: ignore[arg-type] # mypy takes type[T] for unhashable
             continue
-        spec = specification(name, known, of_things)
+        spec = specification(name, cls)
         if name in checked:
             raise ParameterError(f"parameter '{name}' is given twice, nested and dotted")
         checked[name] = spec.check(value)
@@ -299,8 +289,8 @@ def _construct(cls: type[T], values: Mapping[str, Value], prefix: str) -> T:
     arguments: dict[str, Any] = {}
     for item in fields(cast('Any', cls)):
         name = prefix + item.name
-        if _NAMED in item.metadata:
-            arguments[item.name] = _things(cast('Any', cls), values, prefix)
+        if _BY_NAME in item.metadata:
+            arguments[item.name] = _values_by_name(cast('Any', cls), values, prefix)
         elif is_dataclass(types[item.name]):
             arguments[item.name] = _construct(types[item.name], values, f'{name}.')
         elif name in values:
@@ -308,9 +298,9 @@ def _construct(cls: type[T], values: Mapping[str, Value], prefix: str) -> T:
     return cls(**arguments)
 
 
-def _things(cls: type, values: Mapping[str, Value], prefix: str) -> dict[str, dict[str, Value]]:
-    """Return what is given of single things, by their names, of a group with a prefix."""
-    patterns = [prefix + spec.name for spec in _walk(cls, '', named=True)]
+def _values_by_name(cls: type, values: Mapping[str, Value], prefix: str) -> dict[str, dict[str, Value]]:
+    """Return the values of single links or joints, by their names, of a group with a prefix."""
+    patterns = [prefix + name for name in named_specifications(cls)]
     found: dict[str, dict[str, Value]] = {}
     for name, value in values.items():
         if any(_fits(name, pattern) for pattern in patterns):
@@ -327,16 +317,9 @@ def values_of(instance: object) -> dict[str, Value]:
 def _values(instance: object, prefix: str) -> Iterator[tuple[str, Value]]:
     for item in fields(cast('Any', instance)):
         value = getattr(instance, item.name)
-        if _NAMED in item.metadata:
+        if _BY_NAME in item.metadata:
             yield from ((f'{prefix}{thing}.{short}', one) for thing, own in value.items() for short, one in own.items())
         elif is_dataclass(value):
             yield from _values(value, f'{prefix}{item.name}.')
         else:
             yield prefix + item.name, value
-
-
-def unknown_parameter(name: str, known: Mapping[str, ParameterSpec]) -> ParameterError:
-    """Return the error for a name that is no parameter; it lists the known ones, the most similar first."""
-    beginning = name[: 2 * max(map(len, known), default=0)]  # comparing takes the square of the length
-    by_similarity = sorted(known, key=lambda other: -difflib.SequenceMatcher(None, beginning, other).ratio())
-    return ParameterError(f'unknown parameter {shown(name)}; known: {listing(by_similarity, limit=len(known))}')

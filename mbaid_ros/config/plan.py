@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from mbaid_ros.config.parameters import parameter
 
-CRITERIA = ('worst', 'mean', 'volume')
-
 
 @dataclass(frozen=True)
 class PlanConfig:
@@ -22,7 +20,7 @@ class PlanConfig:
     )
     duration: float = parameter(
         0.0,
-        'Length of the motion, the one that tells most in it; 0 looks for the shortest that reaches what is wanted.',
+        'Length of the most informative motion; 0: the shortest that reaches relative_std.',
         unit='s',
         minimum=0.0,
         maximum=3600.0,
@@ -35,13 +33,6 @@ class PlanConfig:
         minimum=0.0,
         maximum=3600.0,
         exclusive_minimum=True,
-        read_only=False,
-    )
-    criterion: str = parameter(
-        'worst',
-        'What is made small: the worst of the standard deviations relative to what is wanted (E-optimal in kind), '
-        'their mean square (A-optimal) or their product (D-optimal in kind).',
-        choices=CRITERIA,
         read_only=False,
     )
     joint_velocity: float = parameter(
@@ -88,10 +79,6 @@ class PlanConfig:
         read_only=False,
     )
     stuck: tuple[str, ...] = parameter((), 'Joints that are not moved.', read_only=False)
-    speeds: int = parameter(
-        32, 'Speeds that each joint goes by, one after the other.', minimum=4, maximum=100, read_only=False
-    )
     effort: int = parameter(
         1200, 'Motions that are compared before the best is taken.', minimum=10, maximum=1_000_000, read_only=False
     )
-    seed: int = parameter(0, 'The same seed gives the same motion.', minimum=0, read_only=False)

@@ -1,4 +1,4 @@
-"""The parameters that say how noisy the sensors are."""
+"""The parameters of sensors and their noise."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from mbaid_ros.core.geometry import Flags
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.sensors.levels import CHANNELS, TYPICAL, UNITS
 
-_FOUND = (
-    '; 0, also where not given, means that it is found in the readings, and taken to be {} where these do not tell it.'
-)
+_FOUND = '; 0: estimated from the readings, {} where these do not determine it.'
 
 
 def _level(channel: str, what: str) -> float:
@@ -23,7 +21,7 @@ def _level(channel: str, what: str) -> float:
 
 @dataclass(frozen=True)
 class NoiseConfig:
-    """One standard deviation of each sensor channel, a sample."""
+    """Standard deviation of one sample of each sensor channel."""
 
     joint_position: float = _level(
         'joint_position', 'Standard deviation of a joint position (for a prismatic joint the number counts in m)'
@@ -49,109 +47,99 @@ class NoiseConfig:
     )
     base_correlation_time: float = parameter(
         0.0,
-        'Time over which the errors of the base pose are correlated, as those of a filter or of visual odometry are: '
-        'their correlation falls to 1/e. 0 means that it is found, where poses change less than their covariance says; '
-        'elsewhere each pose has an error of its own.',
+        'Time in which the correlation of errors of the base pose falls to 1/e, for poses of a filter or of visual '
+        'odometry. 0: estimated if poses vary less than their covariance; otherwise errors are independent.',
         unit='s',
         minimum=0.0,
     )
 
     estimate: bool = parameter(
         default=False,
-        description='Use, of every sensor, the noise that is found in its readings, whatever is declared here or in '
-        'messages. What is found is told in any case.',
+        description='Use the noise estimated from the readings of every sensor, in place of the declared one. The '
+        'estimated noise is reported in any case.',
     )
 
     @property
     def declared(self) -> SensorNoise:
-        """What is declared, as the core has it; what sensors of a servicer have where nothing is."""
+        """The declared noise, with typical levels of a servicer's sensors where nothing is declared."""
         levels = {name: getattr(self, name) or float(usual) for name, usual in zip(CHANNELS, TYPICAL, strict=True)}
         return SensorNoise(**levels, base_correlation_time=self.base_correlation_time)
 
     @property
     def undeclared(self) -> Flags:
-        """Of which channels nothing is declared, (6,) of CHANNELS."""
+        """Which of CHANNELS have no declared noise, (6,)."""
         return np.array([getattr(self, name) == 0.0 for name in CHANNELS])
 
 
 @dataclass(frozen=True)
 class PoseConfig:
-    """Poses of the base without a twist: PoseStamped and its like on the topic pose, or a transform on /tf."""
+    """Poses of the base without a twist: a PoseStamped or the like on the topic pose, or a transform on /tf."""
 
     frame: str = parameter(
         '',
-        'Frame on the base that a PoseStamped locates: the base link, another link fixed to it, or the one that marker '
-        'places. Empty: that of marker, where it is set, or else the base link.',
+        'Frame on the base that a PoseStamped locates: the base link, another link fixed to it, or the frame of '
+        'marker. Empty: the frame of marker if it is set, otherwise the base link.',
     )
     tf_child_frame: str = parameter(
         '',
-        'Take the pose of the base from /tf: child frame of the transform, in the same place unless pose.frame names '
-        'another. Empty does not read /tf.',
+        'Take the pose of the base from /tf: child frame of the transform, which is the frame on the base unless '
+        'pose.frame names another. Empty: /tf is not read.',
     )
-    tf_parent_frame: str = parameter('', 'Parent frame of that transform, which is inertial; empty is any.')
 
 
 @dataclass(frozen=True)
 class ImuConfig:
-    """The angular velocity that an IMU measures; with `noise_density` the topic imu is used."""
+    """The angular velocity of an IMU; with `noise_density` the topic imu is used."""
 
     noise_density: float = parameter(
         0.0,
-        'Density of the white noise of its angular velocity, as data sheets have it: the standard deviation of a '
-        'reading over the square root of the rate. 0 does not use the topic imu.',
+        'Density of the white noise of its angular velocity, as in data sheets: the standard deviation of a reading '
+        'over the square root of the rate. 0: the topic imu is not used.',
         unit='rad/s/sqrt(Hz)',
         minimum=0.0,
     )
     alone: bool = parameter(
         default=False,
-        description='Nothing locates the base: the gyro alone tells how it turns, about the common centre of mass. '
-        'Method trajectory; odom and pose are not used, and linear momentum and heading are not known.',
+        description='Nothing locates the base: the gyro alone measures its rotation about the common centre of mass. '
+        'Method trajectory; odom and pose are not used, linear momentum and heading are unobservable.',
     )
     orientation: bool = parameter(
         default=False,
-        description='With alone: its messages tell the orientation, too, as a star tracker does; used where its '
-        'covariance is not -1 (REP 145). The gyro then fills the gaps between them, and heading is known.',
+        description='With alone: its messages hold the orientation, too, like those of a star tracker; used if its '
+        'covariance is not -1 (REP 145). The gyro then fills the gaps between them, and the heading is known.',
     )
     bias_std: float = parameter(
-        0.01, 'Standard deviation of the bias about each axis at the begin.', unit='rad/s', minimum=0.0
+        0.01, 'Standard deviation of the initial bias about each axis.', unit='rad/s', minimum=0.0
     )
     bias_walk: float = parameter(
         2e-5,
-        'How much the bias wanders: standard deviation of its change in a second; it grows with the square root of '
-        'the time.',
+        'Random walk of the bias: standard deviation of its change in a second, which grows with the square root of '
+        'time.',
         unit='rad/s/sqrt(s)',
         minimum=0.0,
     )
-    scale_std: float = parameter(
-        0.01, 'Relative standard deviation of the scale of each axis; 0 is exact.', minimum=0.0
-    )
+    scale_std: float = parameter(0.01, 'Relative standard deviation of the scale of each axis; 0: exact.', minimum=0.0)
     cross_axis_std: float = parameter(
         0.0,
-        'Standard deviation of how much of the angular velocity about one axis is read about another, beside how all '
-        'of them are turned; data sheets of MEMS call 0.01 to 0.02 the most. 0 is exact.',
+        'Standard deviation of the cross-axis sensitivity, beside the common misalignment; data sheets of MEMS give '
+        '0.01 to 0.02 as a maximum. 0: exact.',
         minimum=0.0,
     )
     orientation_std: float = parameter(
         0.01,
-        'Standard deviation of how it is turned on the base, about each axis; 0 is exact.',
+        'Standard deviation of its misalignment on the base, about each axis; 0: exact.',
         unit='rad',
-        minimum=0.0,
-    )
-    delay_std: float = parameter(
-        0.005,
-        'Standard deviation of how late its stamps are relative to those of the pose; 0 is exact.',
-        unit='s',
         minimum=0.0,
     )
     range: float = parameter(
         0.0,
-        'Largest angular velocity that it can measure: readings there are not used. 0 is not known; then readings that '
-        'stay the same to the last bit are not.',
+        'Largest measurable angular velocity: readings at that limit are not used. 0: unknown; then readings that '
+        'repeat to the last bit are not used.',
         unit='rad/s',
         minimum=0.0,
     )
     frame: str = parameter(
         '',
-        'Link that it is fixed to, in whose axes it measures: of the base, or one that joints move, but not the target '
-        'nor what that carries. Empty: the frame_id of its messages says it, of links on the base.',
+        'Link that it is fixed to, in whose axes it measures: on the base, or moved by joints, but not the target or a '
+        'link that the target carries. Empty: the frame_id of its messages, a link on the base.',
     )

@@ -86,7 +86,7 @@ class MotionConfig:
 
 @dataclass(frozen=True)
 class SimulatedThrustConfig:
-    """A pulse of thrust, and whether it is told."""
+    """A pulse of thrust, and whether it is published."""
 
     time: float = parameter(0.0, 'Begin of a pulse of thrust.', 's', minimum=0.0)
     duration: float = parameter(0.0, 'Its length; 0 means that there is none.', 's', minimum=0.0)
@@ -137,7 +137,7 @@ class SimulatedCaptureConfig:
 
 @dataclass(frozen=True)
 class SimulatedModelErrorsConfig:
-    """Standard deviations of what the robot that moves has more than its URDF says; 0 is exact."""
+    """Standard deviations of the deviations of the simulated robot from its URDF; 0: exact."""
 
     links_relative_std: float = parameter(
         0.0,
@@ -190,8 +190,8 @@ class SimulatedImuConfig:
     delay: float = parameter(0.0, 'How late its messages are stamped.', unit='s')
     orientation_noise: float = parameter(
         0.0,
-        'It tells its orientation, too, as a star tracker does: standard deviation of each reading; 0 is that it tells '
-        'none (covariance -1, REP 145).',
+        'It measures its orientation, too, like a star tracker: standard deviation of each reading; 0: no orientation '
+        '(covariance -1, REP 145).',
         unit='rad',
         minimum=0.0,
     )
@@ -200,7 +200,7 @@ class SimulatedImuConfig:
 
 @dataclass(frozen=True)
 class SimulatorConfig:
-    """Everything that decides what the simulated robot does and what its sensors say."""
+    """All parameters of the simulator."""
 
     robot_description_file: str = parameter('', 'URDF file of the robot.')
     duration: float = parameter(0.0, 'Length of the run; 0 means that the node runs on.', unit='s', minimum=0.0)
@@ -236,7 +236,8 @@ class SimulatorConfig:
         maximum=1000,
     )
     base_link: str = parameter(
-        '', "Link that floats, whatever it hangs on in the URDF; empty means the root, or what a root 'world' carries."
+        '',
+        "Link that floats, even if the URDF attaches it to another; empty: the root, or the child of 'world'.",
     )
     target_link: str = parameter(
         '', 'Link whose inertia is published as the truth; empty means the last one with an inertia.'

@@ -23,7 +23,7 @@ class ArrayRecord:
         return len(getattr(self, next(iter(self.__dataclass_fields__))))
 
     def __getitem__(self: S, index: Index) -> S:
-        """Return some of the entries: a slice, or those that a mask or indices choose; one, without the axis."""
+        """Return a slice of the entries, or those of a mask or of indices; a single one without the axis."""
         return type(self)(*[getattr(self, name)[index] for name in self.__dataclass_fields__])
 
     @classmethod
@@ -35,16 +35,7 @@ class ArrayRecord:
 
 
 class Queue(Generic[S]):
-    """Entries that join at the end and leave at the front, in one piece of memory: all are there uncopied.
-
-    Parameters
-    ----------
-    entries : the first ones
-
-    Attributes
-    ----------
-    entries : those that are in it, in order; not to be written to
-    """
+    """Entries that join at the end and leave at the front, in one piece of memory; `entries` is a read-only view."""
 
     def __init__(self, entries: S) -> None:
         self.entries = self._room = entries
@@ -55,9 +46,10 @@ class Queue(Generic[S]):
         return self._end - self._start
 
     def append(self, more: S) -> None:
-        """Take further entries."""
+        """Add further entries."""
         if not len(self):
-            self._hold(more)
+            self.entries = self._room = more
+            self._start, self._end = 0, len(more)
             return
         end = self._end + len(more)
         if end <= len(self._room):
@@ -65,18 +57,13 @@ class Queue(Generic[S]):
                 getattr(self._room, name)[self._end : end] = getattr(more, name)
             self._end = end
         else:
-            # Room for twice as many: an entry moves but now and then.
+            # Room for twice as many: entries are copied seldom.
             both = type(more).concatenate([self.entries, more])
             self._room = type(more).concatenate([both, both])
             self._start, self._end = 0, len(both)
         self.entries = self._room[self._start : self._end]
 
     def drop(self, count: int) -> None:
-        """Give up the first entries."""
+        """Drop the first entries."""
         self._start = min(self._start + count, self._end)
         self.entries = self.entries[count:]
-
-    def _hold(self, entries: S) -> None:
-        """Go over to entries in memory that has no room for more."""
-        self.entries = self._room = entries
-        self._start, self._end = 0, len(entries)

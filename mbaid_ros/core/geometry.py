@@ -25,30 +25,12 @@ _COSINE_OF_LARGE = -0.4
 
 
 def crossed(vector: Array) -> Array:
-    """Return X(a), skew(a) without its signs: X(a) b = X(b) a, the symmetric counterpart of a cross product.
-
-    Parameters
-    ----------
-    vector : (..., 3) array
-
-    Returns
-    -------
-    (..., 3, 3) array
-    """
+    """Return X(a) (..., 3, 3), skew(a) without its signs: X(a) b = X(b) a, a symmetric cross product."""
     return skew(vector) * skew(np.ones(3))
 
 
 def skew(vector: Array) -> Array:
-    """Return [a]x with [a]x b = a x b (paper, definition 5).
-
-    Parameters
-    ----------
-    vector : (..., 3) array
-
-    Returns
-    -------
-    (..., 3, 3) array
-    """
+    """Return [a]x (..., 3, 3) of (..., 3) with [a]x b = a x b (paper, definition 5)."""
     matrix = np.zeros((*vector.shape, 3))
     matrix[..., 0, 1] = -vector[..., 2]
     matrix[..., 0, 2] = vector[..., 1]
@@ -110,16 +92,7 @@ def unvec(elements: Array) -> Array:
 
 
 def exp(rotation_vector: Array) -> Array:
-    """Return the rotation matrix of a rotation vector (Rodrigues), exact to rounding at any angle.
-
-    Parameters
-    ----------
-    rotation_vector : (..., 3) array, rad
-
-    Returns
-    -------
-    (..., 3, 3) array
-    """
+    """Return the rotation matrices (..., 3, 3) of (..., 3) rotation vectors, rad, exact to rounding (Rodrigues)."""
     half = np.maximum(0.5 * np.sqrt(np.add.reduce(rotation_vector**2, axis=-1))[..., None, None], _TINY)
     # With s = sin(a / 2) / (a / 2): sin(a) / a = s cos(a / 2), (1 - cos(a)) / a^2 = s^2 / 2.
     sine = np.sin(half) / half
@@ -165,16 +138,7 @@ def _log_of_large(rotation: Array) -> Array:
 
 
 def rotation_from_quaternion(quaternion: Array) -> Array:
-    """Return the rotation matrix of a unit quaternion in ROS order (x, y, z, w).
-
-    Parameters
-    ----------
-    quaternion : (..., 4) array; normalised here
-
-    Returns
-    -------
-    (..., 3, 3) array
-    """
+    """Return the rotation matrices (..., 3, 3) of (..., 4) quaternions in ROS order (x, y, z, w), normalised here."""
     unit = quaternion / np.sqrt(np.sum(quaternion**2, axis=-1))[..., None]
     imaginary, real = unit[..., :3], unit[..., 3]
     generator = skew(imaginary)
@@ -182,32 +146,19 @@ def rotation_from_quaternion(quaternion: Array) -> Array:
 
 
 def moved_base(rotation: Array, linear: Array, angular: Array, mount: Array) -> tuple[Array, Array, Array]:
-    """Return what is known of a base whose frame is elsewhere in the one that was measured.
+    """Return R Exp(mu_R), the displacement R mu_p (m), and the linear velocity there, of a base mounted at mu.
 
     Parameters
     ----------
     rotation, linear, angular : (..., 3, 3), (..., 3) m/s, (..., 3) rad/s, of the measured frame
     mount : (6,) mu, the base's frame in it: rotation vector (rad), position (m)
-
-    Returns
-    -------
-    R Exp(mu_R), the displacement R mu_p (m), and the linear velocity there
     """
     away = rotation @ mount[3:]
     return rotation @ exp(mount[:3]), away, linear + cross(angular, away)
 
 
 def quaternion_from_rotation(rotation: Array) -> Array:
-    """Return the unit quaternion (x, y, z, w) of a rotation matrix, from its largest component (Shepperd).
-
-    Parameters
-    ----------
-    rotation : (..., 3, 3) array
-
-    Returns
-    -------
-    (..., 4) array
-    """
+    """Return the unit quaternions (x, y, z, w) of (..., 3, 3), from their largest component (Shepperd)."""
     xx, yy, zz = rotation[..., 0, 0], rotation[..., 1, 1], rotation[..., 2, 2]
     # Outer product 4 q q^T: its row of the largest diagonal element, normalised, is q.
     outer = np.empty((*rotation.shape[:-2], 4, 4))

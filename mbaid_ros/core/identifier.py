@@ -11,15 +11,12 @@ import numpy as np
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.status import Reason, notes, with_reasons
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples
-from mbaid_ros.core.sensors.conventions import GyroFrame, TwistFrame
-from mbaid_ros.core.sensors.found_noise import FoundNoise
+from mbaid_ros.core.sensors.external_momentum import FallingFrame, Thrust
 from mbaid_ros.core.sensors.imu import Gyro
-from mbaid_ros.core.sensors.levels import SensorLevels
-from mbaid_ros.core.sensors.orbit_frame import FallingFrame
-from mbaid_ros.core.sensors.rates import FEWEST, with_rates
+from mbaid_ros.core.sensors.levels import FoundNoise, SensorLevels
+from mbaid_ros.core.sensors.rates import FEWEST, GyroFrame, TwistFrame, with_rates
 from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
-from mbaid_ros.core.sensors.thrust import Thrust
 from mbaid_ros.core.trajectory.posterior import Posterior
 
 RATE_MISSING = 'velocity missing, and too few positions to take it from'

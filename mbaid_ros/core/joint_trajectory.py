@@ -1,4 +1,4 @@
-"""A motion of the joints as points in time, and what it is between them, as ros2_control's controllers follow it."""
+"""A motion of the joints as points in time, interpolated as ros2_control's controllers do."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.core.geometry import Array
 
-# Polynomials on [0, 1], in rising powers, by what is known at both ends: what multiplies y1 - y0, y0', y1' of a cubic,
-# and y1 - y0, y0', y0'', y1', y1'' of a quintic.
+# Polynomials on [0, 1], in rising powers: factors of y1 - y0, y0', y1' of a cubic, and of y1 - y0, y0', y0'', y1', y1''
+# of a quintic.
 _CUBIC = np.array([[0.0, 0.0, 3.0, -2.0], [0.0, 1.0, -2.0, 1.0], [0.0, 0.0, -1.0, 1.0]])
 _QUINTIC = np.array(
     [
@@ -28,9 +28,8 @@ _QUINTIC = np.array(
 class JointTrajectory:
     """Points that some joints pass.
 
-    Between two points a joint follows the quintic that position, velocity and acceleration at both give, the cubic
-    where there are no accelerations, and a straight line where there are no velocities either. Before the first point
-    and after the last one it rests there.
+    Between two points a joint follows the quintic by position, velocity and acceleration at both, the cubic without
+    accelerations, and a straight line without velocities. Before the first point and after the last one it rests there.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the core is fed with: synchronised samples of the joints and of the base, a batch at a time."""
+"""The core's input: streams of readings, and synchronised samples of joints and base, a batch at a time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Stamps = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """One standard deviation of each sensor channel, a sample (white where nothing else is said).
+    """Standard deviation of each sensor channel, a sample (white unless noted).
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class SensorNoise:
         return np.diag(np.repeat([self.base_linear_velocity, self.base_angular_velocity], 3) ** 2)
 
     def found_in(self, samples: Samples) -> SensorNoise:
-        """Return the noise of a window: as its samples have turned out to be, where they tell."""
+        """Return the noise of a window: estimated levels of the joints, if its samples have them."""
         if not samples.noise.shape[1]:
             return self
         position, velocity, time = samples.noise[-1].tolist()
@@ -67,25 +67,22 @@ class Samples(ArrayRecord):
     base_angular_velocity : (N, 3) rad/s, in odometry axes
     pose_covariance : (N, 6, 6) position and orientation (fixed axes), both in odometry axes
     twist_covariance : (N, 6, 6) linear and angular velocity, in base axes
-    joint_rate_gain : (N, n) variance of a velocity over that of a position (1/s^2) where it was taken from the
-        positions; NaN, also where not given, is a measured velocity
-    rate_tilt : (N, n + 6) velocities of the joints, linear and angular ones of the base: variance of how their errors
-        tilt over a window, over that of errors which are independent and have as noisy a mean; 1, also where not given,
-        is a measured velocity
-    impulse : (N, 6) what known thrust has changed (P, L) by since the first sample, odometry frame, L about its origin:
-        N s, N m s; zero where not given
-    stored : (N, c) what is read of what stores momentum inside bodies, as `Storage` has it: rad/s, N m s; none where
-        not given
-    tide : (N, 60 b) what an orbit has changed (P, L) by since the first sample, by the standard parameters of each of b
-        bodies (6 x 10, rows first), falling frame, L about its origin; none where not given
-    thrust : (N, 30 f) what known thrust has changed (P, L) by, L about the odometry's origin, by how much each of f
-        thrusters is off its command: scale, turn, delay (6 x 5, rows first); none where not given
-    gyro : (N, 3) rad, integral of the angular velocity that an IMU measures, since it began, in base axes, or, where
-        joints move the link that it is on, in those of that link; NaN where it is not known, (N, 0) where there is no
-        IMU
-    apart : (N,) s, between the poses, or between the samples where these are further apart; 0 where not known
-    noise : (N, 3) standard deviation of joint positions and velocities, and over what time (s) the errors of poses are
-        correlated, as they have turned out to be; (N, 0) where they are as declared
+    joint_rate_gain : (N, n) variance of a velocity over that of a position (1/s^2) if derived from positions; NaN, the
+        default, for a measured velocity
+    rate_tilt : (N, n + 6) of the velocities of joints and base (linear, angular): variance of their errors' tilt over a
+        window, over that of independent errors with as noisy a mean; 1, the default, for a measured velocity
+    impulse : (N, 6) change of (P, L) by known thrust since the first sample, odometry frame, L about its origin: N s,
+        N m s; zero by default
+    stored : (N, c) readings of the momentum stored inside bodies, as in `Storage`: rad/s, N m s; none by default
+    tide : (N, 60 b) derivatives of the change of (P, L) by an orbit since the first sample, by the standard parameters
+        of b bodies (6 x 10, rows first), falling frame, L about its origin; none by default
+    thrust : (N, 30 f) derivatives of the change of (P, L) by known thrust, L about the odometry's origin, by the errors
+        of f thrusters: scale, turn, delay (6 x 5, rows first); none by default
+    gyro : (N, 3) rad, integral of an IMU's angular velocity since it began, in base axes, or, if joints move its link,
+        in those of that link; NaN where unknown, (N, 0) without an IMU
+    apart : (N,) s, between the poses, or between the samples if these are further apart; 0 where unknown
+    noise : (N, 3) estimated standard deviations of joint positions and velocities, and correlation time of the poses'
+        errors (s); (N, 0) where they are as declared
     """
 
     time: Array
@@ -108,7 +105,7 @@ class Samples(ArrayRecord):
     noise: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        """Take velocities as measured, and no thrust, where nothing else is said."""
+        """Fill in the defaults."""
         if len(self.impulse) != len(self.time):
             object.__setattr__(self, 'impulse', np.zeros((len(self.time), 6)))
         if len(self.apart) != len(self.time):
@@ -137,7 +134,7 @@ class JointStream(ArrayRecord):
     ----------
     stamp : (N,) int64 ns
     position, velocity : (N, n) in the model's joint order
-    stored : (N, c) as in Samples; none where not given
+    stored : (N, c) as in Samples; none by default
     """
 
     stamp: Stamps
@@ -146,12 +143,12 @@ class JointStream(ArrayRecord):
     stored: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        """Take nothing as stored where nothing is said."""
+        """Fill in the defaults."""
         if len(self.stored) != len(self.stamp):
             object.__setattr__(self, 'stored', np.zeros((len(self.stamp), 0)))
 
     def divided(self, joints: int) -> JointStream:
-        """Return the first n alone as joints; the rates of the others are what is read of stored momentum."""
+        """Return the first n as joints; the rates of the others are readings of stored momentum."""
         if self.position.shape[1] == joints:
             return self
         return JointStream(self.stamp, self.position[:, :joints], self.velocity[:, :joints], self.velocity[:, joints:])
@@ -168,8 +165,8 @@ class BaseStream(ArrayRecord):
     rotation : (N, 3, 3) base link to odometry axes
     linear_velocity, angular_velocity : (N, 3) m/s, rad/s, in odometry axes
     pose_covariance, twist_covariance : (N, 6, 6) as in Samples
-    declared : (N, 4) whether the message says how noisy position, orientation, linear and angular velocity are; all of
-        it where not given
+    declared : (N, 4) whether the message has the noise of position, orientation, linear and angular velocity; all by
+        default
     """
 
     stamp: Stamps
@@ -182,7 +179,7 @@ class BaseStream(ArrayRecord):
     declared: Flags = field(default_factory=lambda: np.ones((0, 4), dtype=bool))
 
     def __post_init__(self) -> None:
-        """Take messages for complete where nothing else is said."""
+        """Fill in the defaults."""
         if len(self.declared) != len(self.stamp):
             object.__setattr__(self, 'declared', np.ones((len(self.stamp), 4), dtype=bool))
 
@@ -194,10 +191,10 @@ class ImuStream(ArrayRecord):
     Attributes
     ----------
     stamp : (N,) int64 ns
-    angular_velocity : (N, 3) rad/s, in base axes, or, where joints move the link that it is on, in those of that link
-    rotation : (N, 3, 3) base link to world axes; NaN where it is not told, also where not given
+    angular_velocity : (N, 3) rad/s, in base axes, or, if joints move its link, in those of that link
+    rotation : (N, 3, 3) base link to world axes; NaN, the default, where not measured
     rotation_covariance : (N, 3, 3) rad^2, world axes
-    declared : (N,) whether the message says how noisy the orientation is
+    declared : (N,) whether the message has the noise of the orientation
     """
 
     stamp: Stamps
@@ -207,7 +204,7 @@ class ImuStream(ArrayRecord):
     declared: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     def __post_init__(self) -> None:
-        """Take no orientation as told where nothing is said."""
+        """Fill in the defaults."""
         for name in ('rotation', 'rotation_covariance'):
             if len(getattr(self, name)) != len(self.stamp):
                 object.__setattr__(self, name, np.full((len(self.stamp), 3, 3), np.nan))

@@ -1,6 +1,16 @@
 """Messages to arrays, many at a time: the objects of rclpy and rosbags alike, and bytes that were made into none."""
 
-from mbaid_ros.messages.fields import number_of, numbers_of, stamp_of, stamps_of, vector_of, wrench_of
+from mbaid_ros.messages.fields import (
+    joint_state_shape,
+    number_of,
+    numbers_of,
+    odometry_shape,
+    positions_of,
+    stamp_of,
+    stamps_of,
+    vector_of,
+    wrench_of,
+)
 from mbaid_ros.messages.imu import IMU_FRAME, ImuReader
 from mbaid_ros.messages.joints import JointReader, trajectory_of
 from mbaid_ros.messages.odometry import OdometryReader
@@ -19,7 +29,6 @@ from mbaid_ros.messages.poses import (
     Source,
     source_of,
 )
-from mbaid_ros.messages.shapes import joint_state_shape, odometry_shape, positions_of
 
 __all__ = [
     'BAD_QUATERNION',

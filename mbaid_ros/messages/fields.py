@@ -1,20 +1,25 @@
-"""What single messages hold: stamps, the numbers of an Odometry, a wrench."""
+"""Single values of messages, and the columns of many of one shape.
+
+Messages that share a shape, names and lengths, are looked into once. `columns` returns their numbers as arrays; the
+layouts of `mbaid_ros.cdr` do the same for bytes.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbaid_ros.cdr import Packet, Packets
+from mbaid_ros.cdr import JointStateLayout, OdometryLayout, Packet, Packets
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Stamps
-from mbaid_ros.messages.poses import BasePose
+from mbaid_ros.messages.poses import BasePose, BasePoseShape
 
 
 def stamp_of(message: Any) -> int:
-    """Return a message's header stamp in ns."""
+    """Return the header stamp of a message, ns."""
     if isinstance(message, Packet | BasePose):
         return message.stamp
     stamp = message.header.stamp
@@ -29,7 +34,7 @@ def stamps_of(messages: Sequence[Any]) -> Stamps:
 
 
 def number_of(messages: Sequence[Any]) -> int:
-    """Return how many messages there are where some of what is counted may be packets that are together."""
+    """Return the number of messages, some of which may be packets of several."""
     return sum(len(each) if isinstance(each, Packets) else 1 for each in messages)
 
 
@@ -58,3 +63,63 @@ def numbers_of(message: Any) -> tuple[float, ...]:
         *(linear.x, linear.y, linear.z),
         *(angular.x, angular.y, angular.z),
     )
+
+
+_PACKED = (Packet, Packets)
+
+
+class JointStateShape(NamedTuple):
+    """The names of joints, and numbers of positions and velocities, that several JointStates share."""
+
+    names: tuple[str, ...]
+    positions: int
+    velocities: int
+
+    def columns(self, messages: Sequence[Any]) -> tuple[Stamps, Array, Array]:
+        """Return stamps (N,), ns, positions (N, p) and velocities (N, v) of N such messages."""
+        position = np.array([message.position for message in messages], dtype=float)
+        velocity = np.array([message.velocity for message in messages], dtype=float)
+        return (
+            stamps_of(messages),
+            position.reshape(len(position), self.positions),
+            velocity.reshape(len(velocity), self.velocities),
+        )
+
+
+class OdometryShape(NamedTuple):
+    """The frames that several Odometry messages share."""
+
+    frame_id: str
+    child_frame_id: str
+
+    def columns(self, messages: Sequence[Any]) -> tuple[Stamps, Array, Array, Array]:
+        """Return stamps (N,), ns, numbers (N, 13) and covariances (N, 36) of pose and twist of N such messages."""
+        numbers = np.array([numbers_of(message) for message in messages])
+        return stamps_of(messages), numbers, _covariances(messages, 'pose'), _covariances(messages, 'twist')
+
+
+def joint_state_shape(message: Any) -> JointStateShape | JointStateLayout:
+    """Return the shape of a JointState, or of packets together."""
+    if isinstance(message, _PACKED):
+        return message.layout
+    return JointStateShape(tuple(message.name), len(message.position), len(message.velocity))
+
+
+def odometry_shape(message: Any) -> OdometryShape | OdometryLayout | BasePoseShape:
+    """Return the shape of an Odometry, of packets together, or of a pose in its place."""
+    if isinstance(message, _PACKED):
+        return message.layout
+    if isinstance(message, BasePose):
+        return BasePoseShape(message.frame_id, message.child_frame_id)
+    return OdometryShape(message.header.frame_id, message.child_frame_id)
+
+
+def positions_of(message: Any) -> dict[str, float]:
+    """Return the finite positions in a JointState by their joints' names."""
+    shape = joint_state_shape(message)
+    values = shape.columns([message])[1][0]
+    return {name: float(value) for name, value in zip(shape.names, values, strict=False) if math.isfinite(value)}
+
+
+def _covariances(messages: Sequence[Any], part: str) -> Array:
+    return np.array([getattr(message, part).covariance for message in messages], dtype=float).reshape(-1, 36)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from itertools import groupby
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.samples import JointStream
 from mbaid_ros.core.sensors.joints import Joints
-from mbaid_ros.messages.fields import number_of
+from mbaid_ros.messages.fields import JointStateShape, joint_state_shape, number_of
 from mbaid_ros.messages.poses import (
     JOINT_MISSING,
     LENGTH_MISMATCH,
@@ -25,7 +25,6 @@ from mbaid_ros.messages.poses import (
     NOT_REAL,
     TOO_MANY_NAMES,
 )
-from mbaid_ros.messages.shapes import JointStateShape, joint_state_shape
 
 _MOST_NAMES = 10_000
 _LARGEST_JOINT = 1e6  # rad, m
@@ -38,8 +37,8 @@ _Shape = JointStateShape | JointStateLayout
 class JointReader:
     """Reads JointState messages: joints by name, in any order, others ignored; all joints of the robot or some.
 
-    Messages that hold some of the joints count until one has held all of them. Wheels, which are no joints of the
-    robot, come after these: their velocities have to be there, their positions say nothing and are read as zero.
+    Wheels, which are no joints of the robot, come after these: they need velocities, and their positions are read as
+    zero.
 
     Parameters
     ----------
@@ -51,7 +50,6 @@ class JointReader:
         self._first_wheel = len(joint_names)
         self.all: Joints = tuple(range(len(self._names)))
         self._layouts: dict[tuple[str, ...], _Layout] = {}
-        self._complete = False  # whether a message has held all joints
         self.others: tuple[str, ...] = ()  # what the last message that was laid out held beside the joints
         self.unknown: tuple[str, ...] = ()  # names of the last message that lacked a joint
         self.missing: tuple[str, ...] = ()
@@ -67,7 +65,7 @@ class JointReader:
         for shape, group in groupby(messages, key=joint_state_shape):
             run = list(group)
             layout = self._layout(shape.names)
-            cause = layout.refused or self._misfit(shape, layout)
+            cause = layout.refused or self._misfit(shape)
             if cause:
                 dropped[cause] += number_of(run)
                 continue
@@ -84,15 +82,12 @@ class JointReader:
                 streams[joints] = stream
         return streams, +dropped
 
-    def _misfit(self, shape: _Shape, layout: _Layout) -> str:
+    @staticmethod
+    def _misfit(shape: _Shape) -> str:
         """Return why messages of a shape cannot be used, empty if they can."""
         count = len(shape.names)
         if shape.positions != count or shape.velocities not in {0, count}:
             return LENGTH_MISMATCH
-        if layout.joints == self.all:
-            self._complete = True
-        elif self._complete:
-            return JOINT_MISSING
         return ''
 
     def _layout(self, key: tuple[str, ...]) -> _Layout:
@@ -122,20 +117,12 @@ class JointReader:
         return _Layout(joints, places, refused)
 
 
-class _Layout:
-    """Where the joints of the robot stand in messages with certain names.
+class _Layout(NamedTuple):
+    """Indices of the robot's joints in the model and in messages with certain names; why such messages are refused."""
 
-    Parameters
-    ----------
-    joints : their indices in the model
-    places : their places in the message
-    refused : why such messages cannot be used; empty: they can
-    """
-
-    def __init__(self, joints: Joints, places: npt.NDArray[np.intp], refused: str) -> None:
-        self.joints = joints
-        self.places = places
-        self.refused = refused
+    joints: Joints
+    places: npt.NDArray[np.intp]
+    refused: str
 
     def chosen(self, values: Array) -> Array:
         """Return the (N, k) values of the joints from those of N messages (N, c); NaN where c is 0."""
@@ -165,7 +152,7 @@ def _finite_joints(runs: Sequence[_Run], wheels: Sequence[int], dropped: Counter
 
 
 def trajectory_of(message: Any) -> JointTrajectory:
-    """Return what a trajectory_msgs/JointTrajectory says; efforts are not used.
+    """Return the motion in a trajectory_msgs/JointTrajectory, without efforts.
 
     Raises
     ------

@@ -15,7 +15,7 @@ from mbaid_ros.cdr import OdometryLayout
 from mbaid_ros.core.geometry import Array, Flags, rotate, rotation_from_quaternion
 from mbaid_ros.core.samples import BaseStream, SensorNoise, Stamps
 from mbaid_ros.core.sensors.base import AttachedFrame, Usable, usable_covariance
-from mbaid_ros.messages.fields import number_of
+from mbaid_ros.messages.fields import OdometryShape, number_of, odometry_shape
 from mbaid_ros.messages.poses import (
     BAD_QUATERNION,
     NOT_FINITE,
@@ -25,7 +25,6 @@ from mbaid_ros.messages.poses import (
     WRONG_CHILD_FRAME,
     BasePoseShape,
 )
-from mbaid_ros.messages.shapes import OdometryShape, odometry_shape
 
 _LARGEST_POSITION = 1e12  # m: beyond the planets
 _LARGEST_VELOCITY = 1e6  # m/s, rad/s
@@ -41,17 +40,16 @@ class OdometryReader:
 
     Parameters
     ----------
-    attached : the child frames that are accepted, by name: those of the links of the base
-    marker : where a frame that is no link of the robot is taken to be, None if it is refused
+    attached : the accepted child frames, by name: those of the links of the base
+    marker : pose on the base of a child frame that is no link of the robot; None refuses such frames
     links : names of all links of the robot
     twist_frame : 'child' (the ROS convention) or 'inertial'
-    noise : standard deviations where a message carries no usable covariance
+    noise : standard deviations for messages without a usable covariance
 
     Attributes
     ----------
-    replaced : how many messages were used, but not the covariance that they give, as it is none
-    frame : in which the latest message locates the base
-    frames : those in which any did, the first few
+    replaced : number of messages whose covariance was unusable
+    frame, frames : frame_id of the latest message, and the first few of all
     """
 
     def __init__(
@@ -74,10 +72,7 @@ class OdometryReader:
         self.replaced: Counter[str] = Counter()
 
     def read(self, messages: Sequence[Any]) -> tuple[BaseStream | None, Counter[str]]:
-        """Return the measurements and how many messages were dropped for what. A twist that is not given is NaN.
-
-        Packets may be together.
-        """
+        """Return the measurements, and dropped messages by cause; a missing twist is NaN, packets may be together."""
         dropped: Counter[str] = Counter()
         accepted = self._accepted(messages, dropped)
         if not accepted:

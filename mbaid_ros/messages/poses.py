@@ -1,4 +1,4 @@
-"""Why messages are not used, or not all that is in them."""
+"""Poses of the base that are no Odometry, and the causes for which messages, or parts of them, are unusable."""
 
 from __future__ import annotations
 
@@ -32,15 +32,7 @@ _NOT_SET = np.zeros(36)
 
 @dataclass(frozen=True)
 class BasePose:
-    """A pose of a frame on the base.
-
-    Attributes
-    ----------
-    stamp : ns
-    frame_id, child_frame_id : frame that it is in, and the one that it is of
-    numbers : position (3) and orientation (4, x, y, z, w)
-    covariance : (36,); zeros where none is given
-    """
+    """A pose of a frame on the base: stamp (ns), position and orientation (x, y, z, w), covariance (36,) or zeros."""
 
     stamp: int
     frame_id: str
@@ -50,12 +42,7 @@ class BasePose:
 
 
 class BasePoseShape(NamedTuple):
-    """What poses of the same frames share.
-
-    Attributes
-    ----------
-    frame_id, child_frame_id : names of the frames
-    """
+    """The frames that several poses share."""
 
     frame_id: str
     child_frame_id: str
@@ -81,21 +68,19 @@ class PoseReader:
     ----------
     frame : name of the frame on the base that a PoseStamped locates
     of_transforms : name of the one that transforms locate; empty is their child frame
-    tf_parent, tf_child : frames of the transform that locates the base; an empty parent is any
+    tf_child : child frame of the transform that locates the base, which has one parent in a tree
     """
 
-    def __init__(self, frame: str, of_transforms: str, tf_parent: str, tf_child: str) -> None:
+    def __init__(self, frame: str, of_transforms: str, tf_child: str) -> None:
         self._frame = frame
         self._of_transforms = of_transforms
-        self._tf_parent = tf_parent.lstrip('/')
         self._tf_child = tf_child.lstrip('/')
 
     def read(self, message: Any) -> Iterator[BasePose]:
         """Yield the poses of a PoseStamped, PoseWithCovarianceStamped, TransformStamped or TFMessage."""
         if hasattr(message, 'transforms'):
             for each in message.transforms:
-                parent = each.header.frame_id.lstrip('/')
-                if each.child_frame_id.lstrip('/') == self._tf_child and self._tf_parent in {'', parent}:
+                if each.child_frame_id.lstrip('/') == self._tf_child:
                     yield self._transform(each)
         elif hasattr(message, 'transform'):
             yield self._transform(message)

@@ -1,64 +1,73 @@
-"""What the estimator says about itself: what arrives, what is dropped and why, and how good the estimate is."""
+"""/diagnostics of the estimator: received messages, their clocks, unused messages and why, and the estimate."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from time import monotonic
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rclpy.clock import JumpThreshold, TimeJump
+from rclpy.duration import Duration
+from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from mbaid_ros.core.errors import listing
-from mbaid_ros.core.sensors.thrust import LATE_THRUST
+from mbaid_ros.core.sensors.external_momentum import LATE_THRUST
 from mbaid_ros.nodes.reports import (
     ERROR,
     OK,
     STALE,
     WARN,
     Report,
+    RunState,
     SampleReport,
     Values,
     complaints,
     estimate_report,
     numbers,
 )
-from mbaid_ros.nodes.state import State
 from mbaid_ros.nodes.subscriptions import Subscriptions
 from mbaid_ros.nodes.watch import ESTIMATE
 from mbaid_ros.session import explain
 
 STALE_AFTER = 2.0  # s without a message
-_WAITED = (3600.0, 600.0, 60.0, 10.0, STALE_AFTER)  # s, that a wait is told of once it is longer
+STILL_AFTER = 2.0  # s without a later time on /clock
+_WAITED = (3600.0, 600.0, 60.0, 10.0, STALE_AFTER)  # s of waiting, each of which changes the text once
+
+_SECOND = 1_000_000_000  # ns
+_STAMP_AHEAD = 1 * _SECOND  # more than transport and clocks synchronised by NTP explain
+_CALENDAR = 10 * 365 * 86_400 * _SECOND  # a clock that shows less has been started, not set
+_CLOCK_AHEAD = 10.0  # s: a fast clock jumps by less if a busy node misses some of it
 
 
 class Diagnostics:
-    """Makes the statuses of one period from what has changed since the one before.
+    """The statuses of one period, from the changes since the last.
 
     Parameters
     ----------
-    inlets : mapping
-        The subscriptions by what they bring: 'joint_states'; 'odom' and 'pose', or 'tf'.
-    thrust : Inlet
-        That of the commanded thrust, which need not come.
-    description_topic : str
-        Where the robot description is expected; empty: it came from a file.
+    subscriptions : by key: 'joint_states'; 'odom' and 'pose', or 'tf', or 'imu'
+    thrust : subscription of the commanded thrust, which need not come
+    description_topic : topic of the robot description; empty if it came from a file
     """
 
-    def __init__(self, inlets: Mapping[str, Subscriptions], thrust: Subscriptions, description_topic: str) -> None:
-        self._inlets = inlets
-        self._thrust_inlet = thrust
+    def __init__(
+        self, subscriptions: Mapping[str, Subscriptions], thrust: Subscriptions, description_topic: str
+    ) -> None:
+        self._subscriptions = subscriptions
+        self._thrust_subscription = thrust
         self._description_topic = description_topic
-        self._received = dict.fromkeys(inlets, 0)
-        self._recent = dict.fromkeys(inlets, 0)  # messages since the last report
-        self._arrival = dict.fromkeys(inlets, -np.inf)
+        self._received = dict.fromkeys(subscriptions, 0)
+        self._recent = dict.fromkeys(subscriptions, 0)  # messages since the last report
+        self._arrival = dict.fromkeys(subscriptions, -np.inf)
         self._time = self._start = monotonic()
         self._samples = SampleReport()
-        self._used = 0  # samples, as the last report had it
+        self._used = 0  # samples at the last report
         self._used_at = self._time  # when that number last changed
 
-    def statuses(self, state: State, name: str, clocks: Sequence[str]) -> list[DiagnosticStatus]:
-        """Return the statuses since the last call; `name` is the node's, `clocks` what is wrong with them."""
+    def statuses(self, state: RunState, name: str, clocks: Sequence[str]) -> list[DiagnosticStatus]:
+        """Return the statuses since the last call; `name` is the node's, `clocks` the problems with its clock."""
         now = monotonic()
         period, self._time = now - self._time, now
         used = state.session.used if state.session else 0
@@ -67,7 +76,7 @@ class Diagnostics:
         reports: dict[str, Report] = {key: self._topic(key, now, period, state) for key in self._wanted(state)}
         reports['thrust'] = self._thrust(state)
         reports['robot description'] = self._description(state)
-        reports['samples'] = self._samples.of(state, heard=any(self._recent.values()))
+        reports['samples'] = self._samples.report(state, heard=any(self._recent.values()))
         reports['time'] = (WARN, '; '.join(clocks), []) if clocks else (OK, 'stamps fit the clock', [])
         reports[ESTIMATE] = estimate_report(state)
         hardware = state.session.robot.model.name if state.session else ''
@@ -77,33 +86,33 @@ class Diagnostics:
                 name=f'{name}: {key}',
                 message=text,
                 hardware_id=hardware,
-                values=[KeyValue(key=str(what), value=str(value)) for what, value in values],
+                values=[KeyValue(key=str(key), value=str(value)) for key, value in values],
             )
             for key, (level, text, values) in reports.items()
         ]
 
-    def missing(self, state: State) -> tuple[str, ...]:
-        """Return what has to come or to change before there can be an estimate, one sentence each."""
-        wanted = [state.problem] if state.problem else []
+    def missing(self, state: RunState) -> tuple[str, ...]:
+        """Return the obstacles to an estimate, one sentence each."""
+        missing = [state.problem] if state.problem else []
         if state.session is None and not state.problem:
-            wanted.append(f'no robot description on {self._description_topic} yet')
-        wanted += [self._absence(inlet) for inlet in self._wanted(state).values() if not inlet.received]
+            missing.append(f'no robot description on {self._description_topic} yet')
+        missing += [self._absence(each) for each in self._wanted(state).values() if not each.received]
         if state.halted:
-            wanted.append(state.halted)
+            missing.append(state.halted)
         if state.session is not None and not state.session.used:
-            wanted += complaints(state.session)
+            missing += complaints(state.session)
         elif state.session is not None:
-            wanted += state.session.restarts[-1:]
-        return tuple(wanted)
+            missing += state.session.restarts[-1:]
+        return tuple(missing)
 
-    def silence(self, state: State) -> str:
+    def silence(self, state: RunState) -> str:
         """Return why no new estimate can be expected; empty while it can. Call it after `statuses`."""
         if state.halted:
             return state.halted
         silent = [
-            inlet.topic
-            for key, inlet in self._wanted(state).items()
-            if inlet.received and self._time - self._arrival[key] > STALE_AFTER
+            each.topic
+            for key, each in self._wanted(state).items()
+            if each.received and self._time - self._arrival[key] > STALE_AFTER
         ]
         if silent:
             return f'no messages on {listing(silent)} for more than {STALE_AFTER:g} s'
@@ -114,24 +123,24 @@ class Diagnostics:
             return f'{unused}: {self._samples.reasons}' if self._samples.reasons else unused
         return ''
 
-    def awaited(self, state: State) -> list[str]:
-        """Return what has to come before there can be an estimate, by topic and type, and what would help."""
-        wanted = []
+    def awaited(self, state: RunState) -> list[str]:
+        """Return the awaited messages by topic and type, with the likely reason of their absence."""
+        awaited = []
         if state.session is None:
-            wanted.append(
+            awaited.append(
                 f'a robot description that can be used on {self._description_topic} (std_msgs/msg/String, latched), or '
                 'the parameter robot_description_file'
             )
-        silent = [inlet for inlet in self._wanted(state).values() if not inlet.received]
-        return wanted + [f'{inlet.topic} ({inlet.type_name}){_help(inlet)}' for inlet in silent]
+        silent = [each for each in self._wanted(state).values() if not each.received]
+        return awaited + [f'{each.topic} ({each.type_name}){_help(each)}' for each in silent]
 
-    def _wanted(self, state: State) -> dict[str, Subscriptions]:
-        """Return the subscriptions without what need not come because something else locates the base."""
-        wanted = dict(self._inlets)
+    def _wanted(self, state: RunState) -> dict[str, Subscriptions]:
+        """Return the subscriptions without those that another source of the base's pose makes needless."""
+        wanted = dict(self._subscriptions)
         chosen = state.session.base_source.kind if state.session else None
         if chosen in wanted:
             for other in {'odom', 'pose'} - {chosen}:
-                wanted.pop(other, None)  # whatever comes on it is not used
+                wanted.pop(other, None)
         elif {'odom', 'pose'} <= wanted.keys():
             odometry, pose = wanted['odom'], wanted['pose']
             comes = pose.received or (not odometry.publishers() and pose.publishers())
@@ -141,50 +150,49 @@ class Diagnostics:
                 del wanted['pose']
         return wanted
 
-    def _absence(self, inlet: Subscriptions) -> str:
-        """Return that nothing has come, for how long, and what would help; it changes but a few times."""
+    def _absence(self, subscription: Subscriptions) -> str:
+        """Return that nothing has come, for how long, and why; it changes only a few times."""
         waited = monotonic() - self._start
         longest = next((limit for limit in _WAITED if waited > limit), 0.0)
-        if not longest:
-            return f'no messages on {inlet.topic} yet'
-        return f'no messages on {inlet.topic} yet, for more than {longest:g} s{_help(inlet)}'
+        text = f'no messages on {subscription.topic} yet'
+        return f'{text}, for more than {longest:g} s{_help(subscription)}' if longest else text
 
-    def _topic(self, key: str, now: float, period: float, state: State) -> Report:
-        inlet = self._inlets[key]
-        count = self._recent[key] = inlet.received - self._received[key]
-        self._received[key] = inlet.received
+    def _topic(self, key: str, now: float, period: float, state: RunState) -> Report:
+        subscription = self._subscriptions[key]
+        topic, received = subscription.topic, subscription.received
+        count = self._recent[key] = received - self._received[key]
+        self._received[key] = received
         if count:
             self._arrival[key] = now
-        publishers = inlet.publishers()
+        publishers, rate = subscription.publishers(), f'{count / period:.1f}'
         values: Values = [
-            ('topic', inlet.topic),
+            ('topic', topic),
             ('publishers', len(publishers)),
-            ('received', inlet.received),
-            ('rate (Hz)', f'{count / period:.1f}'),
-            ('reliability', 'best effort' if inlet.best_effort else 'reliable'),
+            ('received', received),
+            ('rate (Hz)', rate),
+            ('reliability', 'best effort' if subscription.best_effort else 'reliable'),
         ]
-        if inlet.timed is not None:
-            values.append(('latency (s)', f'{(inlet.timed[1] - inlet.timed[0]) * 1e-9:.4f}'))
-        if not inlet.received:
-            return WARN, f'no messages on {inlet.topic} yet{_help(inlet)}', values
+        if subscription.timed is not None:
+            values.append(('latency (s)', f'{(subscription.timed[1] - subscription.timed[0]) * 1e-9:.4f}'))
+        if not received:
+            return WARN, f'no messages on {topic} yet{_help(subscription)}', values
         silence = now - self._arrival[key]
         if silence > STALE_AFTER:
-            return STALE, f'no messages on {inlet.topic} for {silence:.0f} s', values
-        rate = f'{count / period:.1f} Hz'
-        heard = [info for info in publishers if info.topic_type == inlet.type_name]
+            return STALE, f'no messages on {topic} for {silence:.0f} s', values
+        heard = [info for info in publishers if info.topic_type == subscription.type_name]
         if len(heard) > 1 and _of_one_sensor(key, state):
-            return WARN, f'{rate}, from {listing(_nodes(heard))}: all is taken for the same sensor', values
-        unheard = [info for info in publishers if info.topic_type != inlet.type_name]
+            return WARN, f'{rate} Hz, from {listing(_nodes(heard))}: all is taken for the same sensor', values
+        unheard = [info for info in publishers if info.topic_type != subscription.type_name]
         if unheard:
             types = listing(sorted({info.topic_type for info in unheard}))
-            return WARN, f'{rate}; not heard is what {listing(_nodes(unheard))} sends there as {types}', values
-        return OK, rate, values
+            return WARN, f'{rate} Hz; not heard is what {listing(_nodes(unheard))} sends there as {types}', values
+        return OK, f'{rate} Hz', values
 
-    def _thrust(self, state: State) -> Report:
-        inlet = self._thrust_inlet
-        values: Values = [('topic', inlet.topic), ('received', inlet.received)]
-        if not inlet.received:
-            return OK, f'none is commanded on {inlet.topic}: what pushes is looked for in the data', values
+    def _thrust(self, state: RunState) -> Report:
+        topic, received = self._thrust_subscription.topic, self._thrust_subscription.received
+        values: Values = [('topic', topic), ('received', received)]
+        if not received:
+            return OK, f'none is commanded on {topic}: what pushes is looked for in the data', values
         if state.session is None:
             return WARN, 'thrust cannot be used without a robot description', values
         thrust = state.session.thrust
@@ -196,47 +204,112 @@ class Diagnostics:
         wrong = [*explain(state.session, thrust.dropped), *((LATE_THRUST,) if thrust.late else ())]
         return (WARN, '; '.join(wrong), values) if wrong else (OK, f'{thrust.commands} commands used', values)
 
-    def _description(self, state: State) -> Report:
+    def _description(self, state: RunState) -> Report:
         if state.session is None:
             text = state.problem or f'no robot description on {self._description_topic} yet'
             return ERROR if state.problem else WARN, text, []
-        robot = state.session.robot
-        found = state.session.survey()
+        robot, summary = state.session.robot, state.session.model_summary()
         values: Values = [
             ('robot', robot.model.name),
             ('target link', robot.target_link),
-            ('target link chosen', found.chosen),
+            ('target link chosen', summary.chosen),
             ('base link', robot.model.base_link),
-            ('known mass (kg)', f'{found.mass:.6g}'),
+            ('known mass (kg)', f'{summary.mass:.6g}'),
             ('joints', listing(robot.model.joint_names)),
-            ('joints of the messages alone', listing(found.foreign)),
-            ('joints of the robot description alone', listing(found.unheard)),
-            ('links without inertia', listing(found.without_inertia)),
-            *((f'warning {index + 1}', warning) for index, warning in enumerate(found.warnings)),
+            ('joints of the messages alone', listing(summary.foreign)),
+            ('joints of the robot description alone', listing(summary.unheard)),
+            ('links without inertia', listing(summary.without_inertia)),
+            *((f'warning {index + 1}', warning) for index, warning in enumerate(summary.warnings)),
         ]
         if state.problem:
             return ERROR, state.problem, values
         text = f"robot '{robot.model.name}', target link '{robot.target_link}'"
-        return (WARN, '; '.join([text, *found.warnings]), values) if found.warnings else (OK, text, values)
+        return WARN if summary.warnings else OK, '; '.join([text, *summary.warnings]), values
 
 
-def _of_one_sensor(key: str, state: State) -> bool:
-    """Tell whether a topic is the same whoever publishes it: joints may come in parts, and anything is on /tf."""
+def _of_one_sensor(key: str, state: RunState) -> bool:
+    """Return whether all publishers of a topic stand for one sensor: joints may come in parts, and /tf has many."""
     if key == 'joint_states':
         return state.session is not None and not state.session.intake.merge.partial
     return key != 'tf'
 
 
 def _nodes(publishers: list[TopicEndpointInfo]) -> list[str]:
-    """Return the names of the nodes that publish, a node with several publishers as often."""
+    """Return the names of the nodes that publish, once a publisher."""
     return sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in publishers)
 
 
-def _help(inlet: Subscriptions) -> str:
-    """Return what may be wrong with a topic that nothing comes on, as the end of a sentence."""
-    publishers = inlet.publishers()
+def _help(subscription: Subscriptions) -> str:
+    """Return why nothing may come on a topic, as the end of a sentence."""
+    publishers = subscription.publishers()
     if not publishers:
         return '; nothing publishes it: check its name, the namespaces and ROS_DOMAIN_ID'
-    others = sorted({info.topic_type for info in publishers} - set(inlet.type_names))
-    taken = ' or '.join(inlet.type_names)
+    others = sorted({info.topic_type for info in publishers} - set(subscription.type_names))
+    taken = ' or '.join(subscription.type_names)
     return f'; its publishers send {listing(others)}, not {taken}' if others else '; its publisher is silent'
+
+
+class NodeClock:
+    """Compares the node's clock with the stamps of messages, and notices pauses and jumps back (by s) of /clock."""
+
+    def __init__(self, node: Node, threshold: float) -> None:
+        self._node = node
+        self._clock: Any = node.get_clock()
+        self._jumps: list[float] = []  # s, since the last report
+        self._last = 0, monotonic()  # ns, and when it came
+        ahead, back = Duration(seconds=max(threshold, _CLOCK_AHEAD)), Duration(seconds=-threshold)
+        limits = JumpThreshold(min_forward=ahead, min_backward=back, on_clock_change=False)
+        self._handle: Any = self._clock.create_jump_callback(limits, post_callback=self._on_jump)
+
+    def problems(self, subscriptions: Mapping[str, Subscriptions]) -> list[str]:
+        """Return the problems since the last call, one sentence each."""
+        now, seen = self._clock.now().nanoseconds, monotonic()
+        use_sim_time = bool(self._node.get_parameter('use_sim_time').value)
+        readings = {each.topic: each.timed for each in subscriptions.values() if each.timed is not None}
+        found = clock_problems(now, readings, use_sim_time=use_sim_time)
+        if self._jumps:
+            jumps, self._jumps = self._jumps, []
+            found.append(f'/clock jumped {len(jumps)} times since the last report, the last time by {jumps[-1]:.6g} s')
+        if now != self._last[0]:
+            self._last = now, seen
+        elif now and seen - self._last[1] > STILL_AFTER and use_sim_time:
+            found.append(f'/clock stands still: for {seen - self._last[1]:.0f} s it has been {now * 1e-9:.6g} s')
+        return found
+
+    def close(self) -> None:
+        """Watch no more."""
+        self._handle.unregister()
+
+    def _on_jump(self, jump: TimeJump) -> None:
+        amount = jump.delta.nanoseconds
+        if self._clock.now().nanoseconds != amount:  # the first time is no jump from 0
+            self._jumps.append(amount * 1e-9)
+
+
+def clock_problems(now: int, readings: Mapping[str, tuple[int, int]], *, use_sim_time: bool) -> list[str]:
+    """Return the contradictions between stamps and clock, one sentence each.
+
+    Parameters
+    ----------
+    now : ns, of the node's clock
+    readings : by topic, the stamp of a message and the node's clock at its arrival, ns
+    use_sim_time : the node's parameter
+    """
+    if use_sim_time and now == 0:
+        return ['use_sim_time is true, but nothing has come on /clock: publish it, or set use_sim_time to false']
+    problems = []
+    for topic, (stamp, arrival) in readings.items():
+        if stamp < _CALENDAR <= arrival and not use_sim_time:
+            problems.append(
+                f'stamps on {topic} are simulated time ({stamp / _SECOND:.0f} s), but use_sim_time is false: set it'
+            )
+        elif use_sim_time and arrival < _CALENDAR <= stamp:
+            problems.append(
+                f'use_sim_time is true, but stamps on {topic} are not simulated time: set it for their publisher, too'
+            )
+        elif stamp - arrival > _STAMP_AHEAD:
+            problems.append(
+                f'stamps on {topic} are {(stamp - arrival) / _SECOND:.1f} s in the future: the clocks of the publisher '
+                'and of this machine differ'
+            )
+    return problems

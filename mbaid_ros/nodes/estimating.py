@@ -1,11 +1,13 @@
-"""What the node `estimator` does: joint states and odometry in, the inertia of the captured body out."""
+"""The node `estimator` at work: joint states and odometry in, the inertia of the captured body out."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, Vector3Stamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
@@ -15,30 +17,30 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
+from mbaid_ros.config.capture import DebrisConfig, SelfCalibrationConfig
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.model_errors import KnownLinksConfig
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import DataError, MbaidError
-from mbaid_ros.nodes.description import DescriptionSubscription, check_without_robot, tf_message
-from mbaid_ros.nodes.diagnostics import Diagnostics
-from mbaid_ros.nodes.estimate_publication import EstimatePublication
-from mbaid_ros.nodes.log import RunLog
+from mbaid_ros.nodes.diagnostics import Diagnostics, NodeClock
 from mbaid_ros.nodes.planning import AdviceTask, Planning
-from mbaid_ros.nodes.state import State
-from mbaid_ros.nodes.subscriptions import Subscriptions
+from mbaid_ros.nodes.publication import EstimatePublication
+from mbaid_ros.nodes.reports import RunLog, RunState, remarks
+from mbaid_ros.nodes.subscriptions import DescriptionSubscription, Subscriptions, qos, quiet_publisher, tf_message
 from mbaid_ros.session import Session
+from mbaid_ros.session.reading import TIME_JUMP
 
 PERIOD = 1.0  # s, of /diagnostics
-_AT_ONCE = 1e-3  # s, from one slice of what can wait to the next, at least
+_SLICE_PERIOD = 1e-3  # s, between two time slices of the background task, at least
+
+# A robot that fits any method: finds parameters that no robot description can be used with.
+_ANY_ROBOT = """\
+<robot name="any"><link name="base_link"><inertial><mass value="1"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link></robot>"""
 
 
-class Estimating:
-    """Converts, calls the session, publishes.
-
-    Parameters
-    ----------
-    node : whose topics and services these are
-    config : EstimatorConfig
-    active : whether data are taken from the beginning; where not, from `activate` on
+class LiveEstimator:
+    """Converts, calls the session, publishes; uses messages from the beginning if `active`, else from `activate` on.
 
     Raises
     ------
@@ -48,43 +50,50 @@ class Estimating:
 
     def __init__(self, node: Node, config: EstimatorConfig, *, active: bool = True) -> None:
         self._node = node
-        self._narrator = RunLog(node.get_logger())  # type: ignore[no-untyped-call]
         self._config = config
-        self._state = State(active=active)
+        self._log = RunLog(node.get_logger())  # type: ignore[no-untyped-call]
+        self._state = RunState(active=active)
         self._report_due = False  # a report waits for the estimate of a window
         self._awaited: int | None = None  # end of the window that one waited for
-        # What can be refused comes first: nothing of this is on the graph then.
+        # Refusals come first: nothing is on the graph then.
         self._read_robot()
-        self._planning = Planning(node, self._state, self._narrator.event)
-        self._telling = EstimatePublication(node, config, self._state, self._narrator, self._planning)
-        self._description = None if self._state.session else DescriptionSubscription(node, self._on_description)
-        self._inlets = {
+        if config.publish_tf:
+            tf_message("parameter 'publish_tf' is true", 'false')
+        self._subscriptions = {
             'joint_states': Subscriptions(node, JointState, 'joint_states', self._on_joint_state),
-            **self._base_inlets(node),
+            **self._base_subscriptions(),
         }
         self._thrust = Subscriptions(node, WrenchStamped, 'thrust', self._on_thrust)
-        self._imu = self._inlets.get('imu') or Subscriptions(node, Imu, 'imu', self._on_imu)
-        topic = self._description.topic if self._description else ''
+        self._imu = self._subscriptions.get('imu') or Subscriptions(node, Imu, 'imu', self._on_imu)
         self._stored_momentum = Subscriptions(node, Vector3Stamped, 'stored_momentum', self._on_stored_momentum)
-        diagnostics = Diagnostics(self._inlets, self._thrust, topic)
+        self._description = None if self._state.session else DescriptionSubscription(node, self._on_description)
+        topic = self._description.topic if self._description else ''
+        self._diagnostics = Diagnostics(self._subscriptions, self._thrust, topic)
+        self._diagnostics_publisher = quiet_publisher(node, DiagnosticArray, '/diagnostics', qos(10))
+        self._clock = NodeClock(node, TIME_JUMP)
+        self._planning = Planning(node, self._state, self._log.event)
+        self._advice = AdviceTask(self._state, self._log.advice)
+        self._publication = EstimatePublication(
+            node, config, self._state, self._log, self._planning, lambda: self._diagnostics.missing(self._state)
+        )
         self._services = [
             node.create_service(Trigger, '~/reset', self._on_reset),
             node.create_service(SetBool, '~/pause', self._on_pause),
             node.create_service(Trigger, '~/capture', self._on_capture),
         ]
-        self._advising = AdviceTask(self._state, self._narrator.advice)
-        # Its own clock: with use_sim_time and no /clock, that there is none is what a user has to be told.
+        # A steady clock: with use_sim_time and no /clock, the missing clock has to be reported.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(PERIOD, self._on_timer, clock=clock)
-        # While something is left to do before the next window: between messages, a few milliseconds at a time.
-        self._leisure: Any = node.create_timer(_AT_ONCE, self._on_leisure, clock=clock, autostart=False)
-        self._telling.watch(diagnostics)
+        # Runs the background task between messages, a few milliseconds at a time, before the next window.
+        self._idle_timer: Any = node.create_timer(_SLICE_PERIOD, self._on_idle, clock=clock, autostart=False)
+        self._publication.publish_waiting()
 
-    def _base_inlets(self, node: Node) -> dict[str, Subscriptions]:
-        """Return the subscriptions that may locate the base, or what is needed in their place."""
-        if self._config.imu.alone:
+    def _base_subscriptions(self) -> dict[str, Subscriptions]:
+        """Return the subscriptions that may locate the base, or replace that."""
+        node, config = self._node, self._config
+        if config.imu.alone:
             return {'imu': Subscriptions(node, Imu, 'imu', self._on_imu)}
-        if self._config.pose.tf_child_frame:
+        if config.pose.tf_child_frame:
             message = tf_message("parameter 'pose.tf_child_frame' is set", 'empty')
             return {'tf': Subscriptions(node, message, '/tf', self._on_odometry)}
         others = (PoseWithCovarianceStamped, TransformStamped)
@@ -93,19 +102,21 @@ class Estimating:
             'pose': Subscriptions(node, PoseStamped, 'pose', self._on_odometry, others),
         }
 
-    def _every_inlet(self) -> set[Subscriptions]:
-        return {*self._inlets.values(), self._thrust, self._stored_momentum, self._imu}
+    def _all_subscriptions(self) -> set[Subscriptions]:
+        return {*self._subscriptions.values(), self._thrust, self._stored_momentum, self._imu}
 
     # Robot description
 
     def _read_robot(self) -> None:
-        """Read the robot description file, if there is one; else check what can be without it."""
+        """Read the robot description file; without one, check the parameters that need none."""
         path = self._config.robot_description_file
         if path:
             self._state.session = Session(self._config, read_robot_description(path))
-            self._narrator.robot(self._state.session.survey(), self._config.method)
-        else:
-            check_without_robot(self._config)
+            self._log.robot(self._state.session.model_summary(), self._config.method)
+            return
+        # Names of links can only be checked with the robot.
+        config = replace(self._config, base_link='', target_link='', debris=DebrisConfig())
+        Session(replace(config, known_links=KnownLinksConfig(), calibration=SelfCalibrationConfig()), _ANY_ROBOT)
 
     def _on_description(self, message: String) -> None:
         state = self._state
@@ -117,47 +128,45 @@ class Estimating:
         except MbaidError as error:
             kept = '; the one before stays in use' if state.session is not None else ''
             state.problem = f'robot description refused: {error}{kept}'
-            self._narrator.warn_once(state.problem)
-            self._telling.missing()
+            self._log.warn_once(state.problem)
+            self._publication.publish_waiting()
             return
-        restarted = state.session is not None
+        replaced = state.session is not None
         state.session, state.problem = session, ''
-        self._narrator.robot(session.survey(), self._config.method)
-        if restarted:
+        self._log.robot(session.model_summary(), self._config.method)
+        if replaced:
             self._start_again()
 
-    # Data
+    # Messages
 
     def _on_joint_state(self, message: Any) -> None:
         session = self._open_session()
-        if session is None:
-            return
-        self._telling.display.follow(session.robot.model, message)
-        if session.add_joint_state(message):
-            self._process(session)
+        if session is not None:
+            self._publication.display.follow(session.robot.model, message)
+            self._add(session.add_joint_state, message)
 
     def _on_odometry(self, message: Any) -> None:
         session = self._open_session()
-        if session is not None and session.add_odometry(message):
-            self._process(session)
+        if session is not None:
+            self._add(session.add_odometry, message)
 
-    def _on_thrust(self, message: WrenchStamped) -> None:
-        # Also while paused: it changes the momentum that the next samples have.
-        if self._state.session is not None:
-            self._state.session.add_thrust(message)
+    def _on_imu(self, message: Imu) -> None:
+        session = self._open_session()
+        if session is not None:
+            self._add(session.add_imu, message)
 
     def _on_stored_momentum(self, message: Vector3Stamped) -> None:
         session = self._open_session()
         if session is not None:
             session.add_stored_momentum(message)
 
-    def _on_imu(self, message: Imu) -> None:
-        session = self._open_session()
-        if session is not None and session.add_imu(message):
-            self._process(session)
+    def _on_thrust(self, message: WrenchStamped) -> None:
+        # Also while paused: it changes the momentum of the next samples.
+        if self._state.session is not None:
+            self._state.session.add_thrust(message)
 
     def _open_session(self) -> Session | None:
-        """Return the session if it takes messages now."""
+        """Return the session if it takes messages now; count the message otherwise."""
         state = self._state
         if state.session is None:
             state.ignored['no robot description'] += 1
@@ -169,64 +178,59 @@ class Estimating:
             return state.session
         return None
 
-    def _process(self, session: Session) -> None:
+    def _add(self, add: Callable[[Any], bool], message: Any) -> None:
+        if add(message):
+            self._process()
+
+    def _process(self) -> None:
+        """Process the queued messages and publish their estimates."""
+        session = self._state.session
+        if session is None:
+            return
         try:
             estimates = session.process()
         except DataError as error:
-            self._narrator.warn_once(str(error))
+            self._log.warn_once(str(error))
             return
-        self._telling.estimates(session, estimates)
+        self._publication.publish(session, estimates)
         if estimates:
-            self._leisure.reset()  # what can wait comes after the estimates
-        if estimates and self._report_due:
-            self._report()
+            self._idle_timer.reset()  # the background task comes after the estimates
+            if self._report_due:
+                self._report()
 
-    def _on_leisure(self) -> None:
+    def _on_idle(self) -> None:
         if self._state.session is None or not self._state.session.work_off():
-            self._leisure.cancel()
-            self._advising.look()
+            self._idle_timer.cancel()
+            self._advice.run_if_due()
+
+    # Services and parameters
 
     def activate(self, *, active: bool) -> None:
-        """Begin or end to take data; what has been learnt stays."""
+        """Begin or end to use messages; the run stays."""
         if self._state.active and not active:
-            self._close_books()
+            self._process()
         self._state.active = active
-        self._telling.missing()
+        self._publication.publish_waiting()
 
     def adjust(self, config: EstimatorConfig) -> None:
-        """Take on what may change while it runs: convergence.*, plan.* and publish_tf.
+        """Change the parameters that may change at run time: convergence.*, plan.* and publish_tf.
 
         Raises
         ------
         ParameterError
             Frames are asked for, but the message package for them is not installed.
         """
-        self._telling.display.send_frames(wanted=config.publish_tf)
+        self._publication.display.send_frames(wanted=config.publish_tf)
         self._config = replace(
             self._config, convergence=config.convergence, publish_tf=config.publish_tf, plan=config.plan
         )
         if self._state.session is not None:
             self._state.session.judge_by(config.convergence, config.plan)
 
-    def close(self) -> None:
-        """Leave the graph."""
-        for inlet in self._every_inlet():
-            inlet.close()
-        if self._description is not None:
-            self._description.close()
-        for service in self._services:
-            self._node.destroy_service(service)
-        self._planning.close()
-        self._node.destroy_timer(self._timer)
-        self._node.destroy_timer(self._leisure)
-        self._telling.close()
-
-    # Services
-
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._start_again()
         response.success, response.message = True, 'everything forgotten, started again'
-        self._narrator.event(response.message)
+        self._log.event(response.message)
         return response
 
     def _on_capture(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -239,31 +243,25 @@ class Estimating:
             response.message = str(error)
             return response
         response.success = True
-        self._narrator.event(response.message)
+        self._log.event(response.message)
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         state = self._state
         if request.data and not state.halted:
-            self._close_books()
+            self._process()  # so that the last estimate holds everything that has come
         state.paused = bool(request.data)
         response.success = True
         response.message = f'paused: no samples are taken; {state.account}' if request.data else 'taking samples'
-        self._narrator.event(response.message)
-        self._telling.missing()
+        self._log.event(response.message)
+        self._publication.publish_waiting()
         return response
 
-    def _close_books(self) -> None:
-        """Work through what has come, so that it is in the estimate that is told as the last one."""
-        if self._state.session is not None:
-            self._process(self._state.session)
-
     def _start_again(self) -> None:
-        state = self._state
-        if state.session is not None:
-            state.session.reset()
-        state.ignored = Counter()
-        self._telling.anew()
+        if self._state.session is not None:
+            self._state.session.reset()
+        self._state.ignored = Counter()
+        self._publication.withdraw()
 
     # Reports
 
@@ -271,15 +269,45 @@ class Estimating:
         session = self._state.session
         if session is not None:
             if session.closing not in (None, self._awaited):
-                # The estimate that comes in a moment goes first; if it does not come, the next report waits no more.
+                # The estimate due in a moment goes first; if it does not come, the next report does not wait.
                 self._awaited, self._report_due = session.closing, True
                 return
-            # Also what no window waits for: a stream without the other one must not pile up unread.
-            self._process(session)
+            self._process()  # also messages that complete no window: one stream without the other must not pile up
         self._report()
 
     def _report(self) -> None:
+        """Publish /diagnostics, log problems, and mark the estimate stale if nothing follows it."""
         self._report_due = False
-        for inlet in self._every_inlet():
-            inlet.refresh()
-        self._telling.report(self._inlets)
+        for each in self._all_subscriptions():
+            each.refresh()
+        state = self._state
+        if state.session is not None:
+            for remark in remarks(state.session):
+                self._log.warn_once(remark)
+            if state.session.used:
+                self._log.joints(state.session.model_summary())
+        self._log.waiting(self._diagnostics.awaited(state))
+        self._publication.publish_waiting()
+        clocks = self._clock.problems(self._subscriptions)
+        for problem in clocks:
+            self._log.warn_once(problem)
+        statuses = self._diagnostics.statuses(state, self._node.get_fully_qualified_name().lstrip('/'), clocks)
+        array = DiagnosticArray(status=statuses)
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._diagnostics_publisher.publish(array)
+        self._publication.publish_stale(self._diagnostics.silence(state))
+
+    def close(self) -> None:
+        """Leave the graph."""
+        for each in self._all_subscriptions():
+            each.close()
+        if self._description is not None:
+            self._description.close()
+        for service in self._services:
+            self._node.destroy_service(service)
+        self._planning.close()
+        self._node.destroy_timer(self._timer)
+        self._node.destroy_timer(self._idle_timer)
+        self._node.destroy_publisher(self._diagnostics_publisher)
+        self._publication.close()
+        self._clock.close()

@@ -1,4 +1,4 @@
-"""What RViz and Foxglove draw: the identified body as markers, and the links' frames where nobody else sends them."""
+"""For RViz and Foxglove: the identified body as markers, and on request the links' frames."""
 
 from __future__ import annotations
 
@@ -16,13 +16,12 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotate_back
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import ellipsoid_radii, principal
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.momentum import ellipsoid_radii, principal
 from mbaid_ros.core.robot.urdf_document import tree_of
 from mbaid_ros.messages import positions_of, stamp_of
-from mbaid_ros.nodes.description import tf_message
-from mbaid_ros.nodes.qos import LATCHED, qos, quiet_publisher
+from mbaid_ros.nodes.subscriptions import LATCHED, qos, quiet_publisher, tf_message
 
 NAMESPACE = 'identified_body'
 _RADIUS_95 = math.sqrt(7.814728)  # of the region that holds 95 % of a normal distribution in space
@@ -37,13 +36,8 @@ _ORANGE, _BLUE = (0.84, 0.37, 0.0), (0.0, 0.45, 0.7)
 def markers(estimate: Estimate, frame: str) -> MarkerArray:
     """Return the centre of mass, its 95 % ellipsoid, the principal axes and the equivalent ellipsoid of an estimate.
 
-    What is not known is deleted from the display, and everything where the data contradict the model; a coordinate of
-    the CoM that is not known is drawn as 0.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    frame : the target link
+    Unknown parts are deleted, everything if the data contradict the model; an unknown coordinate of the CoM is drawn as
+    0. `frame` is the target link's.
     """
     parameters = estimate.parameters
     if estimate.status == 'inconsistent' or np.sum(np.isfinite(parameters[1:4])) < 2:
@@ -62,7 +56,7 @@ def markers(estimate: Estimate, frame: str) -> MarkerArray:
 
 
 def cleared() -> MarkerArray:
-    """Return what empties the display."""
+    """Return the marker that empties the display."""
     return MarkerArray(markers=[Marker(ns=NAMESPACE, action=Marker.DELETEALL)])
 
 
@@ -86,11 +80,7 @@ def _sphere(number: int, centre: Array, axes: Array, radii: Array, colour: tuple
 
 
 def _axes(centre: Array, half: Array) -> Marker:
-    red, green, blue = (
-        ColorRGBA(r=0.84, g=0.37, a=1.0),
-        ColorRGBA(g=0.62, b=0.45, a=1.0),
-        ColorRGBA(g=0.45, b=0.7, a=1.0),
-    )
+    red, green, blue = (ColorRGBA(r=r, g=g, b=b, a=1.0) for r, g, b in (_ORANGE, (0.0, 0.62, 0.45), _BLUE))
     lines = Marker(id=2, type=Marker.LINE_LIST, action=Marker.ADD)
     lines.pose.orientation.w = 1.0
     lines.scale.x = max(0.02 * float(np.max(np.linalg.norm(half, axis=0))), _SMALLEST)  # width
@@ -101,13 +91,7 @@ def _axes(centre: Array, half: Array) -> Marker:
 
 
 class LinkFrames:
-    """The frame of each link in that of its parent, from joint positions.
-
-    Parameters
-    ----------
-    model : RobotModel
-    prefix : of the frames' names
-    """
+    """The frame of each link in that of its parent, from joint positions; `prefix` is of the frames' names."""
 
     def __init__(self, model: RobotModel, prefix: str = '') -> None:
         self._model = model
@@ -145,13 +129,7 @@ class LinkFrames:
 
 
 class Display:
-    """Publishes ~/markers, and /tf on request.
-
-    Parameters
-    ----------
-    node : Node
-    with_frames : whether the links' frames are sent, too
-    prefix : of the frames' names
+    """Publishes ~/markers, and with frames /tf, with a prefix of the frames' names.
 
     Raises
     ------

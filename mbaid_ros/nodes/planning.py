@@ -1,4 +1,4 @@
-"""What motion would help most, looked at now and then while the node runs."""
+"""Planned motions: the next informative motion in words, now and then, and a whole trajectory on request."""
 
 from __future__ import annotations
 
@@ -19,95 +19,67 @@ from trajectory_msgs.msg import JointTrajectory
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.nodes.publishers import TYPES
-from mbaid_ros.nodes.qos import LATCHED, quiet_publisher
-from mbaid_ros.nodes.state import State
+from mbaid_ros.nodes.reports import RunState
+from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, quiet_publisher
 from mbaid_ros.outgoing import trajectory_message
 
-_ADVICE_PERIOD = 5.0  # s, from one look to the next, at least
-_SHARE = 0.01  # of the time that looks may take
+_ADVICE_PERIOD = 5.0  # s, between two searches, at least
+_SHARE = 0.01  # of the time that these searches may take
+_POLL_PERIOD = 0.1  # s, between two looks for the planned motion
 
 
 class AdviceTask:
-    """Keeps what motion would help most in what the node knows.
+    """Updates the advice in the node's state and logs it; a search takes some hundredths of a second."""
 
-    A look takes some hundredths of a second, and leaves the estimates as they are.
-
-    Parameters
-    ----------
-    state : what the node knows
-    tell : what is told of each advice, in a line
-    """
-
-    def __init__(self, state: State, tell: Callable[[str], None]) -> None:
+    def __init__(self, state: RunState, log: Callable[[str], None]) -> None:
         self._state = state
-        self._tell = tell
+        self._log = log
         self._due = 0.0
 
-    def look(self) -> None:
-        """Look, if it is time to; call it when the estimates of a window have been told and nothing waits."""
+    def run_if_due(self) -> None:
+        """Search, if it is time to; call it when the estimates of a window are published and nothing waits."""
         begin = monotonic()
         if begin < self._due:
             return
-        self._state.advice = self._found()
-        self._tell(self._state.advice)
+        self._state.advice = self._advice()
+        self._log(self._state.advice)
         end = monotonic()
         self._due = end + max(_ADVICE_PERIOD, (end - begin) / _SHARE)
 
-    def _found(self) -> str:
+    def _advice(self) -> str:
         session, estimate = self._state.session, self._state.estimate
-        knowledge = None if session is None else session.knowledge()
-        if session is None or knowledge is None or estimate is None or estimate.contradicted:
+        posterior = None if session is None else session.posterior()
+        if session is None or posterior is None or estimate is None or estimate.contradicted:
             return ''
-        from mbaid_ros.session.planning import advice  # noqa: PLC0415 - takes a while, and is not needed to begin
+        from mbaid_ros.session.planning import advice  # noqa: PLC0415 - slow, and not needed at the start
 
-        return advice(session.config, knowledge)
-
-
-_POLL_PERIOD = 0.1  # s, between two looks at whether the motion is there
+        return advice(session.config, posterior)
 
 
 class Planning:
-    """Plans when it is asked to.
+    """The service ~/plan, which searches in a process of its own, and the motion it publishes on ~/motion."""
 
-    Parameters
-    ----------
-    node : whose service and topic these are
-    state : what the node knows, and is told of the motion
-    tell : what is told of what happens, in a line
-    """
-
-    def __init__(self, node: Node, state: State, tell: Callable[[str], None]) -> None:
+    def __init__(self, node: Node, state: RunState, log: Callable[[str], None]) -> None:
         self._node = node
         self._state = state
-        self._tell = tell
+        self._log = log
         self._publisher = self._open()
         self._service = node.create_service(Trigger, '~/plan', self._on_plan)
-        self._timer = node.create_timer(_POLL_PERIOD, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = node.create_timer(_POLL_PERIOD, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._timer.cancel()  # type: ignore[no-untyped-call]
         self._process: Any = None
         self._answer: Connection | None = None
 
     def close(self) -> None:
-        """Give up what is under way, and leave the graph."""
-        self.give_up()
+        """End a search, and leave the graph."""
+        self._end_search()
         self._node.destroy_service(self._service)
         self._node.destroy_timer(self._timer)
         self._node.destroy_publisher(self._publisher)
 
-    def give_up(self) -> None:
-        """End a search that is under way."""
-        self._timer.cancel()  # type: ignore[no-untyped-call]
-        if self._process is not None:
-            self._process.kill()
-            self._process.join()
-        if self._answer is not None:
-            self._answer.close()
-        self._process = self._answer = None
-
-    def forget(self) -> None:
-        """Give up what is under way, and tell no more of the motion there is, not to late subscribers either."""
-        self.give_up()
+    def withdraw(self) -> None:
+        """End a search, and withdraw the motion, also from late subscribers."""
+        self._end_search()
         if self._state.plan is not None:
             self._node.destroy_publisher(self._publisher)
             self._publisher = self._open()
@@ -118,56 +90,64 @@ class Planning:
 
     def _on_plan(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         session = self._state.session
-        knowledge = None if session is None else session.knowledge()
+        posterior = None if session is None else session.posterior()
         if self._process is not None:
             response.message = 'a motion is being planned already; it comes on ~/motion'
-        elif session is None or knowledge is None:
+        elif session is None or posterior is None:
             response.message = (
                 'there is no solution to plan from yet; accepted: a call once method trajectory has come to one'
             )
         else:
-            self._begin(session.config, knowledge)
+            self._begin_search(session.config, posterior)
             response.success = True
             response.message = (
-                f'planning from the state at {knowledge.end.time:.1f} s; the motion comes on ~/motion, the verdict in '
+                f'planning from the state at {posterior.end.time:.1f} s; the motion comes on ~/motion, the verdict in '
                 '/diagnostics and in the log'
             )
-            self._tell(response.message)
+            self._log(response.message)
         return response
 
-    def _begin(self, config: EstimatorConfig, knowledge: Posterior) -> None:
-        # Of a process that is forked, threads of the middleware would be missing.
-        context = multiprocessing.get_context('spawn')
+    def _begin_search(self, config: EstimatorConfig, posterior: Posterior) -> None:
+        context = multiprocessing.get_context('spawn')  # a forked process would lack the middleware's threads
         self._answer, other = context.Pipe(duplex=False)
-        self._process = context.Process(target=_work, args=(other, config, knowledge), daemon=True)
+        self._process = context.Process(target=_search, args=(other, config, posterior), daemon=True)
         self._process.start()
         other.close()
         self._timer.reset()  # type: ignore[no-untyped-call]
 
-    def _look(self) -> None:
+    def _end_search(self) -> None:
+        self._timer.cancel()  # type: ignore[no-untyped-call]
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+        if self._answer is not None:
+            self._answer.close()
+        self._process = self._answer = None
+
+    def _poll(self) -> None:
         """Publish the motion, if it has been found."""
         assert self._answer is not None, 'the timer runs while an answer is awaited'
         if not self._answer.poll():
             return
         try:
-            found, reached, lines = self._answer.recv()
+            trajectory, reached, lines = self._answer.recv()
         except EOFError:
-            found, reached, lines = None, False, ('no motion: the process that looked for it has ended',)
-        self.give_up()
+            trajectory, reached, lines = None, False, ('no motion: the process that looked for it has ended',)
+        self._end_search()
         self._state.plan = reached, lines[0]
-        if found is not None:
-            self._publisher.publish(trajectory_message(found, TYPES))
+        if trajectory is not None:
+            self._publisher.publish(trajectory_message(trajectory, TYPES))
         for line in lines:
-            self._tell(line)
+            self._log(line)
 
 
-def _work(answer: Connection, config: EstimatorConfig, knowledge: Posterior) -> None:
-    """Send back the motion, None where there is none, and what is to be told."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who has started this ends it
-    from mbaid_ros.session.planning import make_planner  # noqa: PLC0415 - takes a while, and the node needs none of it
+def _search(answer: Connection, config: EstimatorConfig, posterior: Posterior) -> None:
+    """Send back the motion, None if there is none, whether it reaches the wanted precision, and lines for the log."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process ends this one
+    from mbaid_ros.session.planning import make_planner  # noqa: PLC0415 - slow, and the node needs none of it
 
     try:
-        plan = make_planner(config, knowledge).plan()
+        plan = make_planner(config, posterior).plan()
     except MbaidError as error:
         answer.send((None, False, (f'no motion: {error}',)))
     else:

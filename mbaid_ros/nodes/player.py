@@ -1,4 +1,4 @@
-"""How far a simulated run is by the clock of this machine: no further than it can be told without a gap."""
+"""The node `player`: publishes a bag's messages at their times, for machines without `ros2 bag play`."""
 
 from __future__ import annotations
 
@@ -18,24 +18,20 @@ from tqdm import tqdm
 from mbaid_ros.bags import BagReader
 from mbaid_ros.cli import run, warn
 from mbaid_ros.core.errors import DataError, listing
-from mbaid_ros.nodes.description import message_class
-from mbaid_ros.nodes.parameters import declare_parameters
-from mbaid_ros.nodes.qos import qos
-from mbaid_ros.nodes.runner import LATENCY, Interrupt, own_arguments, player_arguments, ros
-from mbaid_ros.nodes.subscriptions import why_no_topic
+from mbaid_ros.nodes.runner import LATENCY, Interrupt, declare_parameters, own_arguments, player_arguments, ros
+from mbaid_ros.nodes.subscriptions import message_class, qos, why_no_topic
 
 
 class Pace:
     """The time of a run that goes a number of times as fast as this machine's clock.
 
-    Where the machine does not keep up, or stands still for a while, the run is late from then on: what it would have to
-    say all at once to make up for that is more than is kept for its subscribers.
+    If the machine does not keep up, or stands still for a while, the run is late from then on: to catch up it would
+    publish more at once than its subscribers' queues hold.
 
     Parameters
     ----------
-    factor : simulated seconds in a second
-    most : simulated seconds from one look to the next, at most
-    clock : gives s of this machine, which never go back
+    factor, most : simulated seconds in a second, and between two calls of `now` at most
+    clock : monotonic, s
     """
 
     def __init__(self, factor: float, most: float, clock: Callable[[], float] = time.monotonic) -> None:
@@ -50,7 +46,7 @@ class Pace:
         return not math.isnan(self._begin)
 
     def begin(self) -> None:
-        """Let the run begin now."""
+        """Begin the run now."""
         self._begin = self._clock()
 
     def now(self) -> float:
@@ -81,11 +77,9 @@ class PlayerNode(Node):
 
     Parameters
     ----------
-    bag : the open bag
-    topics : what to publish of it; empty is everything that can be
-    rate : speed relative to the recording
-    clock : whether to publish /clock
-    interrupt : what ends the playing
+    bag, topics : the open bag and what to publish of it; empty is everything that can be
+    rate, clock : speed relative to the recording; whether to publish /clock
+    interrupt : ends the playing
 
     Raises
     ------
@@ -102,18 +96,13 @@ class PlayerNode(Node):
         self._bag = bag
         self._rate = rate
         self._interrupt = interrupt
-        self._outlets: dict[str, Publisher] = {}
+        self._topics: dict[str, Publisher] = {}
         for topic in topics or bag.topics:
             if not (clock and topic == '/clock'):  # there is one clock: this node's
                 self._add(topic, required=bool(topics))
-        self._clock_outlet = self.create_publisher(Clock, '/clock', qos(1)) if clock else None
+        self._clock_topic = self.create_publisher(Clock, '/clock', qos(1)) if clock else None
         self._last_clock = -_CLOCK_PERIOD
         self._origin = (0.0, 0)  # monotonic time in s and bag time in ns that belong together
-
-    @property
-    def total(self) -> int:
-        """Number of messages to publish."""
-        return sum(self._bag.topics[topic].count for topic in self._outlets)
 
     def _add(self, name: str, *, required: bool) -> None:
         if name not in self._bag.topics:
@@ -134,7 +123,7 @@ class PlayerNode(Node):
             return
         depth = min(topic.count, _DEPTH) if topic.latched else _DEPTH
         profile = qos(max(1, depth), best_effort=not topic.reliable, latched=topic.latched)
-        self._outlets[name] = self.create_publisher(message_type, name, profile)
+        self._topics[name] = self.create_publisher(message_type, name, profile)
 
     def _leave_out(self, why: str, cause: Exception | None = None, *, required: bool) -> None:
         if required:
@@ -144,7 +133,7 @@ class PlayerNode(Node):
     def wait_for_subscribers(self, timeout: float) -> None:
         """Wait until every topic has a subscriber, or the time (s) is over."""
         end = time.monotonic() + timeout
-        while alone := [name for name, outlet in self._outlets.items() if not outlet.get_subscription_count()]:
+        while alone := [name for name, publisher in self._topics.items() if not publisher.get_subscription_count()]:
             if time.monotonic() > end or self._interrupt.requested:
                 self._log.warning(f'playing without subscribers of {listing(alone)}')
                 return
@@ -153,20 +142,21 @@ class PlayerNode(Node):
     def play(self) -> None:
         """Publish every message when it is due."""
         first = True
-        with tqdm(total=self.total, unit=' messages', disable=None, leave=False) as bar:
-            for topic, data, due in self._bag.raw(self._outlets):
+        total = sum(self._bag.topics[topic].count for topic in self._topics)
+        with tqdm(total=total, unit=' messages', disable=None, leave=False) as bar:
+            for topic, data, due in self._bag.raw(self._topics):
                 if first:
                     self._origin, first = (time.monotonic(), due), False
                 self._wait_until(due)
                 if self._interrupt.requested:
                     return
-                self._outlets[topic].publish(data)
+                self._topics[topic].publish(data)
                 bar.update()
 
     def finish(self) -> None:
         """Wait until reliable subscribers have everything, or have had time for it."""
-        for outlet in self._outlets.values():
-            outlet.wait_for_all_acked(Duration(seconds=_PATIENCE))
+        for publisher in self._topics.values():
+            publisher.wait_for_all_acked(Duration(seconds=_PATIENCE))
 
     def _wait_until(self, due: int) -> None:
         """Return at a bag time (ns), with the clock going on until then."""
@@ -174,18 +164,18 @@ class PlayerNode(Node):
         while not self._interrupt.requested:
             now = time.monotonic()
             passed = origin + round((now - begin) * self._rate * 1e9)
-            if self._clock_outlet and now - self._last_clock >= _CLOCK_PERIOD:
+            if self._clock_topic and now - self._last_clock >= _CLOCK_PERIOD:
                 self._publish_clock(min(passed, due))
                 self._last_clock = now
             if passed >= due:
                 return
-            time.sleep(min((due - passed) * 1e-9 / self._rate, _CLOCK_PERIOD if self._clock_outlet else LATENCY))
+            time.sleep(min((due - passed) * 1e-9 / self._rate, _CLOCK_PERIOD if self._clock_topic else LATENCY))
 
     def _publish_clock(self, when: int) -> None:
         message = Clock()
         message.clock.sec, message.clock.nanosec = divmod(when, 1_000_000_000)
-        if self._clock_outlet:
-            self._clock_outlet.publish(message)
+        if self._clock_topic:
+            self._clock_topic.publish(message)
 
 
 def _play(arguments: argparse.Namespace, bag: BagReader, interrupt: Interrupt) -> None:

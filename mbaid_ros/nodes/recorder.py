@@ -19,11 +19,8 @@ from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import one_line, run
 from mbaid_ros.config.recorder import RecorderConfig
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.nodes.description import message_class
-from mbaid_ros.nodes.parameters import declare_parameters
-from mbaid_ros.nodes.qos import qos
-from mbaid_ros.nodes.runner import Interrupt, own_arguments, recorder_arguments, ros
-from mbaid_ros.nodes.subscriptions import why_no_topic
+from mbaid_ros.nodes.runner import Interrupt, declare_parameters, own_arguments, recorder_arguments, ros
+from mbaid_ros.nodes.subscriptions import message_class, qos, why_no_topic
 
 NAME = 'recorder'
 

@@ -1,111 +1,33 @@
-"""What the estimator says in /diagnostics of the messages that it takes: how many are used, and why others are not."""
+"""The state of the node `estimator`, and its description in words: for /diagnostics and for the log."""
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass, field
+from time import monotonic
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from mbaid_ros.cli import one_line
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNCHECKED, UNITS, rounded
-from mbaid_ros.core.sensors.levels import SensorLevels
-from mbaid_ros.nodes.state import State
 from mbaid_ros.nodes.watch import NEXT
-from mbaid_ros.session import Session, doubts, explain, obstacles
+from mbaid_ros.session import ModelSummary, Session, doubts, explain, obstacles
 
-OK, WARN, ERROR, STALE = (
-    DiagnosticStatus.OK,
-    DiagnosticStatus.WARN,
-    DiagnosticStatus.ERROR,
-    DiagnosticStatus.STALE,
-)
+OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 
 Values = list[tuple[str, object]]
 Report = tuple[bytes, str, Values]
 
-
-class SampleReport:
-    """Tells what has become of the messages since it told the last time.
-
-    Attributes
-    ----------
-    reasons : why messages of the time before the last report were not used; empty: they were, or none came
-    """
-
-    def __init__(self) -> None:
-        self.reasons = ''
-        self._used = 0
-        self._dropped: Counter[str] = Counter()
-        self._replaced: Counter[str] = Counter()
-
-    def of(self, state: State, *, heard: bool) -> Report:
-        """Return the report; `heard` is whether anything has come since the last one."""
-        session = state.session
-        values: Values = [(f'not taken, {reason}', count) for reason, count in sorted(state.ignored.items())]
-        self.reasons = ''
-        if session is None:
-            return WARN, 'no sample can be used without a robot description', values
-        since = self._since(session)
-        values += [
-            ('used', session.used),
-            *((f'dropped, {cause}', count) for cause, count in sorted(session.dropped.items())),
-            *((f'not used wholly, {cause}', count) for cause, count in sorted(session.replaced.items())),
-        ]
-        values += [(f'reason {index + 1}', reason) for index, reason in enumerate(remarks(session))]
-        if session.problem:
-            return ERROR, session.problem, values
-        if state.halted:
-            return WARN, state.halted, values
-        used, dropped, replaced = since
-        self.reasons = '; '.join([*explain(session, dropped), *obstacles(session)])
-        return (*self._told(session, used, dropped.total(), replaced, heard=heard), values)
-
-    def _since(self, session: Session) -> tuple[int, Counter[str], Counter[str]]:
-        """Return what has been used, dropped and replaced since the last call, or since the session began anew."""
-        used, dropped, replaced = session.used, session.dropped, session.replaced
-        restarted = used < self._used or any(
-            now[cause] < count
-            for now, before in ((dropped, self._dropped), (replaced, self._replaced))
-            for cause, count in before.items()
-        )
-        if restarted:
-            self._used, self._dropped, self._replaced = 0, Counter(), Counter()
-        recent = used - self._used, dropped - self._dropped, replaced - self._replaced
-        self._used, self._dropped, self._replaced = used, dropped, replaced
-        return recent
-
-    def _told(
-        self, session: Session, used: int, lost: int, replaced: Counter[str], *, heard: bool
-    ) -> tuple[bytes, str]:
-        """Return level and message from what has been used, lost and replaced since the last report."""
-        if not used and self.reasons and heard:
-            return ERROR, f'nothing used, {lost} messages dropped since the last report: {self.reasons}'
-        if replaced:
-            reasons = '; '.join(filter(None, [self.reasons, *explain(session, replaced)]))
-            told = f'{used} samples used, {lost} messages dropped and {replaced.total()} not used wholly'
-            return WARN, f'{told} since the last report: {reasons}'
-        if lost:
-            return WARN, f'{used} samples used, {lost} messages dropped since the last report: {self.reasons}'
-        doubtful = doubts(session)
-        return WARN if doubtful or not session.used else OK, '; '.join([f'{session.used} used', *doubtful])
-
-
-def complaints(session: Session) -> list[str]:
-    """Return everything that was or is in the way of using messages, one sentence each."""
-    return [*(f'messages dropped: {reason}' for reason in explain(session, session.dropped)), *obstacles(session)]
-
-
-def remarks(session: Session) -> list[str]:
-    """Return complaints, and what of messages that were used was not, one sentence each."""
-    partly = (f'messages not used wholly: {reason}' for reason in explain(session, session.replaced))
-    return [*complaints(session), *partly]
-
-
-_CAUSES = 3  # that are told
-
+PATIENCE = 5.0  # s without the awaited messages, or of a motion that determines too little, before a log line
+_CAUSES = 3  # likely causes in /diagnostics
+_NUMBER = re.compile(r'\b\d+(\.\d+)?\b')
+_ALARMING = {'inconsistent', 'not_identifiable'}
 _LEVEL_OF_STATUS = {
     'waiting': WARN,
     'estimating': OK,
@@ -115,18 +37,132 @@ _LEVEL_OF_STATUS = {
 }
 
 
-def estimate_report(state: State) -> Report:
-    """Return what is to be told of the last estimate."""
-    estimate = state.estimate
+@dataclass
+class RunState:
+    """The state of the node.
+
+    Attributes
+    ----------
+    session : the run, None before the first usable robot description
+    problem : why the last robot description was refused; empty if it was not
+    estimate : the last one
+    paused : True while the service ~/pause stops samples
+    active : False while a managed node is not
+    stale : why no estimate follows the last one; empty while one does
+    advice : the most informative motion, in words; empty if none is needed or known
+    plan : of the motion on ~/motion whether it reaches the wanted precision, and the verdict; None without one
+    ignored : messages not handed to a session, by reason
+    """
+
+    session: Session | None = None
+    problem: str = ''
+    estimate: Estimate | None = None
+    paused: bool = False
+    active: bool = True
+    stale: str = ''
+    advice: str = ''
+    plan: tuple[bool, str] | None = None
+    ignored: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def halted(self) -> str:
+        """Why a user has stopped samples; empty while they are taken."""
+        if not self.active:
+            return 'not active: no samples are taken'
+        return 'paused: no samples are taken' if self.paused else ''
+
+    @property
+    def account(self) -> str:
+        """How many of the received samples are in the estimate, in a sentence."""
+        if self.session is None or self.estimate is None:
+            return 'no sample is in an estimate'
+        text = f'{self.estimate.samples} of {self.session.taken} samples are in the estimate'
+        return text if self.estimate.samples == self.session.taken else f'{text}, those of complete windows'
+
+
+class SampleReport:
+    """The use of messages since the last report.
+
+    Attributes
+    ----------
+    reasons : why messages were not used since the report before the last; empty if all were, or none came
+    """
+
+    def __init__(self) -> None:
+        self.reasons = ''
+        self._used = 0
+        self._dropped: Counter[str] = Counter()
+        self._replaced: Counter[str] = Counter()
+
+    def report(self, state: RunState, *, heard: bool) -> Report:
+        """Return the report; `heard` is whether anything has come since the last one."""
+        session = state.session
+        values: Values = [(f'not taken, {reason}', count) for reason, count in sorted(state.ignored.items())]
+        self.reasons = ''
+        if session is None:
+            return WARN, 'no sample can be used without a robot description', values
+        used, dropped, replaced = self._since(session)
+        values += [
+            ('used', session.used),
+            *((f'dropped, {cause}', count) for cause, count in sorted(session.dropped.items())),
+            *((f'not used wholly, {cause}', count) for cause, count in sorted(session.replaced.items())),
+            *((f'reason {index + 1}', reason) for index, reason in enumerate(remarks(session))),
+        ]
+        if session.problem or state.halted:
+            return (ERROR, session.problem, values) if session.problem else (WARN, state.halted, values)
+        self.reasons = '; '.join([*explain(session, dropped), *obstacles(session)])
+        lost = dropped.total()
+        if not used and self.reasons and heard:
+            return ERROR, f'nothing used, {lost} messages dropped since the last report: {self.reasons}', values
+        if replaced or lost:
+            partly = f' and {replaced.total()} not used wholly' if replaced else ''
+            reasons = '; '.join(filter(None, [self.reasons, *explain(session, replaced)]))
+            text = f'{used} samples used, {lost} messages dropped{partly} since the last report: {reasons}'
+            return WARN, text, values
+        doubtful = doubts(session)
+        level = WARN if doubtful or not session.used else OK
+        return level, '; '.join([f'{session.used} used', *doubtful]), values
+
+    def _since(self, session: Session) -> tuple[int, Counter[str], Counter[str]]:
+        """Return the used samples, dropped and replaced messages since the last call, or since a reset."""
+        used, dropped, replaced = session.used, session.dropped, session.replaced
+        reset = used < self._used or any(
+            now[cause] < count
+            for now, before in ((dropped, self._dropped), (replaced, self._replaced))
+            for cause, count in before.items()
+        )
+        if reset:
+            self._used, self._dropped, self._replaced = 0, Counter(), Counter()
+        recent = used - self._used, dropped - self._dropped, replaced - self._replaced
+        self._used, self._dropped, self._replaced = used, dropped, replaced
+        return recent
+
+
+def complaints(session: Session) -> list[str]:
+    """Return everything that was or is in the way of using messages, one sentence each."""
+    return [*(f'messages dropped: {reason}' for reason in explain(session, session.dropped)), *obstacles(session)]
+
+
+def remarks(session: Session) -> list[str]:
+    """Return the complaints, and the unusable parts of used messages, one sentence each."""
+    partly = (f'messages not used wholly: {reason}' for reason in explain(session, session.replaced))
+    return [*complaints(session), *partly]
+
+
+def estimate_report(state: RunState) -> Report:
+    """Return the report on the last estimate."""
+    estimate, robot = state.estimate, state.session.robot if state.session else None
     if estimate is None:
         return WARN, f'waiting: {state.halted.partition(":")[0]}' if state.halted else 'waiting', []
     causes = [cause for cause, _ in estimate.likely_causes[:_CAUSES]]
+    reached, verdict = state.plan or (False, '')
+    noise = estimate.noise.shown() if estimate.noise else []
     values: Values = [
         ('stale', bool(state.stale)),
         ('method', estimate.method),
         ('stage', estimate.stage),
-        ('phase', state.session.robot.phase if state.session else ''),
-        ('known bodies', (state.session.robot.calibrated if state.session else '') or 'as in the robot description'),
+        ('phase', robot.phase if robot else ''),
+        ('known bodies', (robot.calibrated if robot else '') or 'as in the robot description'),
         ('time (s)', f'{estimate.time:.3f}'),
         ('samples', estimate.samples),
         ('residual', f'{estimate.residual:.3g}'),
@@ -134,12 +170,12 @@ def estimate_report(state: State) -> Report:
         *_parameters(estimate),
         *((f'likely cause {index + 1}', cause) for index, cause in enumerate(causes)),
         (NEXT, state.advice),
-        *_plan(state),
+        *([('plan reaches what is wanted', reached), ('plan', verdict)] if state.plan else []),
         (MAIN_CAUSES, '' if estimate.budget is None else estimate.budget.told(estimate.std)),
         (UNCHECKED, '' if estimate.budget is None else estimate.budget.resting()),
         ('linear momentum (N s)', numbers(estimate.momentum[:3])),
         ('angular momentum (N m s)', numbers(estimate.momentum[3:])),
-        *_noise(estimate.noise),
+        *((f'noise of {name} ({unit})', text) for name, unit, text in noise),
         *((f'warning {index + 1}', warning) for index, warning in enumerate(estimate.warnings)),
     ]
     level = _LEVEL_OF_STATUS[estimate.status]
@@ -152,21 +188,6 @@ def estimate_report(state: State) -> Report:
     return level, text, values
 
 
-def _plan(state: State) -> Values:
-    """Return what the motion on ~/motion comes to."""
-    if state.plan is None:
-        return []
-    reached, verdict = state.plan
-    return [('plan reaches what is wanted', reached), ('plan', verdict)]
-
-
-def _noise(levels: SensorLevels | None) -> Values:
-    """Return how noisy each sensor is declared to be, and how noisy its readings are."""
-    if levels is None:
-        return []
-    return [(f'noise of {name} ({unit})', text) for name, unit, text in levels.shown()]
-
-
 def _parameters(estimate: Estimate) -> Values:
     rows: Values = []
     for name, unit, value, std in zip(PARAMETERS, UNITS, estimate.parameters, estimate.std, strict=True):
@@ -177,5 +198,105 @@ def _parameters(estimate: Estimate) -> Values:
 
 
 def numbers(values: Sequence[float] | Array) -> str:
-    """Return numbers as they are told, apart from each other by a space."""
+    """Return numbers for /diagnostics, separated by spaces."""
     return ' '.join(f'{value:.6g}' for value in values)
+
+
+class RunLog:
+    """The terminal output of the estimator: each thing once."""
+
+    def __init__(self, log: Any) -> None:
+        self._log = log
+        self._warned: set[str] = set()
+        self.begin()
+
+    def begin(self, *, warned: bool = False) -> None:
+        """Begin a run: lines about data may come again, warnings only if not `warned`."""
+        if not warned:
+            self._warned.clear()
+        self._since = monotonic()
+        self._logged_waiting = False
+        self._status = ''
+        self._logged_joints = False
+        self._advised: set[str] = {''}
+
+    def robot(self, summary: ModelSummary, method: str) -> None:
+        """Log the summary of the robot description."""
+        for line in (*summary.lines, f'method {method}'):
+            self.event(line)
+        for warning in summary.warnings:
+            self._log.warning(one_line(warning))
+
+    def joints(self, summary: ModelSummary) -> None:
+        """Log, once messages have come, the joints that the robot description lacks."""
+        if not self._logged_joints and summary.foreign:
+            self.event(f'joints of the messages that the robot description lacks: {listing(summary.foreign)}')
+        self._logged_joints = True
+
+    def waiting(self, awaited: Sequence[str]) -> None:
+        """Log awaited messages, once, after a while; call it regularly."""
+        if awaited and not self._logged_waiting and monotonic() - self._since > PATIENCE:
+            self._logged_waiting = True
+            for each in awaited:
+                self._log.warning(one_line(f'waiting for {each}'))
+
+    def estimate(self, estimate: Estimate) -> None:
+        """Log the first estimate, and each whose status differs from the last one's."""
+        self._log.debug(
+            f'window to {estimate.time:.3f} s: {estimate.status}, {estimate.samples} samples, residual '
+            f'{estimate.residual:.3g}, {_method(estimate)}'
+        )
+        # Hardly any motion determines anything in its first seconds: no reason for alarm yet.
+        early = estimate.status == 'not_identifiable' and estimate.time < PATIENCE and not estimate.contradicted
+        if early or estimate.status in {'waiting', self._status}:
+            return
+        first, self._status = not self._status, estimate.status
+        lead = 'first estimate, ' if first else ''
+        text = one_line(f'{lead}{estimate.status.replace("_", " ")} after {estimate.time:.1f} s: {headline(estimate)}')
+        # One call a level: rclpy ties a line of code to the level of its first call.
+        if estimate.status in _ALARMING:
+            self._log.warning(text)
+        else:
+            self._log.info(text)
+
+    def warn_once(self, text: str) -> None:
+        """Log a warning, unless it differs from an earlier one only in its numbers."""
+        if _is_new(text, self._warned):
+            self._log.warning(one_line(text))
+
+    def advice(self, text: str) -> None:
+        """Log the most informative motion, once for each joint and parameter."""
+        if _is_new(text, self._advised):
+            self.event(f'{NEXT}: {text}')
+
+    def event(self, text: str) -> None:
+        """Log an event: a reset, a pause, a capture."""
+        self._log.info(one_line(text))
+
+
+def _is_new(text: str, known: set[str]) -> bool:
+    """Return whether a text differs from the known ones in more than numbers, and remember it."""
+    key, before = _NUMBER.sub('#', text), len(known)
+    known.add(key)
+    return len(known) > before
+
+
+def headline(estimate: Estimate) -> str:
+    """Return mass and centre of mass with their 95 % bands, the residual, and the likely cause, in a line."""
+    parts = []
+    for index in range(4):
+        value, band = rounded(float(estimate.parameters[index]), float(estimate.std[index]))
+        if value:
+            parts.append(f'{PARAMETERS[index]} {value}{f" ± {band}" if band else ""} {UNITS[index]}')
+    if any('±' in part for part in parts):
+        parts.append('± 95 %')
+    parts += [f'residual {estimate.residual:.2g}', _method(estimate)]
+    if estimate.likely_causes:
+        parts.append(f'likely cause: {estimate.likely_causes[0][0]}')
+    elif estimate.status in _ALARMING and estimate.warnings:
+        parts.append(estimate.warnings[0])
+    return ', '.join(parts)
+
+
+def _method(estimate: Estimate) -> str:
+    return estimate.method if estimate.stage in {'', estimate.method} else f'stage {estimate.stage}'

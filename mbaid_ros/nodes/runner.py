@@ -1,29 +1,48 @@
-"""The arguments of the nodes' executables, and their help, for which nothing of ROS is needed."""
+"""The process of a node: command line, ROS parameters, signals, spinning."""
 
 from __future__ import annotations
 
 import gc
+import math
 import re
 import signal
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any, TypeVar, cast
 
 import rclpy
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.impl.logging_severity import LoggingSeverity
-from rclpy.logging import set_logger_level
+from rclpy.logging import get_logger, set_logger_level
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from rclpy.time_source import TimeSource
 from rclpy.utilities import remove_ros_args
 
 from mbaid_ros.cli import ArgumentParser, number
+from mbaid_ros.config.parameters import ParameterSpec, build, specification, specification_of, specifications, values_of
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.nodes.clocks import refuse_negative_times
+
+T = TypeVar('T')
+
+RCLError = rclpy_implementation.RCLError
+InvalidROSArgsError = rclpy_implementation.RCLInvalidROSArgsError
+UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
+
+LATENCY = 0.1  # s, after which an interrupt is noticed at the latest
+_LITTER = 20_000  # objects more than before, at which Python collects garbage by itself
+_INTEGERS = -(2**63), 2**63 - 1
+_NO_NODE = 'error creating node: '
+_SOURCE_PLACE = re.compile(r',? at \S+:\d+')
+
+# Command line
 
 
 def estimator_arguments() -> ArgumentParser:
@@ -109,17 +128,6 @@ PARSERS = {
 }
 
 
-RCLError = rclpy_implementation.RCLError
-InvalidROSArgsError = rclpy_implementation.RCLInvalidROSArgsError
-UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
-
-LATENCY = 0.1  # s, after which an interrupt is noticed at the latest
-_LITTER = 20_000  # objects more than before, at which Python looks for garbage by itself
-
-_NO_NODE = 'error creating node: '
-_SOURCE_PLACE = re.compile(r',? at \S+:\d+')
-
-
 def own_arguments(argv: Sequence[str]) -> list[str]:
     """Return the arguments that are not ROS's (``--ros-args ...``).
 
@@ -132,20 +140,94 @@ def own_arguments(argv: Sequence[str]) -> list[str]:
         return list(remove_ros_args(['', *argv])[1:])
 
 
+# Parameters
+
+
+def declare_parameters(node: Node, cls: type[T], *, settable: bool = False) -> T:
+    """Declare every parameter of a dataclass on a node and return an instance with the values given to the node.
+
+    Unlike rclpy alone, it refuses unknown names and accepts a whole number for a double, as `replay` and `simulate` do.
+    With `settable`, also parameters can be set that are read only once.
+
+    Raises
+    ------
+    ParameterError
+        An override has an unknown name, or a value that is not accepted.
+    """
+    # rclpy has no public way to the overrides of undeclared parameters, and a misspelt name stays undeclared.
+    overrides = node._parameter_overrides  # noqa: SLF001
+    known = specifications(cls)  # type: ignore[arg-type]
+    given = {name: override.value for name, override in overrides.items()}
+    # An empty list comes without a type, hence without a value.
+    empty = {name for name, value in given.items() if value is None and name in known and 'array' in known[name].type}
+    config = build(cls, given | dict.fromkeys(empty, ()))
+    for name, value in values_of(config).items():
+        spec = specification(name, cls)
+        if value == ():
+            _declare_empty_list(node, spec, settable=settable)
+        else:
+            plain = list(value) if isinstance(value, tuple) else value
+            node.declare_parameter(spec.name, plain, _descriptor(spec, settable=settable), ignore_override=True)
+    return config
+
+
+def changed(node: Node, cls: type[T], parameters: Sequence[Parameter]) -> T:
+    """Return the parameters of a node with some set to other values.
+
+    Raises
+    ------
+    ParameterError
+        A value is not accepted.
+    """
+    declared = cast('dict[str, Parameter]', node.get_parameters_by_prefix(''))  # those of ROS itself among them
+    values = {name: one.value for name, one in declared.items() if specification_of(name, cls)}
+    values |= {parameter.name: parameter.value for parameter in parameters if parameter.name in values}
+    return build(cls, values)
+
+
+def _declare_empty_list(node: Node, spec: ParameterSpec, *, settable: bool) -> None:
+    """Declare a list by its type: rclpy takes an empty one for a list of bytes."""
+    kind = Parameter.Type[spec.type.upper()]
+    # Declared by type, a parameter has no value; it can be given one before it becomes read-only.
+    node.declare_parameter(spec.name, kind, ignore_override=True)
+    node.set_parameters([Parameter(spec.name, kind, [])])  # type: ignore[no-untyped-call]
+    descriptor = _descriptor(spec, settable=settable)
+    descriptor.name, descriptor.type = spec.name, kind.value
+    node.set_descriptor(spec.name, descriptor)
+
+
+def _descriptor(spec: ParameterSpec, *, settable: bool) -> ParameterDescriptor:
+    when = 'is configured' if settable else 'starts'
+    descriptor = ParameterDescriptor(
+        description=spec.description,
+        additional_constraints=f'{spec.accepted}; read when the node {when}' if spec.read_only else spec.accepted,
+        read_only=spec.read_only and not settable,
+    )
+    if spec.minimum is None and spec.maximum is None:
+        return descriptor
+    # An exclusive minimum, or the range of each number of a list, is described in words only.
+    low, high = spec.minimum, spec.maximum
+    if spec.type == 'double':
+        ends = -math.inf if low is None else float(low), math.inf if high is None else float(high)
+        descriptor.floating_point_range = [FloatingPointRange(from_value=ends[0], to_value=ends[1])]
+    elif spec.type == 'integer':
+        whole = _INTEGERS[0] if low is None else int(low), _INTEGERS[1] if high is None else int(high)
+        descriptor.integer_range = [IntegerRange(from_value=whole[0], to_value=whole[1], step=0)]
+    return descriptor
+
+
+# ROS and its signals
+
+
 class Interrupt:
-    """SIGINT (Ctrl-C) and SIGTERM, noticed between two callbacks.
+    """SIGINT (Ctrl-C) and SIGTERM, noticed between two callbacks: `requested` is whether one has come.
 
-    ROS's own handlers shut it down at once, whatever a callback is about to publish, and Python's raise in the middle
-    of it, where the conversion of a message may turn that into another error.
-
-    Attributes
-    ----------
-    requested : whether one has come
+    ROS's own handlers shut it down at once, before a callback has published, and Python's raise in the middle of one.
     """
 
     def __init__(self) -> None:
         self.requested = False
-        # For good: another one, while what is left is being done, must not cut that short.
+        # For good: a second signal must not cut the completion short.
         for each in (signal.SIGINT, signal.SIGTERM):
             signal.signal(each, self._on_signal)
 
@@ -155,17 +237,17 @@ class Interrupt:
 
 @contextmanager
 def ros(argv: Sequence[str]) -> Iterator[Interrupt]:
-    """Initialise ROS for the duration of a block, and give it what an interrupt sets.
+    """Initialise ROS for the duration of a block, and yield the interrupt.
 
     Raises
     ------
     ParameterError
-        ROS does not accept the arguments, or what the environment asks for: security without what it takes.
+        ROS does not accept the arguments, or the environment: security without its files.
     """
     with _refusals():
         rclpy.init(args=['', *argv], signal_handler_options=SignalHandlerOptions.NO)
-    refuse_negative_times()
-    # What rcl does not take apart of a node that it could not make says nothing that the error does not.
+    _refuse_negative_times()
+    # A node that rcl could not make raises an error that this warning adds nothing to.
     warnings.filterwarnings('ignore', message='Failed to fini rosout publisher', category=RuntimeWarning)
     try:
         yield Interrupt()
@@ -178,22 +260,36 @@ def ros(argv: Sequence[str]) -> Iterator[Interrupt]:
 
 
 def spin(node: Node, over: Callable[[], object]) -> None:
-    """Run a node's callbacks, one at a time, until something is over."""
-    # Of rclpy's executors the one that keeps up with two topics at 1 kHz.
-    executor = SingleThreadedExecutor()
+    """Run a node's callbacks, one at a time, until `over()`."""
+    executor = SingleThreadedExecutor()  # the one of rclpy's that keeps up with two topics at 1 kHz
     executor.add_node(node)
     node.create_timer(LATENCY, lambda: None, clock=Clock(clock_type=ClockType.STEADY_TIME))  # a reason to look again
-    # What there is by now stays: to look through all of it for garbage would hold messages up, 40 ms each time. A node
-    # that has to be quick at times looks through the rest when there is time, before Python does it when there is none.
+    # Collecting all objects there are by now would delay messages by 40 ms each time. The estimator collects the others
+    # after its estimates, before Python does at a worse time.
     gc.freeze()
     gc.set_threshold(_LITTER)
     while not over():
         executor.spin_once()
 
 
+def _refuse_negative_times() -> None:
+    """Ignore negative times on /clock, for which rclpy ends a node."""
+    take = TimeSource.clock_callback
+    log: Any = get_logger('clock')
+
+    def take_unless_negative(source: TimeSource, message: Any) -> None:
+        if message.clock.sec < 0:
+            text = f'a time on /clock is negative, {message.clock.sec} s: it is not taken'
+            log.warning(text, once=True)
+        else:
+            take(source, message)
+
+    TimeSource.clock_callback = take_unless_negative  # type: ignore[method-assign, assignment]
+
+
 @contextmanager
 def _refusals() -> Iterator[None]:
-    """Turn what rcl raises about arguments into ParameterErrors, and keep it from logging a line of its own."""
+    """Turn rcl's errors about arguments into ParameterErrors, and suppress its own log lines of them."""
     set_logger_level('rcl', LoggingSeverity.FATAL)
     try:
         yield
@@ -206,7 +302,7 @@ def _refusals() -> Iterator[None]:
 
 
 def _reason(text: str) -> str:
-    """Return what rcl says about an argument, without its source files, and with a hint where it is cryptic."""
+    """Return an error of rcl without its source files, and with a hint if it is cryptic."""
     reason = _SOURCE_PLACE.sub('', text)
     for prefix in ('failed to initialize rcl: ', 'Failed to parse ROS arguments: ', _NO_NODE):
         reason = reason.removeprefix(prefix)

@@ -24,11 +24,9 @@ from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.messages import trajectory_of
-from mbaid_ros.nodes.parameters import declare_parameters
 from mbaid_ros.nodes.player import Pace
-from mbaid_ros.nodes.publishers import TYPES
-from mbaid_ros.nodes.qos import LATCHED, qos
-from mbaid_ros.nodes.runner import own_arguments, ros, simulator_arguments, spin
+from mbaid_ros.nodes.runner import declare_parameters, own_arguments, ros, simulator_arguments, spin
+from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, qos
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 
 NAME = 'simulator'
@@ -38,12 +36,12 @@ _SHORTEST_PERIOD = 0.001  # s, of the timer; at higher rates it publishes severa
 _LONGEST_PERIOD = 0.1  # s: however slow it is, subscribers that it waits for and its end are noticed
 _PATIENCE = 2.0  # s, with subscribers that have not got everything when the run is over
 _DEPTH = 5000  # messages kept for a slow subscriber: no fewer than the estimator keeps
-_AT_ONCE = 200  # messages of each kind that are told at once
-_LATE = 1.0  # s, by which a run is late when that is told
+_AT_ONCE = 200  # messages of each kind that are published at once
+_LATE = 1.0  # s, by which a run is late when that is logged
 
 
 class SimulatorNode(Node):
-    """Publishes what a simulated run says when it is due.
+    """Publishes the messages of a simulated run when they are due.
 
     Raises
     ------
@@ -58,20 +56,20 @@ class SimulatorNode(Node):
             raise ParameterError("parameter 'robot_description_file' is empty; accepted: the path of a URDF file")
         urdf = read_robot_description(self._config.robot_description_file)
         self._run = SimulatedRun(self._config, urdf, TYPES)
-        self._outlets = {
-            'joint_states': self.create_publisher(JointState, 'joint_states', qos(_DEPTH)),
-            'odom': self.create_publisher(Odometry, 'odom', qos(_DEPTH)),
+        config, simulated = self._config, self._run
+        topics: dict[str, tuple[type, bool]] = {
+            'joint_states': (JointState, True),
+            'odom': (Odometry, True),
+            'thrust': (WrenchStamped, simulated.pulse is not None and config.thrust.publish),
+            'imu': (Imu, config.imu.rate > 0.0),
+            'stored_momentum': (Vector3Stamped, simulated.publishes_momentum),
         }
-        self._inputs = list(self._outlets.values())  # what an estimator needs
-        if self._run.pulse is not None and self._config.thrust.publish:
-            self._outlets['thrust'] = self.create_publisher(WrenchStamped, 'thrust', qos(_DEPTH))
-        if self._config.imu.rate > 0.0:
-            self._outlets['imu'] = self.create_publisher(Imu, 'imu', qos(_DEPTH))
-        if self._run.tells_momentum:
-            self._outlets['stored_momentum'] = self.create_publisher(Vector3Stamped, 'stored_momentum', qos(_DEPTH))
-        self._clock_outlet = (
-            self.create_publisher(ClockMessage, '/clock', qos(10)) if self._config.publish_clock else None
-        )
+        self._topics = {
+            topic: self.create_publisher(message_type, topic, qos(_DEPTH))
+            for topic, (message_type, wanted) in topics.items()
+            if wanted
+        }
+        self._clock_topic = self.create_publisher(ClockMessage, '/clock', qos(10)) if config.publish_clock else None
         self._description = self.create_publisher(String, 'robot_description', LATCHED)
         self._truth = self.create_publisher(InertiaStamped, '~/truth', LATCHED)
         self.create_subscription(JointTrajectory, 'joint_trajectory', self._on_trajectory, qos(1))
@@ -79,13 +77,13 @@ class SimulatorNode(Node):
         self._computed = -math.inf  # s of the run that the messages computed so far reach
         rate = max(self._config.joint_rate, self._config.odometry_rate)
         self._pace = Pace(self._config.real_time_factor, _AT_ONCE / max(rate, self._config.imu.rate))
-        self._clock_told = -math.inf  # s of the run that /clock has told
+        self._clock_published = -math.inf  # s of the run on /clock
         self.over = False  # whether everything has been published
         self._description.publish(self._run.description())
-        self._say_what_runs()
+        self._log_run()
         if not self._config.wait_for_subscribers:
             self._start()
-        # A clock that nothing stops: this node is what others may take their time from.
+        # A clock that nothing stops: this node may be the source of simulated time.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         period = 1.0 / (rate * self._config.real_time_factor)
         self.create_timer(max(_SHORTEST_PERIOD, min(period, _LONGEST_PERIOD)), self._on_timer, clock=steady)
@@ -101,7 +99,7 @@ class SimulatorNode(Node):
         """Publish what is due."""
         if not self._pace.begun:
             wanted = self._config.wait_for_subscribers
-            if any(outlet.get_subscription_count() < wanted for outlet in self._inputs):
+            if any(self._topics[topic].get_subscription_count() < wanted for topic in ('joint_states', 'odom')):
                 return
             self._start()
         now = self._pace.now()
@@ -117,11 +115,11 @@ class SimulatorNode(Node):
         while self._waiting and self._waiting[0].time <= now:
             timed = self._waiting.popleft()
             self._publish_clock(timed.time)
-            self._outlets[timed.topic].publish(timed.message)
+            self._topics[timed.topic].publish(timed.message)
         if over:
-            for outlet in (*self._outlets.values(), self._clock_outlet):
-                if outlet is not None:
-                    outlet.wait_for_all_acked(Duration(seconds=_PATIENCE))
+            for publisher in (*self._topics.values(), self._clock_topic):
+                if publisher is not None:
+                    publisher.wait_for_all_acked(Duration(seconds=_PATIENCE))
             self.get_logger().info(f'{duration:g} s are over')  # type: ignore[no-untyped-call]
             self.over = True
 
@@ -145,11 +143,11 @@ class SimulatorNode(Node):
         self._waiting.extend(self._run.read(self._computed))
 
     def _publish_clock(self, when: float) -> None:
-        if self._clock_outlet is not None and when > self._clock_told:
-            self._clock_outlet.publish(self._run.clock(when))
-            self._clock_told = when
+        if self._clock_topic is not None and when > self._clock_published:
+            self._clock_topic.publish(self._run.clock(when))
+            self._clock_published = when
 
-    def _say_what_runs(self) -> None:
+    def _log_run(self) -> None:
         config = self._config
         length = f'{config.duration:g} s' if config.duration > 0.0 else 'until it is stopped'
         seed = '' if self._run.errors.exact else f' of model_errors.seed {config.model_errors.seed}'

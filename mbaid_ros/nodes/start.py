@@ -1,7 +1,6 @@
-"""The executables' entry points: what a signal does while a node is still being imported, which takes seconds.
+"""The executables' entry points: they end at once on a signal while a node is being imported, which takes seconds.
 
-Nothing has begun by then, so that there is nothing to complete: the process ends at once, as a shell expects. This is
-why all that takes time is imported in a function.
+Nothing has begun by then that would need completion. This is why everything slow is imported in a function.
 """
 
 from __future__ import annotations
@@ -9,10 +8,9 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from functools import partial
 from importlib import import_module
 from types import FrameType
-
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def _leave(number: int, _frame: FrameType | None) -> None:
@@ -20,8 +18,8 @@ def _leave(number: int, _frame: FrameType | None) -> None:
 
 
 def _start(name: str) -> int:
-    """Import a node and run it; it has its own way with signals from `runner.ros` on."""
-    for number in _SIGNALS:
+    """Import a node, run it and return the exit code; `runner.ros` handles signals from its call on."""
+    for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _leave)
     if not {'-h', '--help'}.isdisjoint(sys.argv):
         from mbaid_ros.cli import run  # noqa: PLC0415 - after the signals
@@ -32,26 +30,6 @@ def _start(name: str) -> int:
     return code
 
 
-def estimator() -> int:
-    """Run the node `estimator` and return the exit code."""
-    return _start('estimator')
-
-
-def player() -> int:
-    """Run the node `player` and return the exit code."""
-    return _start('player')
-
-
-def recorder() -> int:
-    """Run the node `recorder` and return the exit code."""
-    return _start('recorder')
-
-
-def simulator() -> int:
-    """Run the node `simulator` and return the exit code."""
-    return _start('simulator')
-
-
-def watch() -> int:
-    """Run `watch` and return its exit code."""
-    return _start('watch')
+estimator, player, recorder, simulator, watch = (
+    partial(_start, name) for name in ('estimator', 'player', 'recorder', 'simulator', 'watch')
+)

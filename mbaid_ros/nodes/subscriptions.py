@@ -1,81 +1,142 @@
-"""Names of topics as bags, parameters and other programs give them, which may be none to ROS."""
+"""Topics: qualities of service, subscriptions that lose nothing of a reliable publisher, and robot descriptions."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
+from functools import cache
+from importlib import import_module
 from typing import Any
 
-from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
+from rclpy.event_handler import PublisherEventCallbacks, QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.qos import ReliabilityPolicy, qos_policy_name_from_kind
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from std_msgs.msg import String
 
 from mbaid_ros.cdr import packer
+from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.files import as_utf8
 from mbaid_ros.messages import stamp_of
-from mbaid_ros.nodes.qos import overridable, qos
 from mbaid_ros.nodes.runner import RCLError
+from mbaid_ros.outgoing import MessageTypes
+
+RMWError = rclpy_implementation.RMWError
+
+DEPTH = 5000  # messages: what arrives at 1 kHz during five seconds of work on a window
+_OVERRIDABLE = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
+
+
+def qos(depth: int, *, best_effort: bool = False, latched: bool = False) -> QoSProfile:
+    """Return a profile that keeps the last `depth` messages; latched: for later subscribers, too (transient local)."""
+    return QoSProfile(  # type: ignore[no-untyped-call]
+        depth=depth,
+        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+LATCHED = qos(1, latched=True)
+
+
+def quiet_publisher(node: Node, message_type: type, topic: str, profile: QoSProfile) -> Publisher:
+    """Return a publisher without the two event handlers that rclpy adds to each.
+
+    They only log that a subscriber asks for more than is offered, but the executor visits all handlers of a node for
+    every message: a tenth of the work of a node that receives thousands a second.
+    """
+    return node.create_publisher(
+        message_type,
+        topic,
+        copy(profile),  # overrides go into it
+        event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+        qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE),
+    )
+
+
+@cache
+def message_class(type_name: str) -> Any:
+    """Return rclpy's class of a message type: ``package/msg/Type``."""
+    package, _, name = type_name.split('/')
+    return getattr(import_module(f'{package}.msg'), name)
+
+
+TYPES = MessageTypes(find=message_class, flags=lambda flags: flags.tolist())
+
+
+def type_name_of(message_type: type) -> str:
+    """Return the name of a ROS message class: ``package/msg/Type``."""
+    return message_type.__module__.split('.')[0] + '/msg/' + message_type.__name__
+
+
+def tf_message(because: str, accepted: str) -> Any:
+    """Return the class of the messages on /tf, which not every installation has.
+
+    An error names the parameter (`because`) that needs it, and its value (`accepted`) without.
+
+    Raises
+    ------
+    ParameterError
+        It is not installed.
+    """
+    try:
+        return import_module('tf2_msgs.msg').TFMessage
+    except ImportError as error:
+        raise ParameterError(
+            f'{because}, but the message package tf2_msgs is not installed; accepted: {accepted}, '
+            'or apt install ros-jazzy-tf2-msgs'
+        ) from error
 
 
 def why_no_topic(node: Node, name: str) -> str:
     """Return why a node can have no topic of a name; empty if it can."""
     try:
-        node.resolve_topic_name(as_utf8(name))  # with what is no text escaped, it is a name even less
+        node.resolve_topic_name(as_utf8(name))  # undecodable bytes are escaped, which no topic name allows
     except RCLError as error:
         return str(error).removeprefix('failed to resolve name: ').partition(', at /')[0]
     return ''
 
 
-RMWError = rclpy_implementation.RMWError
-
-DEPTH = 5000  # messages: what arrives at 1 kHz during five seconds of work on a window
-
-
 class Subscriptions:
     """Receives messages of one topic and loses none of a reliable publisher.
 
-    The subscription asks for reliable delivery. A best-effort publisher does not offer that, and the middleware says so
-    when it finds one: only then is best effort asked for, until no publisher is left. A reliability that is set by a
-    parameter qos_overrides.<topic>.subscription.reliability stays as it is set.
+    It asks for reliable delivery, and for best effort as long as a publisher offers no more. A reliability set by a
+    parameter qos_overrides.<topic>.subscription.reliability stays.
 
     Parameters
     ----------
-    node : Node
-    message_type : type
-        The ROS message class.
-    topic : str
-    take : callable
-        Called with each message: as a packet of `mbaid_ros.cdr` where that knows the type and understands the bytes,
-        which takes a fraction of the time; else as an object.
-    others : sequence of types
-        Message classes that are taken, too: of the one that a publisher turns out to have while nothing has come.
+    node, message_type, topic : as for rclpy
+    callback : called with each message: as a packet of `mbaid_ros.cdr` if that knows the type and understands the
+        bytes, which takes a fraction of the time; else as an object
+    others : further message classes; one of these is subscribed to if publishers offer it before anything has come
     """
 
     def __init__(
-        self, node: Node, message_type: type, topic: str, take: Callable[[Any], None], others: Sequence[type] = ()
+        self, node: Node, message_type: type, topic: str, callback: Callable[[Any], None], others: Sequence[type] = ()
     ) -> None:
         self._node = node
         self._message_type = message_type
         self._types = {type_name_of(each): each for each in (message_type, *others)}
         self._given_topic = topic
-        self._take = take
+        self._callback = callback
         self._pack = packer(self.type_name)
         self.received = 0
         self.timed: tuple[int, int] | None = None  # of a recent message: stamp, and the node's clock at its arrival, ns
         self._to_be_timed = True
         self.best_effort = False
         self._profile = qos(DEPTH)
-        self._subscription = self._subscribe(overridable())  # overrides go into the profile
-        self._set = self._profile.reliability == ReliabilityPolicy.BEST_EFFORT  # by a parameter
-        self.best_effort = self._set
+        self._subscription = self._subscribe(QoSOverridingOptions(_OVERRIDABLE))  # overrides go into the profile
+        self._overridden = self._profile.reliability == ReliabilityPolicy.BEST_EFFORT
+        self.best_effort = self._overridden
 
     @property
     def topic(self) -> str:
-        """Name of the topic as the graph has it, after remapping."""
+        """Name of the topic on the graph, after remapping."""
         return str(self._subscription.topic_name)
 
     @property
@@ -85,30 +146,27 @@ class Subscriptions:
 
     @property
     def type_names(self) -> tuple[str, ...]:
-        """Names of all types that are taken."""
+        """Names of all accepted types."""
         return tuple(self._types)
 
     def refresh(self) -> None:
-        """Follow what the publishers offer, and time a message. Call it regularly.
-
-        Reliable delivery is asked for again once the best-effort publisher is gone.
-        """
+        """Follow the types and reliability that publishers offer, and time a message. Call it regularly."""
         self._to_be_timed = True
         if not self.received and len(self._types) > 1:
-            self._take_type()
-        if self.best_effort and not self._set and not self._subscription.get_publisher_count():
+            self._follow_type()
+        if self.best_effort and not self._overridden and not self._subscription.get_publisher_count():
             self._resubscribe(best_effort=False)
 
     def publishers(self) -> list[TopicEndpointInfo]:
-        """Return what is known of the topic's publishers."""
+        """Return the topic's publishers."""
         return list(self._node.get_publishers_info_by_topic(self.topic))
 
     def close(self) -> None:
         """Receive no more."""
         self._node.destroy_subscription(self._subscription)
 
-    def _take_type(self) -> None:
-        """Subscribe with the type of the publishers, where that is another one that is taken."""
+    def _follow_type(self) -> None:
+        """Subscribe with the type of the publishers if it is another accepted one."""
         offered = [info.topic_type for info in self.publishers()]
         wanted = [name for name in offered if name in self._types]
         if wanted and self.type_name not in wanted:
@@ -119,7 +177,7 @@ class Subscriptions:
     def _resubscribe(self, *, best_effort: bool) -> None:
         self.best_effort = best_effort
         self._node.destroy_subscription(self._subscription)
-        # The parameters of the first subscription hold what it had: they would bring that back.
+        # The parameters of the first subscription hold its reliability: they would bring that back.
         self._profile.reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
         self._subscription = self._subscribe(None)
 
@@ -146,10 +204,10 @@ class Subscriptions:
         if self._to_be_timed and not hasattr(message, 'transforms'):
             self._to_be_timed = False
             self.timed = stamp_of(message), self._node.get_clock().now().nanoseconds
-        self._take(message)
+        self._callback(message)
 
     def _object(self, data: bytes) -> Any:
-        """Return what the middleware makes of bytes, None if it cannot make a message of them."""
+        """Return the message in bytes, None if the middleware cannot decode them."""
         try:
             return deserialize_message(data, self._message_type)
         except RMWError:
@@ -166,6 +224,26 @@ class Subscriptions:
         self._resubscribe(best_effort=True)
 
 
-def type_name_of(message_type: type) -> str:
-    """Return the name of a ROS message class: ``package/msg/Type``."""
-    return message_type.__module__.split('.')[0] + '/msg/' + message_type.__name__
+class DescriptionSubscription:
+    """Receives robot descriptions: latched ones, and those of a publisher that does not latch (``ros2 topic pub``)."""
+
+    def __init__(self, node: Node, callback: Callable[[String], None]) -> None:
+        self._node = node
+        self._callback = callback
+        events = SubscriptionEventCallbacks(
+            incompatible_qos=lambda _event: self._subscribe_to_unlatched(), use_default_callbacks=False
+        )
+        self._subscriptions = [
+            node.create_subscription(String, 'robot_description', callback, LATCHED, event_callbacks=events)
+        ]
+        self.topic = str(self._subscriptions[0].topic_name)  # after remapping
+
+    def close(self) -> None:
+        """Receive no more."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+
+    def _subscribe_to_unlatched(self) -> None:
+        if len(self._subscriptions) == 1:
+            unlatched = self._node.create_subscription(String, 'robot_description', self._callback, qos(1))
+            self._subscriptions.append(unlatched)

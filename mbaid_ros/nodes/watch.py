@@ -24,11 +24,11 @@ from mbaid_ros.cli import one_line, run
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, ErrorBudget, rounded
-from mbaid_ros.nodes.qos import qos
 from mbaid_ros.nodes.runner import own_arguments, ros, spin, watch_arguments
+from mbaid_ros.nodes.subscriptions import qos
 
 NARROWEST = 20  # columns
-ESTIMATE, NEXT = 'estimate', 'next'  # a status of /diagnostics, and its key of what motion would help most
+ESTIMATE, NEXT = 'estimate', 'next'  # a status of /diagnostics, and its key of the most informative motion
 _DECADES = 3.0  # an empty bar is a relative standard deviation of 100 %, a full one 0.1 %
 _COLUMNS_WITHOUT_BAR = 36
 
@@ -39,10 +39,9 @@ def screen(message: Any, topic: str, width: int, sign: str = '\N{PLUS-MINUS SIGN
     Parameters
     ----------
     message : mbaid_msgs/InertiaEstimate
-    topic : where it came from
-    width : columns of the terminal
+    topic, width : its topic; columns of the terminal
     sign : plus-minus, as the terminal can show it
-    advice : what motion would help most
+    advice : the most informative motion, in words
     """
     values, stds = numbers(message)
     lines = [
@@ -94,7 +93,7 @@ def numbers(message: Any) -> tuple[Array, Array]:
 
 
 def budget(message: Any) -> str:
-    """Return what makes most of the variances, in a few words; empty where the message does not tell."""
+    """Return the main causes of the variances, in a few words; empty if the message has none."""
     causes, shares = tuple(message.budget_causes), np.asarray(message.budget_shares, dtype=float)
     if not causes or len(shares) != len(PARAMETERS) * len(causes):
         return ''
@@ -102,7 +101,7 @@ def budget(message: Any) -> str:
 
 
 def certainty(values: Array, stds: Array) -> Array:
-    """Return how far each parameter has come, 0 to 1, by its standard deviation on a logarithmic scale.
+    """Return the progress of each parameter, 0 to 1, by its standard deviation on a logarithmic scale.
 
     The mass counts relative to itself, the CoM to a metre, the inertia to its largest moment.
     """
@@ -147,7 +146,7 @@ def _span(message: Any) -> float:
 
 
 def drawn(lines: Sequence[str], height: int) -> str:
-    """Return what makes a terminal show lines in place of what was there, without colour and without flicker."""
+    """Return lines with the control sequences that replace the last ones, without colour and without flicker."""
     shown = list(lines[: max(height - 1, 1)])
     return '\x1b[H' + ''.join(f'{text}\x1b[K\n' for text in shown) + '\x1b[J'
 
@@ -155,19 +154,19 @@ def drawn(lines: Sequence[str], height: int) -> str:
 NAME = 'watch'
 TYPE = 'mbaid_msgs/msg/InertiaEstimate'
 _PERIOD = 0.2  # s, between two looks at the graph for an estimator
-_PATIENCE = 5.0  # s without one, after which it is said what may be wrong
+_PATIENCE = 5.0  # s without one, after which a hint follows
 _DEBRIS = '/debris'  # the end of a topic that is shown only if it is asked for
 
 
 class WatchNode(Node):
-    """Finds an estimator and shows what it says.
+    """Finds an estimator and shows its estimates.
 
     Parameters
     ----------
     wanted : name of an estimator or of its topic; empty for the first one that is found
-    show : called with the message, the topic, and what motion would help most, in words
-    hint : called with what a user should know about the graph
-    context : rclpy's, its own one where not given
+    show : called with the message, the topic, and the most informative motion in words
+    hint : called with hints about the graph
+    context : rclpy's default one where not given
     """
 
     def __init__(
@@ -220,7 +219,7 @@ class WatchNode(Node):
         return not self._wanted or topic in {absolute, f'{absolute}/estimate'}
 
     def _hint_at(self, found: Sequence[str]) -> None:
-        """Say once, after a while, why there may be nothing to show."""
+        """Hint once, after a while, at why there may be nothing to show."""
         if self._hinted or monotonic() - self._begin < _PATIENCE:
             return
         self._hinted = True
@@ -235,34 +234,23 @@ class WatchNode(Node):
 
 
 class Screen:
-    """Shows each estimate in place of the last one.
-
-    Parameters
-    ----------
-    stream : a terminal
-    """
+    """Shows each estimate on a terminal in place of the last one."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
         self._sign = sign_for(stream)
-        self._begun = False
+        self._clear = '\x1b[2J'  # before the first
 
     def __call__(self, message: InertiaEstimate, topic: str, advice: str = '') -> None:
         """Show a message."""
         size = shutil.get_terminal_size((80, 24))
-        begin = '' if self._begun else '\x1b[2J'
-        self._begun = True
-        self._stream.write(begin + drawn(screen(message, topic, size.columns, self._sign, advice), size.lines))
+        clear, self._clear = self._clear, ''
+        self._stream.write(clear + drawn(screen(message, topic, size.columns, self._sign, advice), size.lines))
         self._stream.flush()
 
 
 class Lines:
-    """Writes each estimate as a line.
-
-    Parameters
-    ----------
-    stream : a file or pipe
-    """
+    """Writes each estimate as a line to a file or pipe."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream

@@ -1,10 +1,9 @@
-"""Anybody's CSV: a YAML file says which columns are what, in which units."""
+"""CSV of any kind: a YAML file maps its columns, with their units."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +20,7 @@ _COLUMN_KEYS = ('column', 'scale', 'offset')
 
 
 def read_csv(path: Path, columns: Path) -> Recording:
-    """Return a log in CSV.
-
-    Parameters
-    ----------
-    path : the table
-    columns : YAML file that says what its columns are (docs/hardware.md)
+    """Return a log in CSV, whose columns a YAML file describes (docs/hardware.md).
 
     Raises
     ------
@@ -35,7 +29,7 @@ def read_csv(path: Path, columns: Path) -> Recording:
     ParameterError
         The YAML file cannot be used, or does not fit the table.
     """
-    mapping = _Mapping(read_yaml(columns, 'column mapping'), str(columns), 'it', _KEYS)
+    mapping = _Mapping(read_yaml(columns, 'column mapping'), str(columns), '', _KEYS)
     separator = mapping.text('separator', ',')
     if len(separator) != 1:
         raise ParameterError(f"{mapping.where('separator')} is '{separator}'; accepted: one character")
@@ -84,12 +78,13 @@ def _joints(mapping: _Mapping, reading: _Reading, time: Array) -> Joints | None:
         for name, value in joints.values.items()
     ]
     position = np.column_stack([reading.column(part.required('position'), part.where('position')) for part in parts])
-    told = [part for part in parts if 'velocity' in part.values]
-    if told and len(told) < len(parts):
-        without = next(part for part in parts if 'velocity' not in part.values)
-        raise ParameterError(f'{without.name()} has no velocity, others have; accepted: one for every joint, or none')
+    without = [part for part in parts if 'velocity' not in part.values]
+    if 0 < len(without) < len(parts):
+        raise ParameterError(
+            f'{without[0].name()} has no velocity, others have; accepted: one for every joint, or none'
+        )
     velocity = None
-    if told:
+    if not without:
         velocity = np.column_stack(
             [reading.column(part.required('velocity'), part.where('velocity')) for part in parts]
         )
@@ -108,18 +103,11 @@ def _thrust(mapping: _Mapping, reading: _Reading, time: Array) -> Thrust | None:
     return Thrust(time[used], wrench[used], thrust.text('frame', 'base_link'))
 
 
-@dataclass
 class _Reading:
-    """Takes numbers from a table.
+    """Takes numbers from a table, and counts the rows that are left out."""
 
-    Attributes
-    ----------
-    table : Table
-    """
-
-    table: Table
-
-    def __post_init__(self) -> None:
+    def __init__(self, table: Table) -> None:
+        self.table = table
         self._left_out: dict[str, int] = {}
 
     def columns(self, mapping: _Mapping, key: str, lengths: Sequence[int]) -> Array:
@@ -179,15 +167,7 @@ class _Reading:
 
 
 class _Mapping:
-    """A mapping of the YAML file, and where it stands there.
-
-    Parameters
-    ----------
-    values : what has been read
-    file : its name
-    place : of the mapping in it
-    keys : that it may have; any, if none are given
-    """
+    """A mapping at a place (empty: the whole) of the YAML file, with the keys that it may have (none: any)."""
 
     def __init__(self, values: object, file: str, place: str, keys: Sequence[str] = ()) -> None:
         self.file, self._place = file, place
@@ -201,20 +181,13 @@ class _Mapping:
             raise ParameterError(f"{self.name()} has '{unknown[0][:40]}'; accepted: {listing(keys)}")
 
     def name(self) -> str:
-        """Return what an error calls it."""
-        return (
-            f"'{self._place}' of column mapping '{self.file}'"
-            if self._place != 'it'
-            else f"column mapping '{self.file}'"
-        )
+        """Return the words for the mapping in an error."""
+        return f"'{self._place}' of column mapping '{self.file}'" if self._place else f"column mapping '{self.file}'"
 
     def where(self, key: str) -> str:
-        """Return what an error calls one of its values."""
-        return (
-            f"'{key}' of {self.name()}"
-            if self._place == 'it'
-            else f"'{self._place}.{key}' of column mapping '{self.file}'"
-        )
+        """Return the words for one of its values in an error."""
+        place = f'{self._place}.{key}' if self._place else key
+        return f"'{place}' of column mapping '{self.file}'"
 
     def required(self, key: str) -> Any:
         """Return a value that there has to be."""

@@ -15,13 +15,8 @@ if TYPE_CHECKING:  # --help needs none of it
     from mbaid_ros.recordings.recording import Recording
 
 FORMATS = ('tudelft-throw', 'spot-2021', 'spot-2023', 'csv')
-# Which formats an option is for.
-_OPTIONS = {
-    'commands': ('spot-2021',),
-    'columns': ('csv',),
-    'object': ('tudelft-throw',),
-    'dead_reckon': ('tudelft-throw',),
-}
+# The format that an option is for.
+_OPTIONS = {'commands': 'spot-2021', 'columns': 'csv', 'object': 'tudelft-throw', 'dead_reckon': 'tudelft-throw'}
 
 _DESCRIPTION = """\
 Make an MCAP bag of a log. Beside it in the folder, as far as the format says: robot.urdf, what was flown, with the
@@ -38,7 +33,7 @@ _EXAMPLE = 'ros2 run mbaid_ros convert csv run.csv --columns columns.yaml --outp
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the executable: 0 if it wrote a bag, 2 after a user's error."""
-    return cli.run(_convert, argv)
+    return cli.run(_convert, argv, 'convert')
 
 
 def _convert(argv: list[str]) -> int:
@@ -46,14 +41,13 @@ def _convert(argv: list[str]) -> int:
     from mbaid_ros.recordings.recording import write_recording  # noqa: PLC0415 - takes a while
 
     recording = _read(arguments)
-    usual = recording.span
-    span = tuple(
-        given if given is not None else usual[side] for side, given in enumerate((arguments.begin, arguments.end))
-    )
-    if not span[0] < span[1]:
-        raise ParameterError(f'--from {span[0]:g} s is not before --to {span[1]:g} s')
+    begin, end = recording.span
+    begin = begin if arguments.begin is None else arguments.begin
+    end = end if arguments.end is None else arguments.end
+    if not begin < end:
+        raise ParameterError(f'--from {begin:g} s is not before --to {end:g} s')
     output = arguments.output if arguments.output is not None else Path(arguments.log.stem)
-    count = write_recording(recording.between(*span), output)
+    count = write_recording(recording.between(begin, end), output)
     for note in recording.notes:
         print(f'mbaid_ros convert: note: {cli.one_line(note)}', file=sys.stderr)
     print(f'{count} messages: {cli.one_line(str(output))}')
@@ -61,11 +55,9 @@ def _convert(argv: list[str]) -> int:
 
 
 def _read(arguments: argparse.Namespace) -> Recording:
-    for option, formats in _OPTIONS.items():
-        if getattr(arguments, option) is not None and arguments.format not in formats:
-            raise ParameterError(
-                f'--{option.replace("_", "-")} is for {" and ".join(formats)}, not for {arguments.format}'
-            )
+    for option, form in _OPTIONS.items():
+        if getattr(arguments, option) is not None and arguments.format != form:
+            raise ParameterError(f'--{option.replace("_", "-")} is for {form}, not for {arguments.format}')
     if arguments.format == 'csv':
         if arguments.columns is None:
             raise ParameterError('csv needs --columns YAML, which says what the columns are (docs/hardware.md)')
@@ -76,12 +68,10 @@ def _read(arguments: argparse.Namespace) -> Recording:
         from mbaid_ros.recordings.throws import read_tudelft_throw  # noqa: PLC0415
 
         return read_tudelft_throw(arguments.log, arguments.object or '', dead_reckoned=bool(arguments.dead_reckon))
+    from mbaid_ros.recordings.spot import read_spot_2021, read_spot_2023  # noqa: PLC0415
+
     if arguments.format == 'spot-2023':
-        from mbaid_ros.recordings.spot_2023 import read_spot_2023  # noqa: PLC0415
-
         return read_spot_2023(arguments.log)
-    from mbaid_ros.recordings.spot import read_spot_2021  # noqa: PLC0415
-
     return read_spot_2021(arguments.log, arguments.commands)
 
 
@@ -107,7 +97,3 @@ def _parser() -> cli.ArgumentParser:
         help='tudelft-throw: also write /odom, the gyro and the accelerometer integrated in a frame that falls along',
     )
     return parser
-
-
-if __name__ == '__main__':
-    sys.exit(main())

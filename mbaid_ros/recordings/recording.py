@@ -1,11 +1,12 @@
-"""What a log holds once it is read, whatever its format, and how that becomes a bag."""
+"""The readings in a log of any format, and the bag that is written of them."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -33,15 +34,7 @@ _TYPES = {
 
 @dataclass(frozen=True)
 class Joints:
-    """N readings of joints, or commands to them.
-
-    Attributes
-    ----------
-    names : n of them
-    time : (N,) s
-    position : (N, n) rad, m for prismatic joints
-    velocity : (N, n) rad/s, m/s; None where it is not logged
-    """
+    """N readings (N,) s of n joints, or commands to them: position (N, n) rad or m, velocity too where it is logged."""
 
     names: tuple[str, ...]
     time: Array
@@ -51,15 +44,13 @@ class Joints:
 
 @dataclass(frozen=True)
 class Poses:
-    """N poses of the base, or of a frame on it.
+    """N poses of the base, or of a frame on it, at times (N,) s.
 
     Attributes
     ----------
-    time : (N,) s
     position : (N, 3) m, in the odometry frame
     orientation : (N, 4) quaternion x, y, z, w from the frame on the base to the odometry frame
     twist : (N, 6) linear and angular velocity in that frame's axes, m/s and rad/s; NaN where it is not logged
-    frame : name of the frame on the base
     """
 
     time: Array
@@ -87,14 +78,7 @@ class Thrust:
 
 @dataclass(frozen=True)
 class Imu:
-    """N readings of an IMU.
-
-    Attributes
-    ----------
-    time : (N,) s
-    angular_velocity, linear_acceleration : (N, 3) rad/s, m/s^2 without gravity's pull, in axes of the frame
-    frame : link that it is fixed to
-    """
+    """N readings (N,) s of an IMU on a link: rad/s and m/s^2 without gravity's pull, (N, 3) in axes of the link."""
 
     time: Array
     angular_velocity: Array
@@ -104,16 +88,15 @@ class Imu:
 
 @dataclass(frozen=True)
 class Recording:
-    """A log.
+    """A log; None or empty where it holds nothing.
 
     Attributes
     ----------
-    joints, poses, thrust, imu : None is what it does not hold
-    robot : URDF of what was flown; empty where the format does not say
-    parameters : text of a parameter file of the estimator; empty where there is none
-    truth : as `truth.json` has it; empty where there is none
-    notes : what a user should know of it, in words
-    span : s, begin and end of what of it is of use
+    robot : URDF of the robot that was flown
+    parameters : text of a parameter file of the estimator
+    truth : content of `truth.json`
+    notes : for the user, in words
+    span : s, begin and end of the part that is of use
     """
 
     joints: Joints | None = None
@@ -127,7 +110,7 @@ class Recording:
     span: tuple[float, float] = (-math.inf, math.inf)
 
     def between(self, begin: float, end: float) -> Recording:
-        """Return what lies between two times, s, both included."""
+        """Return the readings between two times, s, both included."""
         parts = {
             name: _between(part, begin, end)
             for name in ('joints', 'poses', 'thrust', 'imu')
@@ -171,6 +154,11 @@ def write_recording(recording: Recording, path: Path) -> int:
     return bag.messages
 
 
+def resource(name: str) -> str:
+    """Return a text file of this package: a robot description or parameters."""
+    return files(__package__).joinpath(name).read_text('utf-8')
+
+
 def turned_about_z(angle: Array) -> Array:
     """Return quaternions (N, 4) x, y, z, w of turns about z by angles (N,), rad."""
     zero = np.zeros_like(angle)
@@ -185,87 +173,72 @@ def _between(part: Any, begin: float, end: float) -> Any:
 
 def _in_order(recording: Recording) -> list[tuple[int, str, Any]]:
     """Return stamps (ns), topics and messages in the order of the stamps, joint states last."""
-    moving = [*_imus(recording.imu), *_odometry(recording.poses)]
-    found = [*_wrenches(recording.thrust), *moving, *_joint_states(recording.joints)]
-    return sorted(found, key=lambda entry: entry[0])
+    parts: tuple[tuple[str, Any, Callable[[Any, int, int], Any]], ...] = (
+        (THRUST, recording.thrust, _wrench),
+        (IMU, recording.imu, _imu),
+        (ODOMETRY, recording.poses, _odometry),
+        (JOINT_STATES, recording.joints, _joint_state),
+    )
+    messages = [
+        (stamp, topic, make(part, index, stamp))
+        for topic, part, make in parts
+        if part is not None
+        for index, stamp in enumerate(_stamps(part.time))
+    ]
+    return sorted(messages, key=lambda entry: entry[0])
 
 
-def _stamps(time: Array) -> Iterator[tuple[int, int]]:
-    """Yield the number of each reading and its stamp, ns.
-
-    Raises
-    ------
-    DataError
-        It cannot be one.
-    """
+def _stamps(time: Array) -> list[int]:
+    """Return the stamps of readings, ns; refuse times that cannot be stamps."""
     bad = ~((time >= 0.0) & (time < _LATEST))
     if np.any(bad):
         raise DataError(f'the log has a time of {time[bad][0]:g} s; accepted: 0 to {_LATEST:g} s')
-    yield from enumerate(map(round, (time * 1e9).tolist()))
+    return list(map(round, (time * 1e9).tolist()))
 
 
-def _joint_states(joints: Joints | None) -> Iterator[tuple[int, str, Any]]:
-    if joints is None:
-        return
+def _joint_state(joints: Joints, index: int, stamp: int) -> Any:
     none = np.zeros(0)
-    for i, stamp in _stamps(joints.time):
-        velocity = none if joints.velocity is None else joints.velocity[i]
-        message = message_class(_TYPES[JOINT_STATES])(
-            header=_header(stamp, ''),
-            name=list(joints.names),
-            position=joints.position[i],
-            velocity=velocity,
-            effort=none,
-        )
-        yield stamp, JOINT_STATES, message
+    velocity = none if joints.velocity is None else joints.velocity[index]
+    return message_class(_TYPES[JOINT_STATES])(
+        header=_header(stamp, ''),
+        name=list(joints.names),
+        position=joints.position[index],
+        velocity=velocity,
+        effort=none,
+    )
 
 
-def _odometry(poses: Poses | None) -> Iterator[tuple[int, str, Any]]:
-    if poses is None:
-        return
-    unset = np.zeros(36)  # as ROS has it: not known
-    for i, stamp in _stamps(poses.time):
-        pose = _of(
-            'Pose', position=_xyz('Point', poses.position[i]), orientation=_xyz('Quaternion', poses.orientation[i])
-        )
-        linear, angular = poses.twist[i, :3], poses.twist[i, 3:]
-        twist = _of('Twist', linear=_xyz('Vector3', linear), angular=_xyz('Vector3', angular))
-        message = message_class(_TYPES[ODOMETRY])(
-            header=_header(stamp, ODOMETRY_FRAME),
-            child_frame_id=poses.frame,
-            pose=_of('PoseWithCovariance', pose=pose, covariance=unset),
-            twist=_of('TwistWithCovariance', twist=twist, covariance=unset),
-        )
-        yield stamp, ODOMETRY, message
+def _odometry(poses: Poses, index: int, stamp: int) -> Any:
+    unset, twist = np.zeros(36), poses.twist[index]  # zeros: not known
+    position, orientation = _xyz('Point', poses.position[index]), _xyz('Quaternion', poses.orientation[index])
+    pose = _geometry('Pose', position=position, orientation=orientation)
+    velocity = _geometry('Twist', linear=_xyz('Vector3', twist[:3]), angular=_xyz('Vector3', twist[3:]))
+    return message_class(_TYPES[ODOMETRY])(
+        header=_header(stamp, ODOMETRY_FRAME),
+        child_frame_id=poses.frame,
+        pose=_geometry('PoseWithCovariance', pose=pose, covariance=unset),
+        twist=_geometry('TwistWithCovariance', twist=velocity, covariance=unset),
+    )
 
 
-def _imus(imu: Imu | None) -> Iterator[tuple[int, str, Any]]:
-    if imu is None:
-        return
-    unset, none = np.zeros(9), np.zeros(9)
-    none[0] = -1.0  # as ROS has it: there is none
-    orientation = _of('Quaternion', x=0.0, y=0.0, z=0.0, w=1.0)
-    for i, stamp in _stamps(imu.time):
-        message = message_class(_TYPES[IMU])(
-            header=_header(stamp, imu.frame),
-            orientation=orientation,
-            orientation_covariance=none,
-            angular_velocity=_xyz('Vector3', imu.angular_velocity[i]),
-            angular_velocity_covariance=unset,
-            linear_acceleration=_xyz('Vector3', imu.linear_acceleration[i]),
-            linear_acceleration_covariance=unset,
-        )
-        yield stamp, IMU, message
+def _imu(imu: Imu, index: int, stamp: int) -> Any:
+    unset, absent = np.zeros(9), np.zeros(9)
+    absent[0] = -1.0  # REP 145: not measured
+    return message_class(_TYPES[IMU])(
+        header=_header(stamp, imu.frame),
+        orientation=_xyz('Quaternion', (0.0, 0.0, 0.0, 1.0)),
+        orientation_covariance=absent,
+        angular_velocity=_xyz('Vector3', imu.angular_velocity[index]),
+        angular_velocity_covariance=unset,
+        linear_acceleration=_xyz('Vector3', imu.linear_acceleration[index]),
+        linear_acceleration_covariance=unset,
+    )
 
 
-def _wrenches(thrust: Thrust | None) -> Iterator[tuple[int, str, Any]]:
-    if thrust is None:
-        return
-    for i, stamp in _stamps(thrust.time):
-        force, torque = _xyz('Vector3', thrust.wrench[i, :3]), _xyz('Vector3', thrust.wrench[i, 3:])
-        wrench = _of('Wrench', force=force, torque=torque)
-        message = message_class(_TYPES[THRUST])(header=_header(stamp, thrust.frame), wrench=wrench)
-        yield stamp, THRUST, message
+def _wrench(thrust: Thrust, index: int, stamp: int) -> Any:
+    force, torque = (_xyz('Vector3', thrust.wrench[index, part]) for part in (slice(0, 3), slice(3, 6)))
+    wrench = _geometry('Wrench', force=force, torque=torque)
+    return message_class(_TYPES[THRUST])(header=_header(stamp, thrust.frame), wrench=wrench)
 
 
 def _header(stamp: int, frame: str) -> Any:
@@ -274,9 +247,9 @@ def _header(stamp: int, frame: str) -> Any:
     return message_class('std_msgs/msg/Header')(stamp=time, frame_id=frame)
 
 
-def _of(name: str, **fields: Any) -> Any:
+def _geometry(name: str, **fields: Any) -> Any:
     return message_class(f'geometry_msgs/msg/{name}')(**fields)
 
 
 def _xyz(name: str, values: Sequence[float] | Array) -> Any:
-    return _of(name, **dict(zip('xyzw', map(float, values), strict=False)))
+    return _geometry(name, **dict(zip('xyzw', map(float, values), strict=False)))

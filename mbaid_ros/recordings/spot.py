@@ -1,4 +1,4 @@
-"""Robot description of a chaser on an air-bearing table: a base that slides and turns, and an arm of three joints."""
+"""SPOT, Carleton University: a planar chaser on an air-bearing table with an arm of three joints, in 2021 and 2023."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.recordings.recording import Joints, Poses, Recording, turned_about_z
-from mbaid_ros.recordings.tables import read_matlab
+from mbaid_ros.recordings.recording import Joints, Poses, Recording, Thrust, resource, turned_about_z
+from mbaid_ros.recordings.tables import read_matlab, read_table
 
 JOINTS = ('shoulder', 'elbow', 'wrist')
 LINKS = ('upper_arm', 'forearm', 'hand')
@@ -21,13 +21,7 @@ BASE = 'base_link'
 
 @dataclass(frozen=True)
 class ArmLink:
-    """One link of the arm, its joint at the origin, the next one along x.
-
-    Attributes
-    ----------
-    mass, inertia : kg; kg m^2 about the centre of mass, about z
-    com, length : m, along x, of the centre of mass and of the next joint
-    """
+    """One link of the arm: kg, kg m^2 about CoM and z, and m along x from its joint to the CoM and the next joint."""
 
     mass: float
     inertia: float
@@ -71,12 +65,9 @@ class Chaser:
 
 
 def planar_urdf(chaser: Chaser, source: str) -> str:
-    """Return a robot description whose moments about x and y, which no planar motion shows, are half of those about z.
+    """Return a robot description with the source of its numbers as a comment.
 
-    Parameters
-    ----------
-    chaser : its numbers
-    source : where each number is from, as a comment
+    Moments about x and y, which no planar motion shows, are half of those about z.
     """
     distance, direction = chaser.shoulder
     places = [(distance * math.cos(direction), distance * math.sin(direction), chaser.zero)]
@@ -106,14 +97,12 @@ def _link(name: str, mass: float, com: float, inertia: float) -> str:
 
 
 COMMANDS_FILE = '100NodeSolution_FreeFloating_DIDO.mat'
-_COLUMNS = 65
-_POSITION, _HEADING = slice(4, 6), 6
+_COLUMNS_2021 = 65
+_POSITION_2021, _HEADING_2021 = slice(4, 6), 6
 # s: the thrusters stop at 40, the arm moves from 42 to 72 and lags behind; at 72 the thrusters start again.
-_ARM, _SPAN = 42.0, (40.2, 72.0)
-# Run_Initializer.m of 2021, model_param(1) and (2): kg, kg m^2.
-_MASS, _INERTIA = 16.9478, 0.2709
+_ARM, _SPAN_2021 = 42.0, (40.2, 72.0)
 
-_SOURCE = f"""
+_SOURCE_2021 = f"""
   The chaser RED of the SPOT facility, Carleton University, as flown on 6 March 2021.
 
   The base: mass and moment of inertia are model_param(1) and (2) in Projects/Combined_Experiment/Run_Initializer.m of
@@ -128,38 +117,11 @@ _SOURCE = f"""
   Moments about x and y do not matter on a table and are half of those about z.
 """
 
-CHASER = Chaser('spot_red_2021', _MASS, _INERTIA, (0.2655, -0.3438), 0.0, SPOT_ARM)
-
-_PARAMETERS = f"""\
-# SPOT 2021: poses of the motion capture every 0.2 s, told twice each; joints as commanded, not as measured.
-#
-#   ros2 run mbaid_ros replay FOLDER --model FOLDER/robot.urdf --params FOLDER/estimator.yaml
-/**:
-  ros__parameters:
-    target_link: {BASE}            # the base is what is looked for: the arm's links have been weighed
-    maximum_gap: 0.5                  # s, between poses
-    noise:
-      joint_position: 2.0e-3          # rad: commands are smooth; how far the arm is off them is below
-      base_position: 1.0e-3           # m
-      base_orientation: 3.0e-3        # rad
-    time_offset: {{prior_std: 0.5}}     # s, that the arm lags behind the command
-    disturbance: {{constant: inertial}} # the table is not level
-    target_prior: {{mass: 16.948, mass_std: 1.5}}   # kg, nominal
-    known_links: {{relative_std: 0.02}}
-    # tracking_*: in 15_33 the markers on elbow and wrist (columns 54 to 57) have shoulder and elbow 14 and 22 mrad
-    # (RMS) off their commands of 0.22 s before, less the mean, 19 for both; a second apart that has a correlation of
-    # 0.54, two seconds 0.33. The wrist is taken to be as the others.
-    known_joints: {{zero_std: 0.05, origin_std: 0.01, axis_std: 0.0, tracking_std: 0.02, tracking_time: 2.0}}
-"""
+CHASER_2021 = Chaser('spot_red_2021', 16.9478, 0.2709, (0.2655, -0.3438), 0.0, SPOT_ARM)
 
 
 def read_spot_2021(path: Path, commands: Path | None = None) -> Recording:
-    """Return a run of 2021.
-
-    Parameters
-    ----------
-    path : a ``*__stitched.mat``
-    commands : the file of the arm's motion; None looks for it in the folders above the log
+    """Return the run of a ``*__stitched.mat``; without `commands`, the arm's motion is a file in a folder above it.
 
     Raises
     ------
@@ -167,27 +129,27 @@ def read_spot_2021(path: Path, commands: Path | None = None) -> Recording:
         A file is not what it should be.
     """
     table = np.asarray(read_matlab(path, ('rt_dataPacket',))['rt_dataPacket'])
-    if table.ndim != 2 or table.shape[1] != _COLUMNS or not np.issubdtype(table.dtype, np.floating):
+    if table.ndim != 2 or table.shape[1] != _COLUMNS_2021 or not np.issubdtype(table.dtype, np.floating):
         raise DataError(
-            f"'{path}' has rt_dataPacket of shape {table.shape}; accepted: rows of {_COLUMNS} numbers, as in 2021"
+            f"'{path}' has rt_dataPacket of shape {table.shape}; accepted: rows of {_COLUMNS_2021} numbers, as in 2021"
         )
-    table = table[np.all(np.isfinite(table[:, : _HEADING + 1]), axis=1)]
+    table = table[np.all(np.isfinite(table[:, : _HEADING_2021 + 1]), axis=1)]
     time = table[:, 0]
     primal = read_matlab(commands or _beside(path), ('primal',))['primal']
     nothing = np.full((len(table), 6), np.nan)
-    position = np.column_stack((table[:, _POSITION], np.zeros(len(table))))
-    poses = Poses(time, position, turned_about_z(table[:, _HEADING]), nothing)
+    position = np.column_stack((table[:, _POSITION_2021], np.zeros(len(table))))
+    poses = Poses(time, position, turned_about_z(table[:, _HEADING_2021]), nothing)
     joints = Joints(JOINTS, time, _commanded(primal, time - _ARM, path))
     return Recording(
         joints,
         poses,
-        robot=planar_urdf(CHASER, _SOURCE),
-        parameters=_PARAMETERS,
+        robot=planar_urdf(CHASER_2021, _SOURCE_2021),
+        parameters=resource('spot_2021.yaml'),
         notes=(
             'joint states are commands: the arm lags behind them',
             'the moment of inertia of the base is not known: there is no truth.json',
         ),
-        span=_SPAN,
+        span=_SPAN_2021,
     )
 
 
@@ -213,3 +175,63 @@ def _commanded(primal: Any, time: Array, path: Path) -> Array:
             f"the arm's motion for '{path}' has primal.states of shape {states.shape}; accepted: (12, times)"
         )
     return np.column_stack([np.interp(time, own, states[row]) for row in (3, 4, 5)])
+
+
+_COLUMNS_2023 = (80, 81)
+_TIME, _WRENCH, _POSITION_2023, _HEADING_2023 = 0, slice(1, 4), slice(4, 6), 6
+_ANGLES, _RATES = slice(64, 67), slice(67, 70)
+
+_SPAN_2023 = 165.0, math.inf  # s: before that the arm rests, folded
+
+_SOURCE_2023 = f"""
+  The chaser RED of the SPOT facility, Carleton University, as flown in March and April 2023.
+
+  The base: mass and moment of inertia about z are model_param(1) and (2) in
+  Projects/Combined_Experiment/Run_Initializer.m of the repository github.com/TheElectricDream/AlexCrain-SPOT.
+{SPOT_ARM_SOURCE}
+  phi is about an axis that is turned by 90 degrees against the motion capture's: the shoulder is at phi - 90 degrees.
+  Moments about x and y do not matter on a table and are half of those about z.
+
+  What was to be captured, of the same file: in March BLACK, 12.039 kg and 0.225692 kg m^2; in April BLUE, 10.726 kg and
+  0.194438 kg m^2.
+"""
+
+CHASER_2023 = Chaser('spot_red_2023', 11.211, 0.20215, (SHOULDER[0], SHOULDER[1] - math.pi / 2.0), 0.0, SPOT_ARM)
+
+
+def read_spot_2023(path: Path) -> Recording:
+    """Return the run of an ``ExpLog*`` of the chaser RED: text without names, 80 or 81 columns at 20 Hz.
+
+    The columns are those of ``ApplyDataDictionaryCE.m``; the pose of the motion capture is new 16 times a second.
+
+    Raises
+    ------
+    DataError
+        It is none.
+    """
+    table = read_table(path, header=False).values
+    if table.shape[1] not in _COLUMNS_2023:
+        raise DataError(f"log '{path}' has {table.shape[1]} columns; accepted: 80 or 81, as SPOT logged in 2023")
+    used = np.all(np.isfinite(table[:, : _RATES.stop]), axis=1)
+    table = table[used & np.any(table[:, _POSITION_2023] != 0.0, axis=1)]  # before the first pose all is 0
+    table = table[np.concatenate(([True], np.diff(table[:, _TIME]) > 0.0))[: len(table)]]  # a row may repeat
+    time = table[:, _TIME]
+    answered = np.any(table[:, _ANGLES] != 0.0, axis=1)  # before the arm answers its joints are 0
+    position = np.column_stack((table[:, _POSITION_2023], np.zeros(len(table))))
+    wrench = np.zeros((len(table), 6))
+    # Commanded along the table's axes; the thrusters that turn this into pulses are on the base.
+    along, across = np.cos(table[:, _HEADING_2023]), np.sin(table[:, _HEADING_2023])
+    x, y, wrench[:, 5] = table[:, _WRENCH].T
+    wrench[:, 0], wrench[:, 1] = along * x + across * y, along * y - across * x
+    return Recording(
+        Joints(JOINTS, time[answered], table[answered, _ANGLES], table[answered, _RATES]),
+        Poses(time, position, turned_about_z(table[:, _HEADING_2023]), np.full((len(table), 6), np.nan)),
+        Thrust(time, wrench, BASE),
+        robot=planar_urdf(CHASER_2023, _SOURCE_2023),
+        parameters=resource('spot_2023.yaml'),
+        notes=(
+            'thrust is what was commanded, turned into axes of the base',
+            'what was to be captured is nowhere held firmly: there is no truth.json',
+        ),
+        span=_SPAN_2023,
+    )

@@ -1,4 +1,4 @@
-"""MAT files of version 5, read within bounds: their size once decompressed is known before anything is made of them."""
+"""Tables: text, and MAT files of version 5, whose size once decompressed is bounded before they are parsed."""
 
 from __future__ import annotations
 
@@ -18,15 +18,13 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.files import read_text, require_regular
 
 _HEADER, _TAG, _COMPRESSED = 128, 8, 15
+_SHOWN = 40  # characters of a value that an error shows
+# Errors that SciPy raises on damaged files, beside its own.
+_DAMAGE = (ValueError, TypeError, LookupError, OverflowError, MemoryError, NotImplementedError, OSError)
 
 
 def read_matlab(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
-    """Return variables of a MAT file: arrays, and structures as objects with their fields.
-
-    Parameters
-    ----------
-    path : the file
-    names : of the variables
+    """Return variables of a MAT file by name: arrays, and structures as objects with their fields.
 
     Raises
     ------
@@ -39,16 +37,7 @@ def read_matlab(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
 
     try:
         found = loadmat(io.BytesIO(content), variable_names=names, struct_as_record=False, squeeze_me=True)
-    except (
-        MatReadError,
-        ValueError,
-        TypeError,
-        LookupError,
-        OverflowError,
-        MemoryError,
-        NotImplementedError,
-        OSError,
-    ) as error:
+    except (MatReadError, *_DAMAGE) as error:
         raise DataError(f"'{path}' is no MAT file that can be read: {error}; accepted: version 5 to 7") from error
     missing = [name for name in names if name not in found]
     if missing:
@@ -87,18 +76,14 @@ def _unpacked(part: bytes, limit: int, path: Path) -> int:
     return count
 
 
-_TEXT = 40  # characters of a value that an error shows
-
-
 @dataclass(frozen=True)
 class Table:
     """N rows of k numbers.
 
     Attributes
     ----------
-    path : of the file
-    names : of its columns; empty where the file does not say
-    values : (N, k); NaN where a field is empty or says so, or is infinite
+    names : of its columns; empty where the file has none
+    values : (N, k); NaN where a field is empty, NaN or infinite
     """
 
     path: Path
@@ -107,13 +92,7 @@ class Table:
 
 
 def read_table(path: Path, separator: str = ',', *, header: bool) -> Table:
-    """Return a table of text.
-
-    Parameters
-    ----------
-    path : the file
-    separator : one character
-    header : whether the first line has the names of the columns
+    """Return a table of text; with a header, the first line has the names of the columns.
 
     Raises
     ------
@@ -144,7 +123,7 @@ def _row(line: str, separator: str, count: int, number: int, path: Path) -> list
         return [float(field) if field.strip() else np.nan for field in fields]
     except ValueError:
         bad = next(field for field in fields if field.strip() and not _is_number(field))
-        raise DataError(f"log '{path}' has '{bad.strip()[:_TEXT]}' in line {number}; accepted: a number") from None
+        raise DataError(f"log '{path}' has '{bad.strip()[:_SHOWN]}' in line {number}; accepted: a number") from None
 
 
 def _is_number(text: str) -> bool:

@@ -15,7 +15,7 @@ from mbaid_ros import limits
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation
 from mbaid_ros.files import require_regular
-from mbaid_ros.recordings.recording import Imu, Joints, Poses, Recording
+from mbaid_ros.recordings.recording import Imu, Joints, Poses, Recording, resource
 from mbaid_ros.recordings.tables import read_table
 
 _DEVICE = 0.10067  # kg, with the flywheel
@@ -89,75 +89,11 @@ OBJECTS = {
     'c': _with_blocks('the holder with 16 blocks', 'x.x..x.x .x.xx.x. .x.xx.x. x.x..x.x'),
 }
 
-_URDF = """\
-<?xml version="1.0"?>
-<!--
-  The throwing device of TU Delft, bolted to {name}.
-  Repository: github.com/tudelft/inertiaEstimation; paper: arXiv 2503.13137.
-
-  Frame of the device: that of the IMU as the authors turn it (x = -raw y, y = raw x, z = raw z), in its place.
-  Mass of the device {device} kg: input/final_calibration/config.py, weighed, with the flywheel. What it is bolted to,
-  {mass:.4f} kg: weighed; its own principal moments of inertia {moments} kg m^2: of the geometry, lib.py and config.py.
-  Where the device is on it, and its own inertia, are not published. The moments below are what to begin with: those of
-  what it is bolted to, {below:.0f} mm from the IMU along z, about as the accelerometer says, and of the device, about
-  as throws of it alone say.
-  Moment of inertia of the flywheel {spin:.4g} kg m^2: from throws of the device alone and with the proof body, whose
-  inertia is known, by the authors' calibrate.py. Its mass is in that of the device: it is on its own axis.
--->
-<robot name="throwing_device">
-  <link name="{base}">
-    <inertial>
-      <origin xyz="0 0 {com:.4g}"/>
-      <mass value="{total:.6g}"/>
-      <inertia ixx="{ixx:.6g}" ixy="0" ixz="0" iyy="{iyy:.6g}" iyz="0" izz="{izz:.6g}"/>
-    </inertial>
-  </link>
-  <joint name="{joint}" type="continuous">
-    <parent link="{base}"/>
-    <child link="{joint}_rotor"/>
-    <axis xyz="0 0 1"/>
-  </joint>
-  <link name="{joint}_rotor">
-    <inertial>
-      <mass value="1e-6"/>
-      <inertia ixx="{half:.6g}" ixy="0" ixz="0" iyy="{half:.6g}" iyz="0" izz="{spin:.6g}"/>
-    </inertial>
-  </link>
-</robot>
-"""
-
-_PARAMETERS = """\
-# A throw of TU Delft: the device and what it is bolted to are one body. A wheel cannot tell its mass: a scale does.
-#
-#   ros2 run mbaid_ros calibrate FOLDER --model FOLDER/robot.urdf --params FOLDER/estimator.yaml
-/**:
-  ros__parameters:
-    target_link: {base}
-    window: 0.005                     # s, of half a second of flight
-    target_prior: {{mass: {total:.5g}, mass_std: {mass_std:.2g}}}   # kg, weighed
-    known_links: {{relative_std: 0.0}}
-    known_joints: {{zero_std: 0.0, origin_std: 0.0, axis_std: 0.0}}
-    odometry_mount: {{position_std: 0.0, orientation_std: 0.0}}   # the device is where its IMU is
-    time_offset: {{prior_std: 2.0e-3}}  # s
-    imu: {{alone: true, noise_density: 5.0e-3, bias_std: 5.0e-3, bias_walk: 1.0e-3,
-          scale_std: 5.0e-3, cross_axis_std: 5.0e-3, orientation_std: 1.0e-2}}   # to the flywheel's axis: half a degree
-    disturbance: {{torque_std: 1.0e-3}}   # N m, of the air: 10 Pa at 4 m/s on 30 cm², 3 cm off the centre of mass
-    noise:
-      joint_position: 0.1             # rad
-      joint_velocity: 20.0            # rad/s; the speed of the flywheel is new 900 times a second
-calibrate:
-  ros__parameters:
-    unknown_links: [{base}, {joint}_rotor]   # the flywheel's moment of inertia is known to 1 %
-    prior: {{mass_relative_std: 1.0e-3, com_std: 0.01, inertia_relative_std: 0.5, zero_std: 0.0,
-            origin_std: 0.0, axis_std: 0.0,
-            links: {{{joint}_rotor: {{mass_relative_std: 1.0e-3, com_std: 1.0e-6, inertia_relative_std: 0.01}}}}}}
-"""
-
 
 def throw_urdf(thrown: Thrown) -> str:
     """Return the robot description of the device with what it is bolted to."""
     mass, com, inertia = thrown.whole()
-    return _URDF.format(
+    return resource('throw.urdf').format(
         name=thrown.name,
         device=_DEVICE,
         mass=thrown.mass,
@@ -176,7 +112,7 @@ def throw_urdf(thrown: Thrown) -> str:
 def throw_parameters(thrown: Thrown) -> str:
     """Return the parameters for it."""
     total = thrown.whole()[0]
-    return _PARAMETERS.format(base=Thrown.BASE, joint=Thrown.JOINT, total=total, mass_std=1e-3 * total)
+    return resource('throw.yaml').format(base=Thrown.BASE, joint=Thrown.JOINT, total=total, mass_std=1e-3 * total)
 
 
 _GYRO = tuple(f'gyroADC[{axis}]' for axis in range(3))
@@ -190,11 +126,10 @@ _FEWEST = 100  # samples of a flight
 
 
 def read_tudelft_throw(path: Path, thrown: str = '', *, dead_reckoned: bool = False) -> Recording:
-    """Return a throw.
+    """Return the throw in a blackbox log or CSV.
 
     Parameters
     ----------
-    path : blackbox log or CSV
     thrown : which of OBJECTS the device was bolted to; empty takes it from the log's folder
     dead_reckoned : also make poses of the integrated gyro and accelerometer, in a frame that falls along
 

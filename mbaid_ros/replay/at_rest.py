@@ -1,7 +1,9 @@
-"""The sensors' noise from what they say of a robot at rest, and when it was at rest."""
+"""The executable `noise_at_rest`: the sensors' noise, from their readings of a robot whose joints are braked."""
 
 from __future__ import annotations
 
+import argparse
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +13,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from mbaid_ros.bags import BagReader
+from mbaid_ros.cli import warn
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.messages import numbers_of
@@ -26,11 +29,10 @@ _MOVED = 3.0  # standard deviations of a single sample; what noise leaves of a b
 
 @dataclass(frozen=True)
 class Recording:
-    """What was measured.
+    """The readings in a bag.
 
     Attributes
     ----------
-    joints : names
     joint_time, base_time : (n,), (m,) s, stamps since the first one of the joints
     joint_channels : by name, (n, k) each; (n, 0) where nothing was measured
     base_channels : by name, (m, 3) each; orientations as rotation vectors from the first one
@@ -43,7 +45,7 @@ class Recording:
     base_channels: dict[str, Array]
 
     def between(self, begin: float, end: float) -> Recording:
-        """Return what was measured from a time to another, s."""
+        """Return the readings from a time to another, s."""
         joints, bases = ((begin <= time) & (time <= end) for time in (self.joint_time, self.base_time))
         return Recording(
             self.joints,
@@ -56,25 +58,24 @@ class Recording:
 
 @dataclass(frozen=True)
 class Measured:
-    """What a bag tells of the sensors.
-
-    Attributes
-    ----------
-    stds : standard deviation by channel; NaN where nothing was measured
-    warnings : what a user should know, one line each
-    """
+    """Standard deviations by channel, NaN where nothing was measured, and warnings, one line each."""
 
     stds: dict[str, float]
     warnings: tuple[str, ...]
 
 
-def measure(bag: str, joint_states: str, odom: str) -> Measured:
-    """Return the noise of each channel while the joints rest.
+def print_noise(arguments: argparse.Namespace) -> int:
+    """Print the noise as a parameter file and return the exit code."""
+    measured = measure(arguments.bag, arguments.joint_states, arguments.odom)
+    warn('noise_at_rest', measured.warnings)
+    print('/**:\n  ros__parameters:\n    noise:')
+    for name, std in measured.stds.items():
+        print(f'      {name}: {std:.1e}' if math.isfinite(std) else f'      # {name}: not measured')
+    return 0
 
-    Parameters
-    ----------
-    bag : path
-    joint_states, odom : topics
+
+def measure(bag: str, joint_states: str, odom: str) -> Measured:
+    """Return the noise of each channel while the joints rest, from two topics of a bag.
 
     Raises
     ------
@@ -109,13 +110,7 @@ def measure(bag: str, joint_states: str, odom: str) -> Measured:
 
 
 def _read(bag: str, joint_states: str, odom: str) -> tuple[Recording, list[str]]:
-    """Return what a bag's sensors say, and what to know of the bag.
-
-    Raises
-    ------
-    DataError
-        The bag cannot be read, or lacks a topic or enough of its messages, or they cannot be used.
-    """
+    """Return the readings in a bag, and warnings about it."""
     with BagReader(bag) as recording:
         for topic, kind in ((joint_states, JOINT_STATE_TYPE), (odom, ODOMETRY_TYPE)):
             recording.require(topic, kind)
@@ -125,10 +120,9 @@ def _read(bag: str, joint_states: str, odom: str) -> tuple[Recording, list[str]]
     for topic, messages in ((joint_states, joints), (odom, bases)):
         if len(messages) < FEWEST:
             raise DataError('; '.join([f"bag '{bag}' has fewer than {FEWEST} messages of '{topic}'", *warnings]))
-    names = _names(joints, f"topic '{joint_states}' of bag '{bag}'")
-    begin = _stamp(joints[0])
-    joint_time = _times(joints, begin, f"topic '{joint_states}' of bag '{bag}'")
-    base_time = _times(bases, begin, f"topic '{odom}' of bag '{bag}'")
+    where, base_where = (f"topic '{topic}' of bag '{bag}'" for topic in (joint_states, odom))
+    names, begin = _names(joints, where), _stamp(joints[0])
+    joint_time, base_time = _times(joints, begin, where), _times(bases, begin, base_where)
     try:
         position, orientation, linear, angular = np.split(np.array(list(map(numbers_of, bases))), [3, 7, 10], axis=1)
         turns = Rotation.from_quat(orientation)
@@ -153,13 +147,7 @@ def _read(bag: str, joint_states: str, odom: str) -> tuple[Recording, list[str]]
 
 
 def _names(joints: Sequence[Any], topic: str) -> tuple[str, ...]:
-    """Return the names of the joints.
-
-    Raises
-    ------
-    DataError
-        Messages name others, or have another number of positions or velocities.
-    """
+    """Return the names of the joints, which must be the same in each message, as the numbers of readings."""
     names = tuple(joints[0].name)
     for joint in joints:
         if tuple(joint.name) != names:
@@ -174,13 +162,7 @@ def _names(joints: Sequence[Any], topic: str) -> tuple[str, ...]:
 
 
 def _times(messages: Sequence[Any], origin: int, topic: str) -> Array:
-    """Return the stamps of messages, s since an origin in ns.
-
-    Raises
-    ------
-    DataError
-        They go back, or are of less than `SHORTEST`, as those are that nobody has filled in.
-    """
+    """Return the stamps of messages, s since an origin in ns; refuse stamps that go back or were never filled in."""
     stamps = np.array([_stamp(message) for message in messages])
     back = np.flatnonzero(np.diff(stamps) < 0)
     if back.size:
@@ -221,17 +203,9 @@ def wanders(time: Array, values: Array) -> bool:
 
 
 def longest_rest(time: Array, position: Array) -> tuple[float, float, list[int]]:
-    """Return the longest stretch in which no joint moves.
+    """Return begin and end (s) of the longest stretch in which no joint moves, and the columns of joints that move.
 
-    Parameters
-    ----------
-    time : (n,) s, in order
-    position : (n, k) of the joints
-
-    Returns
-    -------
-    begin, end : s
-    moved : columns of the joints that move before or after it
+    `time` is (n,) s, in order; `position` is (n, k).
     """
     known = np.all(np.isfinite(position), axis=1)
     if position[known].size == 0:

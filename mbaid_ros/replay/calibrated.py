@@ -1,44 +1,29 @@
-"""What a calibration of bags leads to: its verdicts, and its JSON form, which scripts rely on."""
+"""The result of a calibration: verdicts and warnings, and the sentences and tables of terminal and report."""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from mbaid_ros.calibration.result import Calibration, LinkResult
-from mbaid_ros.calibration.structure import (
-    BaseParameter,
-    Exchange,
-    base_parameter,
-    exchanges,
-    formula,
-    parameter,
-)
-from mbaid_ros.calibration.unknowns import OF_A_JOINT, OF_THE_MOUNT
+from mbaid_ros.calibration.structure import BaseParameter, Exchange, exchanges
+from mbaid_ros.cli import one_line
 from mbaid_ros.config.calibration import CalibrationParameters
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.core.results.physical_consistency import InertiaRatios
+from mbaid_ros.core.results.parameters import BAND, PARAMETERS, rounded
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.unknowns.catalogue import underestimated_text
-from mbaid_ros.replay.motions import BagMotions
-from mbaid_ros.replay.result_json import shaped_thruster
-from mbaid_ros.session import Survey, survey
+from mbaid_ros.replay.run import BagMotions
+from mbaid_ros.session import ModelSummary, summarise
 
-CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
-_INERTIA = PARAMETERS[4:]
 _FIRST, _SECOND = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
-# What a user should look at: a scale known worse, values further off than the prior makes likely, bent estimates.
-_LOOSE_SCALE = 0.01
-_UNLIKELY = 4.0
-_LARGE_CORRECTION = 3.0
-# By kind of what is further off than its prior says, where that is declared.
+# Thresholds of warnings: relative standard deviation of the scale; standard deviations of the prior; of the estimate.
+_LOOSE_SCALE, _UNLIKELY, _LARGE_CORRECTION = 0.01, 4.0, 3.0
+# Where the prior of each kind of unknown is declared.
 _DECLARED = {
     'link': 'prior.mass_relative_std, .com_std, .inertia_relative_std',
     'mass': 'prior.mass_relative_std',
@@ -52,15 +37,7 @@ _PRIORS = ('prior.mass_relative_std', *('prior.com_std',) * 3, *('prior.inertia_
 
 @dataclass(frozen=True)
 class Calibrated:
-    """A calibration and where it comes from.
-
-    Attributes
-    ----------
-    calibration : Calibration
-    motions : of each bag
-    kernel : with the unknown links
-    parameters : what `calibrate` was told
-    """
+    """A calibration, the motions in each bag, the kernel with the unknown links, and the parameters."""
 
     calibration: Calibration
     motions: tuple[BagMotions, ...]
@@ -74,26 +51,27 @@ class Calibrated:
 
     @cached_property
     def exchanges(self) -> tuple[Exchange, ...]:
-        """What cannot be told apart."""
+        """Exchanges of parameters between bodies that change no momentum."""
         return exchanges(self.calibration.mechanism, self.calibration.structure)
 
     @cached_property
     def base_parameters(self) -> tuple[BaseParameter, ...]:
-        """What momentum determines."""
+        """The combinations of parameters that momentum determines."""
         return self.calibration.structure.base_parameters()
 
     @cached_property
-    def survey(self) -> Survey:
-        """What the calibration takes the robot for."""
+    def survey(self) -> ModelSummary:
+        """The model summary."""
         heard = {name for motion in self.motions for name in motion.heard}
-        return survey(self.kernel.model, heard=heard, unknown=[link.name for link in self.kernel.unknown])
+        return summarise(self.kernel.model, heard=heard, unknown=[link.name for link in self.kernel.unknown])
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What a user should know, one line each."""
-        told = [warning for motion in self.motions for warning in motion.warnings]
-        about = (*_about_motion(self), *_about_values(self), *_about_priors(self))
-        return tuple(dict.fromkeys((*self.survey.warnings, *about, *told)))
+        of_bags = [warning for motion in self.motions for warning in motion.warnings]
+        priors = [underestimated_text(kind, size, _DECLARED) for kind, size in self.calibration.further_off]
+        own = (*_about_motion(self), *_about_values(self), *priors)
+        return tuple(dict.fromkeys((*self.survey.warnings, *own, *of_bags)))
 
 
 def why_not(result: Calibrated) -> str:
@@ -131,172 +109,140 @@ def _sizes(link: LinkResult, length: float) -> Array:
     return np.concatenate((np.abs(link.parameters[:1]), np.full(3, com), moments))
 
 
-def _about_priors(result: Calibrated) -> list[str]:
-    return [underestimated_text(kind, size, _DECLARED) for kind, size in result.calibration.further_off]
-
-
 def _about_motion(result: Calibrated) -> list[str]:
     calibration = result.calibration
     model = result.kernel.model
     moving = [name for name in model.joint_names if name not in calibration.still]
-    told = []
+    notes = []
     if calibration.still and (moving or calibration.located):
         only = f'only {listing(moving)} moves' if len(moving) == 1 else f'{listing(calibration.still)} did not move'
-        told.append(f'{only}: bodies on both sides of a joint at rest count as one; move every joint')
+        notes.append(f'{only}: bodies on both sides of a joint at rest count as one; move every joint')
     if not calibration.located and not moving:
-        told.append(
+        notes.append(
             'nothing locates the base, and no joint moves: mass, centre of mass and the scale of the inertia stay at '
-            'CAD; the data tell its ratios'
+            'CAD; the data determine its ratios'
         )
     if calibration.planar:
-        told.append('planar motion: CoM across the plane and all inertia but the moment about its normal stay at CAD')
-    return told
+        notes.append('planar motion: CoM across the plane and all inertia but the moment about its normal stay at CAD')
+    return notes
 
 
 def _about_values(result: Calibrated) -> list[str]:
     calibration = result.calibration
-    told = []
+    notes = []
     if result.contradicted:
-        told.append(f'residuals are {calibration.residual:.1f} times what the noise parameters explain')
+        notes.append(f'residuals are {calibration.residual:.1f} times what the noise parameters explain')
     if calibration.scale.relative_std > _LOOSE_SCALE:
-        told.append(
+        notes.append(
             f'the scale is known to {100.0 * calibration.scale.relative_std:.2g} % only: all masses and inertias may '
             'be off by one factor; add prior.links.<link>.mass_relative_std of a body that was weighed'
         )
     for link in calibration.links:
         far = [name for name, moved in zip(PARAMETERS, link.moved, strict=True) if abs(moved) > _UNLIKELY]
         if far:
-            told.append(f'{link.name}: {listing(far)} moved further than the prior makes likely; look at CAD and prior')
+            notes.append(
+                f'{link.name}: {listing(far)} moved further than the prior makes likely; look at CAD and prior'
+            )
         if link.consistency_correction > _LARGE_CORRECTION:
-            told.append(
+            notes.append(
                 f'{link.name} was {link.consistency_correction:.1f} standard deviations away from any real body'
             )
-    return told
+    return notes
 
 
-def as_json(result: Calibrated) -> dict[str, Any]:
-    """Return the result as scripts read it; what is not known is None."""
+def headline(result: Calibrated) -> str:
+    """Return the result in one sentence."""
     calibration = result.calibration
-    model, links = result.kernel.model, result.kernel.unknown
-    bags = [motion.bag for motion in result.motions for _ in motion.runs]
-    return {
-        'status': INCONSISTENT if result.contradicted else CALIBRATED,
-        'bags': [motion.bag for motion in result.motions],
-        'links': {link.name: _link(link) for link in calibration.links},
-        'joints': _joints(calibration),
-        'odometry_mount': {
-            'orientation': calibration.mount[:3].tolist(),
-            'orientation_std': calibration.stds[-6:-3].tolist(),
-            'position': calibration.mount[3:].tolist(),
-            'position_std': calibration.stds[-3:].tolist(),
-        },
-        'thrusters': [shaped_thruster(each) for each in calibration.thrusters],
-        'covariance': {
-            'order': [
-                *(parameter(links, index) for index in range(len(calibration.theta))),
-                *(f'{name}.{number}' for name in model.joint_names for number in OF_A_JOINT),
-                *(f'odometry_mount.{number}' for number in OF_THE_MOUNT),
-            ],
-            'values': calibration.values.tolist(),
-            'matrix': calibration.block_covariance.tolist(),
-        },
-        'identifiability': {
-            'unknowns': calibration.structure.unknowns,
-            'rank': calibration.structure.rank,
-            'determined': calibration.determined,
-            'cannot_be_told_apart': [
-                {'words': each.words, 'directions': each.directions.shape[1]} for each in result.exchanges
-            ],
-            'base_parameters': [_base_parameter(result, each) for each in result.base_parameters],
-        },
-        'scale': {
-            'relative_std': calibration.scale.relative_std,
-            'fixed_by': [{'name': name, 'share': share} for name, share in calibration.scale.fixed_by],
-        },
-        'momentum': [
-            _momentum(*each) for each in zip(bags, calibration.momentum, calibration.momentum_covariance, strict=True)
-        ],
-        'residual': calibration.residual,
-        'samples': calibration.samples,
-        'span_s': calibration.span,
-        'planar': calibration.planar,
-        'joints_at_rest': list(calibration.still),
-        'warnings': list(result.warnings),
-    }
+    count = len(calibration.links)
+    bodies = f'{count} {"body" if count == 1 else "bodies"}'
+    data = f'{calibration.samples} samples, {calibration.span:.3g} s; residual {calibration.residual:.2f}'
+    if result.contradicted:
+        return f'the data contradict the model, so the values of {bodies} must not be trusted: {data}'
+    return f'{bodies} calibrated from {data}'
 
 
-def _link(link: LinkResult) -> dict[str, Any]:
-    return {
-        'cad': shaped(link.cad),
-        'estimate': shaped(link.parameters),
-        'std': shaped(link.std),
-        'prior_std': shaped(link.prior_std),
-        'learnt': shaped(link.learnt),
-        'moved': shaped(link.moved),
-        'inertia_ratios': _ratios(link.ratios),
-        'stayed_at_cad': [name for name, stayed in zip(PARAMETERS, link.stayed, strict=True) if stayed],
-        'consistency_correction': link.consistency_correction,
-    }
+def sentences(result: Calibrated) -> list[str]:
+    """Return sentences on identifiability, scale, mount, thrusters and inertia ratios."""
+    calibration = result.calibration
+    shares = ', '.join(f'{name} ({100.0 * share:.0f} %)' for name, share in calibration.scale.fixed_by[:3])
+    structure = calibration.structure
+    determined = (
+        f'momentum can determine {structure.rank} combinations of {structure.unknowns} parameters; of '
+        f'{calibration.determined}, joints and mount among them, the data determine more than the prior'
+    )
+    std = f'{100.0 * calibration.scale.relative_std:.2g} %'
+    lines = [determined, f'scale: total mass known to {std} (one standard deviation), fixed by {shares or "nothing"}']
+    if np.any(calibration.stds[-6:]):
+        mount = _beside(1e3 * calibration.mount[3:], 1e3 * calibration.stds[-3:])
+        turn = _beside(1e3 * calibration.mount[:3], 1e3 * calibration.stds[-6:-3])
+        lines.append(f'mount of the odometry, beside the URDF: {mount} mm, {turn} mrad (95 %)')
+    for thruster in calibration.thrusters:
+        strong = f'{thruster.scale:.4f} ± {BAND * thruster.scale_std:.2g} times as strong as commanded'
+        turned = f'turned by {_beside(1e3 * thruster.turn, 1e3 * thruster.turn_std)} mrad'
+        late = f'{1e3 * thruster.delay:+.1f} ± {1e3 * BAND * thruster.delay_std:.2g} ms late'
+        lines.append(f'thruster {one_line(thruster.frame)}: {strong}, {turned}, {late} (95 %)')
+    return [*lines, *(_ratio_words(link) for link in calibration.links if link.ratios.clearer)]
 
 
-def _ratios(ratios: InertiaRatios) -> dict[str, Any]:
-    """Return the inertia over its trace, element by element, and the principal moments over it."""
-    return {
-        'of_trace': dict(zip(_INERTIA, ratios.elements.tolist(), strict=True)),
-        'std': dict(zip(_INERTIA, ratios.std.tolist(), strict=True)),
-        'principal': ratios.principal.tolist(),
-        'principal_std': ratios.principal_std.tolist(),
-        'scale_relative_std': ratios.scale_std,
-    }
+def _ratio_words(link: LinkResult) -> str:
+    """Return what is known of a body's inertia where its scale is not."""
+    ratios = link.ratios
+    each = zip(ratios.principal.tolist(), ratios.principal_std.tolist(), strict=True)
+    parts = ', '.join(' ± '.join(rounded(value, std)) for value, std in each)
+    return (
+        f'inertia of {one_line(link.name)}: known but for a factor, {100.0 * BAND * ratios.scale_std:.2g} % either '
+        f'way; principal moments over their sum: {parts} (95 %)'
+    )
 
 
-def _joints(calibration: Calibration) -> dict[str, Any]:
-    """Return each joint: what it has beside the URDF, and where its frame then is on the body that carries it."""
-    before = calibration.mechanism.kernel.model
-    after = displaced(before, *calibration.displacements)
-    stds = calibration.stds[len(calibration.theta) : -6].reshape(-1, 6)
-    return {
-        name: {
-            'zero': float(calibration.joints[index, 0]),
-            'zero_std': float(stds[index, 0]),
-            'origin_moved': calibration.displacements[0][index].tolist(),
-            'origin_std': stds[index, 1:4].tolist(),
-            'axis_tilted': calibration.displacements[1][index].tolist(),
-            'axis_std': stds[index, 4:].tolist(),
-            'position': after.positions[index].tolist(),
-            'rotation': after.rotations[index].tolist(),
-        }
-        for index, name in enumerate(before.joint_names)
-    }
+def _beside(values: Array, stds: Array) -> str:
+    """Return values with their common 95 % band in a few words."""
+    return f'{" ".join(f"{each:+.2f}" for each in values)} ± {BAND * float(np.max(stds)):.2g}'
 
 
-def _base_parameter(result: Calibrated, combination: BaseParameter) -> dict[str, Any]:
-    calibration, links = result.calibration, result.kernel.unknown
-    factors = combination.factors
-    return {
-        'words': base_parameter(calibration.mechanism, combination),
-        'formula': formula(links, factors),
-        'factors': {parameter(links, int(index)): float(factors[index]) for index in np.flatnonzero(factors)},
-        'cad': float(factors @ calibration.prior.mean),
-        'value': float(factors @ calibration.theta),
-        'std': float(np.sqrt(factors @ calibration.covariance @ factors)),
-        'prior_std': float(np.sqrt(factors @ calibration.prior.covariance @ factors)),
-    }
+JOINTS_HEAD = ('joint', 'zero ± 95 %, mrad (mm)', 'origin moved ± 95 %, mm', 'axis tilted ± 95 %, mrad')
 
 
-def _momentum(bag: str, value: Array, covariance: Array) -> dict[str, Any]:
-    std = np.sqrt(np.diag(covariance)).tolist()
-    numbers = value.tolist()
-    return {
-        'bag': bag,
-        'linear': numbers[:3],
-        'angular': numbers[3:],
-        'linear_std': std[:3],
-        'angular_std': std[3:],
-    }
+def joint_rows(result: Calibrated) -> list[tuple[str, ...]]:
+    """Return a line a joint: name, zero, shift of the frame, tilt of the axis, with their bands."""
+    calibration = result.calibration
+    stds = 1e3 * calibration.stds[len(calibration.theta) : -6].reshape(-1, 6)
+    each = zip(calibration.mechanism.kernel.model.joint_names, 1e3 * calibration.joints, stds, strict=True)
+    parts = slice(0, 1), slice(1, 4), slice(4, 6)
+    return [(one_line(name), *(_beside(values[part], std[part]) for part in parts)) for name, values, std in each]
 
 
-def shaped(values: Array) -> dict[str, Any]:
-    """Return ten values in the order of PARAMETERS as mass, com and inertia; None where there is no number."""
-    numbers = [float(value) if math.isfinite(value) else None for value in values]
-    return {'mass': numbers[0], 'com': numbers[1:4], 'inertia': dict(zip(_INERTIA, numbers[4:], strict=True))}
+def rows(result: Calibrated) -> list[tuple[str, str, str, str, str]]:
+    """Return a line a body: name, mass, shift of the CoM, change of the inertia, parameters hardly better known."""
+    return [_row(link) for link in result.calibration.links]
+
+
+def _row(link: LinkResult) -> tuple[str, str, str, str, str]:
+    stayed = [name for name, each in zip(PARAMETERS, link.stayed, strict=True) if each]
+    mass = ' ± '.join(rounded(float(link.parameters[0]), float(link.std[0])))
+    before, com, moments = 'none', '-', '-'
+    if link.cad[0] > 0.0:
+        before = f'{link.cad[0]:.6g}'
+        com = ' '.join(f'{1e3 * each:+.1f}' for each in (link.parameters - link.cad)[1:4])
+        moments = f'{100.0 * (np.sum(link.parameters[[4, 7, 9]]) / np.sum(link.cad[[4, 7, 9]]) - 1.0):+.1f}'
+    kept = 'all' if len(stayed) == 10 else ', '.join(stayed) or 'nothing'
+    return one_line(link.name), f'{before} -> {mass}', com, moments, kept
+
+
+HEAD = ('body', 'mass ± 95 %, kg', 'CoM moved, mm', 'moments, %', 'known no better than before')
+
+
+def summary(result: Calibrated) -> str:
+    """Return the result as a table for a terminal."""
+    lines = [*map(one_line, result.survey.lines), '', headline(result), *(f'  {each}' for each in sentences(result))]
+    lines += ['', *_columns([HEAD, *rows(result)])]
+    joints = [JOINTS_HEAD, *joint_rows(result)]
+    if len(joints) > 1 and np.any(result.calibration.stds[len(result.calibration.theta) : -6]):
+        lines += ['', *_columns(joints)]
+    return '\n'.join([*lines, *(f'  warning: {one_line(each)}' for each in result.warnings)])
+
+
+def _columns(table: Sequence[Sequence[str]]) -> list[str]:
+    """Return a table's rows, its columns one below the other."""
+    widths = [max(len(row[column]) for row in table) for column in range(len(table[0]))]
+    return ['  ' + '  '.join(f'{cell:{w}}' for cell, w in zip(row, widths, strict=True)).rstrip() for row in table]

@@ -1,4 +1,4 @@
-"""Which topics of bags are read, and the arguments that say so."""
+"""The topics of a bag that are read, and how their messages reach a session."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # `--help` needs the defaults alone
 
 JOINT_STATE_TYPE = 'sensor_msgs/msg/JointState'
 ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
-# What locates the base without a twist.
+# Types that locate the base without a twist.
 POSE_TYPES = (
     'geometry_msgs/msg/PoseStamped',
     'geometry_msgs/msg/PoseWithCovarianceStamped',
@@ -27,22 +27,16 @@ THRUST_TYPE = 'geometry_msgs/msg/WrenchStamped'
 STORED_MOMENTUM_TYPE = 'geometry_msgs/msg/Vector3Stamped'
 ODOMETRY, POSE, TF = '/odom', '/pose', '/tf'
 # Read where a bag has it, even if not asked for.
-THRUST = '/thrust'
-STORED_MOMENTUM = '/stored_momentum'
-IMU = '/imu'
+THRUST, STORED_MOMENTUM, IMU = '/thrust', '/stored_momentum', '/imu'
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """The topics to read.
+    """The topics to read; an empty name stands for the usual topic, where a bag has it.
 
     Attributes
     ----------
-    joint_states : of type sensor_msgs/JointState
-    odometry : what locates the base: of type nav_msgs/Odometry, or one of POSE_TYPES; empty is /odom or else /pose
-    thrust : of type geometry_msgs/WrenchStamped; empty is /thrust, where there is one
-    stored_momentum : of type geometry_msgs/Vector3Stamped; empty is /stored_momentum, where there is one
-    imu : of type sensor_msgs/Imu; empty is /imu, where there is one
+    odometry : locates the base: of type nav_msgs/Odometry, or one of POSE_TYPES; empty is /odom or else /pose
     located : whether anything locates the base; else an IMU has to be there
     """
 
@@ -54,18 +48,13 @@ class Inputs:
     located: bool = True
 
     @staticmethod
-    def of(arguments: argparse.Namespace, config: EstimatorConfig) -> Inputs:
-        """Return what the arguments of `add_input_arguments` say.
-
-        Parameters
-        ----------
-        arguments : parsed
-        config : what the parameters say of what locates the base
+    def from_arguments(arguments: argparse.Namespace, config: EstimatorConfig) -> Inputs:
+        """Return the topics that the arguments of an executable name.
 
         Raises
         ------
         ParameterError
-            Two topics are said to locate the base.
+            Two topics locate the base.
         """
         if arguments.odom and arguments.pose:
             raise ParameterError(
@@ -75,15 +64,15 @@ class Inputs:
         others = arguments.thrust, arguments.stored_momentum, arguments.imu
         return Inputs(arguments.joint_states, base, *others, located=not config.imu.alone)
 
-    def found(self, bag: BagReader) -> Inputs:
+    def resolved(self, bag: BagReader) -> Inputs:
         """Return the same with the topic of a bag that locates the base."""
         if self.odometry or not self.located:
             return self
-        of_poses = POSE in bag.topics and bag.topics[POSE].type in POSE_TYPES
-        return replace(self, odometry=POSE if of_poses and ODOMETRY not in bag.topics else ODOMETRY)
+        holds_poses = POSE in bag.topics and bag.topics[POSE].type in POSE_TYPES
+        return replace(self, odometry=POSE if holds_poses and ODOMETRY not in bag.topics else ODOMETRY)
 
     def topics(self, bag: BagReader) -> tuple[str, ...]:
-        """Return what of a bag is to be read, joint states and what locates the base first.
+        """Return the topics of a bag to read, joint states and the base's location first.
 
         Raises
         ------
@@ -91,10 +80,10 @@ class Inputs:
             The bag lacks a topic, or has it with another type.
         """
         bag.require(self.joint_states, JOINT_STATE_TYPE)
-        found = [self.joint_states]
+        chosen = [self.joint_states]
         if self.located:
-            found.append(self.found(bag).odometry)
-            bag.require(found[-1], ODOMETRY_TYPE, *POSE_TYPES)
+            chosen.append(self.resolved(bag).odometry)
+            bag.require(chosen[-1], ODOMETRY_TYPE, *POSE_TYPES)
         else:
             bag.require(self.imu or IMU, IMU_TYPE)
         for wanted, usual, kind in (
@@ -105,13 +94,13 @@ class Inputs:
             if wanted:
                 bag.require(wanted, kind)
             if wanted or (usual in bag.topics and bag.topics[usual].type == kind):
-                found.append(wanted or usual)
-        return tuple(found)
+                chosen.append(wanted or usual)
+        return tuple(chosen)
 
     def add_to(self, session: Session, messages: Recorded) -> None:
-        """Hand messages of the topics to a session."""
+        """Hand messages of the topics to a session, many at once where their order allows it."""
         thrust, stored, imu = self.thrust or THRUST, self.stored_momentum or STORED_MOMENTUM, self.imu or IMU
-        takes = {
+        add = {
             self.joint_states: session.add_joint_state,
             self.odometry: session.add_odometry,
             stored: session.add_stored_momentum,
@@ -126,33 +115,4 @@ class Inputs:
                     session.add_stored_momentum(message)
             else:
                 for topic, message, _ in part:
-                    takes[topic](message)
-
-
-def add_input_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments that name bags and the topics to read."""
-    add = parser.add_argument
-    add('bags', nargs='+', metavar='BAG', help='rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file')
-    add_topic_arguments(parser)
-
-
-def add_topic_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments that name the topics to read."""
-    add = parser.add_argument
-    add('--joint-states', default=Inputs.joint_states, metavar='TOPIC', help='default: %(default)s')
-    add('--odom', default='', metavar='TOPIC', help='Odometry that locates the base (default: /odom)')
-    add(
-        '--pose',
-        default='',
-        metavar='TOPIC',
-        help='poses that do so: PoseStamped, PoseWithCovarianceStamped, TransformStamped, or TFMessage with '
-        'pose.tf_child_frame (default: /pose, if there is no /odom)',
-    )
-    add(
-        '--stored-momentum',
-        default='',
-        metavar='TOPIC',
-        help='momentum of wheels or gyros, Vector3Stamped (default: /stored_momentum, if recorded)',
-    )
-    add('--imu', default='', metavar='TOPIC', help='Imu, used with imu.noise_density (default: /imu, if recorded)')
-    add('--thrust', default='', metavar='TOPIC', help='commanded thrust, WrenchStamped (default: /thrust, if recorded)')
+                    add[topic](message)

@@ -1,17 +1,42 @@
-"""By which command, and from which files, a result was made: enough to make it again."""
+"""The versions of what made a result."""
 
 from __future__ import annotations
 
 import hashlib
+import platform
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime, timezone
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from mbaid_ros.core.robot.urdf_document import parse_document
-from mbaid_ros.replay.versions import version_of
+
+_PACKAGES = (
+    ('mbaid_ros', 'mbaid_ros'),
+    ('numpy', 'NumPy'),
+    ('scipy', 'SciPy'),
+    ('pin', 'Pinocchio'),
+    ('rosbags', 'rosbags'),
+    ('mcap', 'mcap'),
+    ('matplotlib', 'Matplotlib'),
+)
+
+
+def versions() -> list[tuple[str, str]]:
+    """Return (name, version) of each package that has a part in the numbers."""
+    return [*((shown, version_of(name)) for name, shown in _PACKAGES), ('Python', platform.python_version())]
+
+
+def version_of(name: str) -> str:
+    """Return the version of an installed package."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return 'not known'  # installed by other means than pip, as Pinocchio by apt
+
 
 LARGEST_HASHED = 1_000_000_000  # bytes; more would take longer to read twice than a result is worth waiting for
 _DATA = ('.mcap', '.db3')  # files of a bag's folder that hold messages
@@ -20,14 +45,7 @@ _BLOCK = 1 << 20
 
 @dataclass(frozen=True)
 class RobotFile:
-    """A robot description.
-
-    Attributes
-    ----------
-    name : of the robot in it
-    file : path as the user gave it
-    sha256 : of its bytes, hexadecimal
-    """
+    """A robot description: the robot's name, the path as the user gave it, and the SHA-256 of its bytes."""
 
     name: str
     file: str
@@ -36,15 +54,7 @@ class RobotFile:
 
 @dataclass(frozen=True)
 class MadeBy:
-    """What a result was made by.
-
-    Attributes
-    ----------
-    version : of mbaid_ros
-    command : as a shell takes it
-    date : ISO 8601, UTC
-    robot : RobotFile
-    """
+    """What made a result: version of mbaid_ros, command as a shell takes it, date (ISO 8601, UTC), robot."""
 
     version: str
     command: str
@@ -53,22 +63,13 @@ class MadeBy:
 
 
 def made_by(executable: str, argv: Sequence[str], model: str, urdf: str) -> MadeBy:
-    """Return what the results of this command, now, are made by.
-
-    Parameters
-    ----------
-    executable, argv : the command
-    model : path of the robot description
-    urdf : its text: of a pipe, which can be read but once, what there is
-    """
+    """Return what makes the results of a command, now; a model that is a pipe is known by its text `urdf` alone."""
     path = Path(model)
-    found = sha256(path) if path.is_file() else hashlib.sha256(urdf.encode()).hexdigest()
-    return MadeBy(
-        version=version_of('mbaid_ros'),
-        command=shlex.join(('ros2', 'run', 'mbaid_ros', executable, *argv)),
-        date=datetime.now(timezone.utc).isoformat(timespec='seconds'),
-        robot=RobotFile(parse_document(urdf).get('name', ''), model, found),
-    )
+    digest = sha256(path) if path.is_file() else hashlib.sha256(urdf.encode()).hexdigest()
+    command = shlex.join(('ros2', 'run', 'mbaid_ros', executable, *argv))
+    date = datetime.now(timezone.utc).isoformat(timespec='seconds')
+    robot = RobotFile(parse_document(urdf).get('name', ''), model, digest)
+    return MadeBy(version_of('mbaid_ros'), command, date, robot)
 
 
 def hashes(bag: str) -> dict[str, str | None]:
@@ -90,7 +91,7 @@ def sha256(file: Path) -> str:
 
 
 def as_json(made: MadeBy, parameters: Mapping[str, object], files: Mapping[str, str | None]) -> dict[str, Any]:
-    """Return what a result was made by, with every parameter and the files of its bag, as scripts read it."""
+    """Return what made a result, with every parameter and the files of its bag, as scripts read it."""
     return {**asdict(made), 'parameters': dict(parameters), 'bag_sha256': dict(files)}
 
 
@@ -104,9 +105,6 @@ def in_words(made: MadeBy) -> list[str]:
 
 
 def files_in_words(bag: str, files: Mapping[str, str | None]) -> list[str]:
-    """Return what tells the files of a bag from others, a line each."""
-    return [f'{bag}, {name}: {_hash_in_words(found)}' for name, found in files.items()]
-
-
-def _hash_in_words(found: str | None) -> str:
-    return f'SHA-256 {found}' if found else f'SHA-256 not taken, for the bag is larger than {LARGEST_HASHED / 1e9:g} GB'
+    """Return the identity of each file of a bag, a line each."""
+    missing = f'SHA-256 not taken, for the bag is larger than {LARGEST_HASHED / 1e9:g} GB'
+    return [f'{bag}, {name}: {f"SHA-256 {digest}" if digest else missing}' for name, digest in files.items()]

@@ -1,34 +1,42 @@
-"""What a replay leads to."""
+"""The result of a replay, and what it is gathered from: estimates, times of arrival, the last pose."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from array import array
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
 
+from mbaid_ros.cdr import Packets
 from mbaid_ros.core.capture import Capture, Phase
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.publication import Debris
+from mbaid_ros.core.robot.model import Link, RobotModel
+from mbaid_ros.core.samples import Stamps
 from mbaid_ros.core.sensors.levels import SensorLevels
+from mbaid_ros.messages import joint_state_shape, odometry_shape, positions_of
 from mbaid_ros.replay import provenance
-from mbaid_ros.session import Survey
+from mbaid_ros.session import ModelSummary
 
 HISTORY_LIMIT = 5_000
 Record = TypeVar('Record', Estimate, SensorLevels)
 
+_PIECES = 120  # points of the rate over time
+_GAP = 3.0  # usual intervals that make a gap
+_LISTED = 20  # gaps that are kept, the longest
+_KEPT = 400_000  # times that are kept, at most
+_NAME_LISTS = 64  # of joints, of which the last message is kept
+
 
 @dataclass(frozen=True)
 class TopicStatistics:
-    """What was received on a topic.
+    """The messages of a topic: full names, number, and rate in Hz (NaN for fewer than two).
 
     Attributes
     ----------
-    topic, type : full names
-    messages : number
-    rate : Hz, NaN for fewer than two messages
     gaps : (begin, length), s, of the longest intervals without a message that stand out
     course : (time, rate), s and Hz, of equal pieces of the run
     """
@@ -43,14 +51,7 @@ class TopicStatistics:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the robot is at an instant.
-
-    Attributes
-    ----------
-    base_rotation : (3, 3) base to odometry axes
-    base_position : (3,) m
-    joint_position : (n,) rad or m, in the order of the model's joints
-    """
+    """Rotation (3, 3) base to odometry axes, position (3,) m of the base, and joint positions (n,) of the model."""
 
     base_rotation: Array
     base_position: Array
@@ -59,13 +60,12 @@ class Pose:
 
 @dataclass(frozen=True)
 class Run:
-    """A bag's way through the estimator.
+    """The result of replaying a bag.
 
     Attributes
     ----------
     bag : path as the user gave it
     target_link : link whose inertia was identified
-    final : the last estimate
     history : estimates in order, thinned evenly to at most HISTORY_LIMIT
     topics : the inputs
     used : number of samples the estimator was given
@@ -76,12 +76,10 @@ class Run:
     settings : every parameter of the estimator with its value
     debris : the captured body alone, None where not asked for or not determined
     phase : in which the bag ends
-    capture : what it tells, None where the bag holds none
     missing_joints : for want of which most of the joint states could not be used
-    survey : what the run takes the robot for, None where nobody has looked
-    made_by : which command, None where nobody asked
-    state : what it has come to know, as the next motion is planned from; None where its method does not tell
-    advice : what motion would help most, in words; empty where none is needed or known
+    survey : the model summary, None where there is none
+    state : the posterior, from which the next motion is planned; None where the method has none
+    advice : the motion that would help most, in words; empty where none is needed or known
     files : SHA-256 of each file of the bag, by its name; None for one that is too large
     """
 
@@ -100,7 +98,7 @@ class Run:
     phase: Phase = 'post_capture'
     capture: Capture | None = None
     missing_joints: tuple[str, ...] = ()
-    survey: Survey | None = None
+    survey: ModelSummary | None = None
     made_by: provenance.MadeBy | None = None
     files: Mapping[str, str | None] = field(default_factory=dict)
     state: Mapping[str, Any] | None = None
@@ -113,13 +111,8 @@ class Run:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the data contradict the model: what comes out, if anything does, must not be trusted."""
+        """Whether the data contradict the model, so that no number must be trusted."""
         return self.final.contradicted
-
-    @property
-    def likeliest(self) -> tuple[tuple[str, float], ...]:
-        """What may be wrong where the data contradict the model, the likeliest first, with its log-likelihood."""
-        return self.final.likely_causes
 
     @property
     def all_warnings(self) -> list[str]:
@@ -128,13 +121,7 @@ class Run:
 
 
 class History:
-    """Keeps a sequence of estimates of any length, thinned evenly, in bounded memory.
-
-    Parameters
-    ----------
-    limit : int
-        Most entries that `entries` returns.
-    """
+    """A sequence of estimates of any length, thinned evenly to at most `limit`, in bounded memory."""
 
     def __init__(self, limit: int = HISTORY_LIMIT) -> None:
         self._limit = limit
@@ -148,7 +135,7 @@ class History:
         """Take the next estimate."""
         self._ends_with_last = self._count % self._stride == 0
         if self._ends_with_last:
-            self._kept.append(_alone(estimate))
+            self._kept.append(_compact(estimate))
             if len(self._kept) > 2 * self._limit:
                 self._kept = self._kept[::2]
                 self._stride *= 2
@@ -166,16 +153,123 @@ class History:
         return tuple(thinned) if self.last is None else (*thinned, self.last)
 
 
-def _alone(estimate: Estimate) -> Estimate:
-    """Return an estimate to keep: without its error budget, which is told of the last one only, and sharing no memory.
-
-    The numbers of windows that are worked on together are views of arrays of all of them: each would keep all.
-    """
+def _compact(estimate: Estimate) -> Estimate:
+    """Return an estimate without its error budget, whose arrays are copies: views would keep those of all windows."""
     noise = estimate.noise
     return replace(_copied(estimate), budget=None, noise=None if noise is None else _copied(noise))
 
 
 def _copied(record: Record) -> Record:
-    """Return a dataclass with its arrays copied."""
     copies: dict[str, Any] = {name: part.copy() for name, part in vars(record).items() if isinstance(part, np.ndarray)}
     return replace(record, **copies)
+
+
+class Arrivals:
+    """The times at which a topic's messages were recorded: of many every second, every fourth ..."""
+
+    def __init__(self) -> None:
+        self.first: int | None = None  # ns
+        self._last = 0  # ns
+        self._count = 0
+        self._stride = 1  # messages from one whose time is kept to the next one
+        self._times, self._intervals = array('q'), array('q')  # ns; since the message before
+        # Interval and its begin, ns, number of the message after it.
+        self._longest: Stamps = np.zeros((0, 3), dtype=np.int64)
+
+    def add(self, times: Stamps) -> None:
+        """Take the times of messages, (N,) ns."""
+        if not len(times):
+            return
+        if self.first is None:
+            self.first = self._last = int(times[0])
+        intervals = np.diff(times, prepend=self._last)
+        self._keep_longest(times, intervals)
+        kept = slice(-self._count % self._stride, None, self._stride)
+        self._times.frombytes(times[kept].tobytes())
+        self._intervals.frombytes(intervals[kept].tobytes())
+        self._count, self._last = self._count + len(times), int(times[-1])
+        while len(self._times) > _KEPT:
+            self._times, self._intervals = self._times[::2], self._intervals[::2]
+            self._stride *= 2
+
+    def _keep_longest(self, times: Stamps, intervals: Stamps) -> None:
+        least = self._longest[:, 0].min() if len(self._longest) == _LISTED else np.iinfo(np.int64).min
+        long = np.flatnonzero(intervals > least)
+        if len(long):
+            new = np.column_stack((intervals[long], times[long] - intervals[long], self._count + long))
+            both = np.concatenate((self._longest, new))
+            self._longest = both[np.argsort(-both[:, 0], kind='stable')[:_LISTED]]
+
+    def statistics(self, topic: str, type_name: str, messages: int, origin: int) -> TopicStatistics:
+        """Return the statistics of a topic whose bag claims a number of messages; times are since an origin, ns."""
+        span = 0.0 if self.first is None else 1e-9 * (self._last - self.first)
+        rate = (messages - 1) / span if span > 0.0 else float('nan')
+        return TopicStatistics(topic, type_name, messages, rate, self._gaps(origin), self._rates(origin, span))
+
+    def _gaps(self, origin: int) -> tuple[tuple[float, float], ...]:
+        """Return (begin, length), s, of the longest intervals without a message, in order."""
+        if len(self._intervals) < 2:
+            return ()
+        usual = max(1e-9 * float(np.median(np.array(self._intervals)[1:])), 1e-9)
+        in_order = self._longest[np.argsort(self._longest[:, 2])]
+        gaps = ((1e-9 * (int(begin) - origin), 1e-9 * int(length)) for length, begin, _ in in_order)
+        return tuple((begin, length) for begin, length in gaps if length > _GAP * usual)
+
+    def _rates(self, origin: int, span: float) -> tuple[tuple[float, float], ...]:
+        """Return (time, rate), s and Hz, of pieces of the run with equal numbers of messages."""
+        times = 1e-9 * (np.array(self._times, dtype=np.int64) - origin)
+        pieces = min(_PIECES, len(times) // 8)
+        if pieces < 2 or span <= 0.0:
+            return ()
+        edges = np.linspace(0, len(times) - 1, pieces + 1).astype(int)
+        begin, end = times[edges[:-1]], times[edges[1:]]
+        rate = self._stride * np.diff(edges) / np.maximum(end - begin, 1e-9)
+        return tuple(zip((0.5 * (begin + end)).tolist(), rate.tolist(), strict=True))
+
+
+class LastPose:
+    """The last pose of a robot in a stream of messages, unsynchronised: each joint's and the base's last reading."""
+
+    def __init__(self, model: RobotModel, prefix: str = '') -> None:
+        self._model = model
+        self._carriers = {prefix + link.name: link for link in model.links if link.body == 0}
+        self._joint_state: dict[tuple[str, ...], Any] = {}  # the last message of each list of names
+        self._odometry: Any = None
+
+    def add_joint_states(self, messages: Sequence[Any]) -> None:
+        """Take JointStates in order, of all joints or of some."""
+        last = {joint_state_shape(message): message for message in _ends(messages)}
+        for shape, message in last.items():
+            if shape.names in self._joint_state or len(self._joint_state) < _NAME_LISTS:
+                self._joint_state[shape.names] = message
+
+    def add_odometry(self, messages: Sequence[Any]) -> None:
+        """Take Odometry in order, of the base link or of links fixed to it."""
+        own = (message for message in reversed(_ends(messages)) if self._carrier(message) is not None)
+        self._odometry = next(own, self._odometry)
+
+    def _carrier(self, odometry: Any) -> Link | None:
+        return self._carriers.get(odometry_shape(odometry).child_frame_id.lstrip('/'))
+
+    def pose(self) -> Pose | None:
+        """Return the pose, None while a joint or the base has none."""
+        positions: dict[str, float] = {}
+        for message in self._joint_state.values():
+            positions.update(positions_of(message))
+        link = None if self._odometry is None else self._carrier(self._odometry)
+        angles = self._model.positions_from(positions)
+        if link is None or not np.all(np.isfinite(angles)):
+            return None
+        numbers = odometry_shape(self._odometry).columns([self._odometry])[1][0]
+        position, quaternion = numbers[:3], numbers[3:7]
+        if not np.all(np.isfinite(position)) or not np.all(np.abs(quaternion) < 2.0):
+            return None
+        if not 0.5 < np.sum(quaternion**2) < 2.0:
+            return None
+        rotation = rotation_from_quaternion(quaternion) @ link.rotation.T
+        return Pose(rotation, position - rotation @ link.position, angles)
+
+
+def _ends(messages: Sequence[Any]) -> Sequence[Any]:
+    """Return of messages in order those that may be the last of their shape; packets together have one shape."""
+    return messages[-1:] if isinstance(messages, Packets) else messages

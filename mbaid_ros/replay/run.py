@@ -1,37 +1,80 @@
-"""A bag through the estimator's core."""
+"""A bag through the estimator's core, or through its intake alone."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 
-from mbaid_ros.bags import BagReader, BagWriter, Recorded
+import numpy as np
+from tqdm import tqdm
+
+from mbaid_ros.bags import BagReader, BagWriter, Recorded, message_class
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.capture import Capture
+from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.publication import Debris, DebrisPublication, InertiaPublication
+from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
-from mbaid_ros.replay.arrivals import Arrivals
-from mbaid_ros.replay.bag_types import BAG_TYPES
-from mbaid_ros.replay.feed import Progress, feed
+from mbaid_ros.outgoing import Frames, MessageTypes, debris_message, estimate_message, inertia_message
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.last_pose import LastPose
-from mbaid_ros.replay.results import History, Pose, Run, TopicStatistics
+from mbaid_ros.replay.results import Arrivals, History, LastPose, Run, TopicStatistics
 from mbaid_ros.session import Session, as_numbers, intake_warnings, missing_joints
 
+BAG_TYPES = MessageTypes(find=message_class, flags=np.asarray)  # of messages made without a graph
 ESTIMATE_TOPIC = '/estimator/estimate'
 DEBRIS_TOPIC = '/estimator/debris'
 INERTIA_TOPIC = '/estimator/inertia'
 
+# How the calls are spread does not change the numbers; this many messages keep the arrays long and the memory short.
+_MESSAGES_AT_ONCE = 4_000
+
+# Called now and then with the number of messages read and that of all.
+Progress = Callable[[int, int], None]
+
+
+def feed(bag: BagReader, inputs: Inputs, add: Callable[[Recorded], None], progress: Progress | None) -> Iterator[None]:
+    """Hand over a bag's messages; yield where it is time to work through them, the last time at the end.
+
+    Raises
+    ------
+    DataError
+        The bag lacks a topic, or has it with another type.
+    """
+    topics = inputs.topics(bag)
+    total = sum(bag.topics[topic].count for topic in topics)
+    count = 0
+    for part in bag.read_packed(topics, _MESSAGES_AT_ONCE):
+        add(part)
+        count += len(part)
+        if len(part) == _MESSAGES_AT_ONCE:
+            yield
+            if progress:
+                progress(count, total)
+    yield
+    if progress:
+        progress(total, total)
+
+
+@contextmanager
+def progress_bar(bag: str) -> Iterator[Progress]:
+    """Show a bar on a terminal, nothing when piped."""
+    with tqdm(desc=Path(bag).name, unit=' messages', disable=None, leave=False) as bar:
+
+        def advance(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield advance
+
 
 class EstimateWriter:
-    """Writes estimates into a bag, with the messages and names of the estimator node.
+    """Writes estimates into an open bag, with the messages and names of the estimator node.
 
-    Parameters
-    ----------
-    bag : an open bag
-    with_debris : whether the captured body on its own is written, too
+    `with_debris` declares the topic of the captured body alone, too.
     """
 
     def __init__(self, bag: BagWriter, *, with_debris: bool = False) -> None:
@@ -47,9 +90,9 @@ class EstimateWriter:
         """Write an estimate at the stamp of the last sample it uses, and the captured body alone where it is given."""
         time = max(0, estimate.stamp)
         self._bag.write(ESTIMATE_TOPIC, estimate_message(estimate, BAG_TYPES, frames), time)
-        told, body = self._inertia.follow(estimate), self._debris.follow(alone)
-        if told is not None:
-            self._bag.write(INERTIA_TOPIC, inertia_message(told, BAG_TYPES, frames), time)
+        inertia, body = self._inertia.follow(estimate), self._debris.follow(alone)
+        if inertia is not None:
+            self._bag.write(INERTIA_TOPIC, inertia_message(inertia, BAG_TYPES, frames), time)
         if body is not None:
             self._bag.write(DEBRIS_TOPIC, debris_message(body, estimate, BAG_TYPES, frames, capture), time)
 
@@ -63,16 +106,7 @@ def replay_bag(
     writer: EstimateWriter | None = None,
     progress: Progress | None = None,
 ) -> Run:
-    """Send a bag's messages through a session and return what it leads to.
-
-    Parameters
-    ----------
-    path : the bag
-    config : the estimator's parameters
-    urdf : text of the robot description
-    inputs : the topics to read
-    writer : where to write the estimates
-    progress : Progress
+    """Send a bag's messages through a session and return the result; a writer gets every estimate.
 
     Raises
     ------
@@ -82,19 +116,20 @@ def replay_bag(
         The robot or the parameters cannot be used.
     """
     session = Session(config, urdf)
+    robot = session.robot
     history = History()
     with BagReader(path) as bag:
-        inputs = inputs.found(bag)
+        inputs = inputs.resolved(bag)
         intake = _Intake(session, inputs, inputs.topics(bag))
         for _ in feed(bag, inputs, intake.add, progress):
-            _take(session.process(), session, history, writer)
-        survey = session.survey()
+            _keep(session.process(), session, history, writer)
+        survey = session.model_summary()
         warnings = (*bag.warnings, *survey.warnings, *intake_warnings(session))
-    knowledge = session.knowledge()
+    knowledge = session.posterior()
     final = history.last or Estimate(method=config.method, status='waiting')
     return Run(
         bag=path,
-        target_link=session.robot.target_link,
+        target_link=robot.target_link,
         final=final,
         history=history.entries(),
         topics=intake.statistics(bag),
@@ -103,12 +138,12 @@ def replay_bag(
         missing_joints=missing_joints(session),
         survey=survey,
         warnings=warnings,
-        urdf=session.robot.urdf,
-        pose=intake.pose(),
+        urdf=robot.urdf,
+        pose=intake.pose.pose(),
         settings=values_of(config),
-        debris=session.robot.debris(history.last) if history.last else None,
-        phase=session.robot.phase,
-        capture=session.robot.captured(history.last) if history.last else None,
+        debris=robot.debris(history.last) if history.last else None,
+        phase=robot.phase,
+        capture=robot.captured(history.last) if history.last else None,
         state=None if knowledge is None else as_numbers(knowledge),
         advice='' if knowledge is None or final.contradicted else _advice(config, knowledge),
     )
@@ -122,48 +157,97 @@ def _advice(config: EstimatorConfig, knowledge: Posterior) -> str:
 
 
 class _Intake:
-    """Hands messages to the session and remembers what a report tells of them.
-
-    Parameters
-    ----------
-    session : Session
-    inputs, topics : what is read
-    """
+    """Hands messages to the session and gathers their statistics."""
 
     def __init__(self, session: Session, inputs: Inputs, topics: tuple[str, ...]) -> None:
         self._session = session
         self._inputs = inputs
         self._arrivals = {topic: Arrivals() for topic in topics}
-        self._pose = LastPose(session.robot.model, session.config.frame_prefix)
+        self.pose = LastPose(session.robot.model, session.config.frame_prefix)
 
     def add(self, messages: Recorded) -> None:
         """Take messages."""
         self._inputs.add_to(self._session, messages)
         for topic, times in messages.times.items():
             self._arrivals[topic].add(times)
-        self._pose.add_joint_states(messages.of(self._inputs.joint_states))
-        self._pose.add_odometry(self._session.base_source.poses(messages.of(self._inputs.odometry)))
+        self.pose.add_joint_states(messages.of(self._inputs.joint_states))
+        self.pose.add_odometry(self._session.base_source.poses(messages.of(self._inputs.odometry)))
 
     def statistics(self, bag: BagReader) -> tuple[TopicStatistics, ...]:
-        """Return what arrived."""
+        """Return the statistics of each topic."""
         origin = min((each.first for each in self._arrivals.values() if each.first is not None), default=0)
         return tuple(
             arrivals.statistics(topic, bag.topics[topic].type, bag.topics[topic].count, origin)
             for topic, arrivals in self._arrivals.items()
         )
 
-    def pose(self) -> Pose | None:
-        """Return the last pose, None where there is none."""
-        return self._pose.pose()
 
-
-def _take(estimates: Sequence[Estimate], session: Session, history: History, writer: EstimateWriter | None) -> None:
-    frames = Frames(
-        target_link=session.robot.target_link,
-        odometry=session.intake.odometry_reader.frame,
-        prefix=session.config.frame_prefix,
-    )
+def _keep(estimates: Sequence[Estimate], session: Session, history: History, writer: EstimateWriter | None) -> None:
+    robot = session.robot
+    frames = Frames(robot.target_link, session.intake.odometry_reader.frame, session.config.frame_prefix)
     for estimate in estimates:
         history.add(estimate)
         if writer:
-            writer.write(estimate, frames, session.robot.debris(estimate), session.robot.captured(estimate))
+            writer.write(estimate, frames, robot.debris(estimate), robot.captured(estimate))
+
+
+@dataclass(frozen=True)
+class BagMotions:
+    """The motions in a bag, as the windows that a calibration takes.
+
+    Attributes
+    ----------
+    bag : path as the user gave it
+    runs : motions, each as windows; stamps that jump back begin another one
+    warnings : of bag, intake and data, one line each
+    heard : joints that the messages name
+    """
+
+    bag: str
+    runs: tuple[list[Samples], ...]
+    warnings: tuple[str, ...]
+    heard: tuple[str, ...] = ()
+
+
+class _Collector:
+    """A method that keeps the windows; its estimates hold no numbers and carry the notes on the data."""
+
+    method = 'calibration'
+    needs_rates = False
+
+    def __init__(self) -> None:
+        self.windows: list[Samples] = []
+
+    def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
+        """Take closed windows."""
+        self.windows += windows
+        last = float(windows[-1].time[-1])
+        return [Estimate(self.method, 'estimating', time=last, stamp=origin + round(last * 1e9))]
+
+
+def read_motions(path: str, config: EstimatorConfig, urdf: str, inputs: Inputs) -> BagMotions:
+    """Return the motions in a bag, through the same intake as an estimator's, with a progress bar.
+
+    Raises
+    ------
+    DataError
+        The bag cannot be read, or lacks a topic.
+    ModelError, ParameterError
+        The robot or the parameters cannot be used.
+    """
+    collectors: list[_Collector] = []
+
+    def collect(*_given: object) -> Estimator:
+        collectors.append(_Collector())
+        return collectors[-1]
+
+    session = Session(config, urdf, collect)
+    notes: tuple[str, ...] = ()
+    with progress_bar(path) as progress, BagReader(path) as bag:
+        resolved = inputs.resolved(bag)
+        for _ in feed(bag, resolved, lambda messages: resolved.add_to(session, messages), progress):
+            estimates = session.process()
+            notes = estimates[-1].warnings if estimates else notes
+        warnings = (*bag.warnings, *notes, *intake_warnings(session))
+    runs = tuple(collector.windows for collector in collectors if collector.windows)
+    return BagMotions(path, runs, tuple(dict.fromkeys(warnings)), tuple(session.intake.joint_reader.heard))

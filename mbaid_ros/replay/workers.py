@@ -1,33 +1,32 @@
-"""Processes that work beside this one, and end with it."""
+"""Processes that work beside this one, and end with it; and many bags replayed by them."""
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import threading
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, MutableSequence, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from ctypes import c_double
+from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
+from multiprocessing.sharedctypes import RawArray
 from queue import SimpleQueue
 from traceback import format_exc
 from types import TracebackType
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
+
+from tqdm import tqdm
+
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.core.errors import DataError
+from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.results import Run
+from mbaid_ros.replay.run import replay_bag
 
 T = TypeVar('T')
-
-
-def add_processes_option(parser: argparse.ArgumentParser) -> None:
-    """Add the option that says how many processes work at the same time."""
-    parser.add_argument(
-        '--processes',
-        type=_count,
-        default=_cores(),
-        metavar='N',
-        help='that work at the same time (default: one a core)',
-    )
 
 
 class ProcessDiedError(Exception):
@@ -40,11 +39,7 @@ class Workers:
     They are new ones (spawn), not copies of this one with locks that its threads hold. Each has a pipe of its own and a
     thread here that waits for it: none shares a lock or a queue with another, which one that is killed could keep. An
     interrupt from the terminal, which reaches every process, is left to this one, and they end when it is killed.
-
-    Parameters
-    ----------
-    count : how many
-    common : first argument of every call
+    Every call gets `common` as its first argument.
     """
 
     def __init__(self, count: int, common: object) -> None:
@@ -66,10 +61,7 @@ class Workers:
             self._idle.put(ours)
 
     def submit(self, function: Callable[..., T], *arguments: object) -> Future[T]:
-        """Have a function called in one of the processes, with the common argument and others.
-
-        The result raises what the function raises, and ProcessDiedError where its process has died.
-        """
+        """Call a function in one of the processes; the result raises its error, or a ProcessDiedError."""
         return self._threads.submit(self._called, function, *arguments)
 
     def _called(self, function: Callable[..., T], *arguments: object) -> T:
@@ -126,12 +118,54 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _count(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and int(text) >= 1):
-        raise argparse.ArgumentTypeError(f"'{text}' is not accepted; accepted: a whole number >= 1")
-    return int(text)
+_LOOK = 0.2  # s between two looks at how far the processes are
 
 
-def _cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))
+@dataclass(frozen=True)
+class _Task:
+    """What every process gets at its start; `done` is shared memory: the part of each bag that is done, 0 to 1."""
+
+    config: EstimatorConfig
+    urdf: str
+    inputs: Inputs
+    done: MutableSequence[float]
+
+    def replay(self, place: int, bag: str) -> Run:
+        """Replay the bag at a place in the list."""
+
+        def advance(done: int, total: int) -> None:
+            self.done[place] = done / total if total else 1.0
+
+        return replay_bag(bag, self.config, self.urdf, self.inputs, progress=advance)
+
+
+def replay_bags(bags: Sequence[str], config: EstimatorConfig, urdf: str, inputs: Inputs, processes: int) -> list[Run]:
+    """Replay bags in so many processes at a time, with the results of one after the other; a terminal shows a bar.
+
+    Raises
+    ------
+    DataError, ModelError, ParameterError
+        The error of the first bag, in the order given, that cannot be replayed.
+    """
+    done: Any = RawArray(c_double, len(bags))
+    task = _Task(config, urdf, inputs, done)
+    shape = '{l_bar}{bar}| {n:.1f}/{total} bags [{elapsed}<{remaining}]'
+    with (
+        tqdm(total=len(bags), bar_format=shape, disable=None, leave=False) as bar,
+        Workers(min(processes, len(bags)), task) as workers,
+    ):
+        futures = [workers.submit(_Task.replay, *each) for each in enumerate(bags)]
+        return [_result(future, done, bar) for future in futures]
+
+
+def _result(future: Future[Run], done: MutableSequence[float], bar: tqdm[None]) -> Run:
+    """Return a result as soon as it is there; show until then how far all are."""
+    while not future.done():
+        wait([future], _LOOK)
+        bar.update(sum(done) - bar.n)
+    try:
+        return future.result()
+    except ProcessDiedError as error:
+        raise DataError(
+            'a process died over a bag: it was killed, or memory ran out; fewer --processes take less of it'
+        ) from error

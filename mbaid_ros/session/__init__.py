@@ -1,16 +1,15 @@
-"""A run of the estimator, as both faces see it: messages go in, estimates and explanations come out."""
+"""A run of the estimator, for both faces: messages go in, estimates and explanations come out."""
 
-from mbaid_ros.session.environment import storage
 from mbaid_ros.session.explanation import doubts, explain, intake_warnings, missing_joints, obstacles
 from mbaid_ros.session.methods import make_estimator
-from mbaid_ros.session.model_summary import Survey, survey
+from mbaid_ros.session.model_summary import ModelSummary, summarise
 from mbaid_ros.session.posterior import as_numbers, from_numbers
 from mbaid_ros.session.session import Session
-from mbaid_ros.session.uncertainty import with_surroundings
+from mbaid_ros.session.settings import storage, with_surroundings
 
 __all__ = [
+    'ModelSummary',
     'Session',
-    'Survey',
     'as_numbers',
     'doubts',
     'explain',
@@ -20,6 +19,6 @@ __all__ = [
     'missing_joints',
     'obstacles',
     'storage',
-    'survey',
+    'summarise',
     'with_surroundings',
 ]

@@ -1,4 +1,4 @@
-"""Why messages are not used, and why there is no estimate, in sentences that name what is there and what would help."""
+"""Why messages are not used, and why there is no estimate: in sentences with the received value and the remedy."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ from collections.abc import Iterable
 
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.identifier import RATE_MISSING
-from mbaid_ros.core.sensors.orbit_frame import OTHER_MOMENTUM_FRAME
+from mbaid_ros.core.sensors.external_momentum import FAR_THRUST, OTHER_MOMENTUM_FRAME, UNKNOWN_FRAME
 from mbaid_ros.core.sensors.outliers import OUTLIER, REPEATED_POSE
 from mbaid_ros.core.sensors.streams import LATE, OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.sensors.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
-from mbaid_ros.core.sensors.thrust import FAR_THRUST, UNKNOWN_FRAME
 from mbaid_ros.messages import (
     BAD_QUATERNION,
     IMU_FRAME,
@@ -19,8 +18,7 @@ from mbaid_ros.messages import (
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
 )
-from mbaid_ros.session.base_source import OTHER_SOURCE
-from mbaid_ros.session.segment import IMU, JOINTS, ODOMETRY
+from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, OTHER_SOURCE
 from mbaid_ros.session.session import Session
 
 _APART = 1_000_000_000  # ns between the newest stamps of the two topics: more is no delay
@@ -31,7 +29,7 @@ _NO_COVARIANCE = (
 
 
 def explain(session: Session, causes: Iterable[str]) -> list[str]:
-    """Return the causes of dropped or replaced data as sentences with what there was and what is accepted."""
+    """Return the causes of dropped or replaced data as sentences with the received value and the accepted ones."""
     config = session.config
     details = {
         JOINT_MISSING: _lacking(session),
@@ -60,36 +58,37 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
 
 
 def intake_warnings(session: Session) -> list[str]:
-    """Return what became of the messages that were not used, or not wholly, one line a cause, and what would help."""
-    told = [
+    """Return the unused and partly used messages, one line a cause with its remedy, after restarts and obstacles."""
+    lines = [
         f'{causes[cause]} messages {how}: {text}'
         for how, causes in (('not used', session.dropped), ('not used wholly', session.replaced))
         for cause, text in zip(sorted(causes), explain(session, causes), strict=True)
     ]
-    return [*session.restarts, *obstacles(session), *doubts(session), *told]
+    return [*session.restarts, *obstacles(session), *doubts(session), *lines]
 
 
 def obstacles(session: Session) -> list[str]:
-    """Return what keeps messages that have come from becoming samples."""
+    """Return the reasons that keep received messages from becoming samples."""
+    received, intake, newest = session.received, session.intake, session.queue.newest
     found = [session.problem] if session.problem else []
     if _never_held(session):
         found.append(f'{JOINT_MISSING}: {_lacking(session)}')
-    if IMU in session.inbox.newest and session.received[JOINTS] and not session.received[IMU]:
+    if IMU in newest and received[JOINTS] and not received[IMU]:
         found.append('imu.noise_density is set, and nothing comes on imu')
-    if session.config.imu.orientation and session.received[IMU] and not session.intake.orientation_told:
+    if session.config.imu.orientation and received[IMU] and not intake.orientation_measured:
         found.append(
             'imu.orientation is true, and no message on imu has told one; accepted: a unit quaternion and a covariance '
             'that does not begin with -1 (REP 145)'
         )
-    joints, base = (session.inbox.newest[name] for name in (JOINTS, ODOMETRY))
+    joints, base = newest[JOINTS], newest[ODOMETRY]
     if joints is not None and base is not None and abs(joints - base) > _APART:
         ahead, behind = (JOINTS, ODOMETRY) if joints > base else (ODOMETRY, JOINTS)
         found.append(
             f'the stamps of {ahead} are {abs(joints - base) * 1e-9:.6g} s ahead of those of {behind}: '
             f'{behind} has stopped, or their clocks differ'
         )
-    stamps = session.intake.merge.newest
-    if len(stamps) > 1 and not session.intake.merge.missing:
+    stamps = intake.merge.newest
+    if len(stamps) > 1 and not intake.merge.missing:
         slowest = min(stamps, key=lambda key: stamps[key])
         late = max(stamps.values()) - stamps[slowest]
         if late > _APART:
@@ -99,26 +98,26 @@ def obstacles(session: Session) -> list[str]:
 
 
 def doubts(session: Session) -> list[str]:
-    """Return in what the messages that are used may not be what they are taken for."""
+    """Return doubtful assumptions about the messages that are used."""
     frames = [f"'{frame}'" for frame in session.intake.odometry_reader.frames]
-    told = f'the base is located in the frames {listing(frames)}, which are taken for one'
-    return [f'{told}: where they differ, the base seems to jump; accepted: one frame_id'] if len(frames) > 1 else []
+    text = f'the base is located in the frames {listing(frames)}, which are taken for one'
+    return [f'{text}: where they differ, the base seems to jump; accepted: one frame_id'] if len(frames) > 1 else []
 
 
 def missing_joints(session: Session) -> tuple[str, ...]:
-    """Return the joints for want of which most of the joint states lead to no sample; empty where that is not so."""
+    """Return the joints whose absence leaves most joint states unused; empty otherwise."""
     most = 2 * session.dropped[JOINT_MISSING] > session.received[JOINTS]
     return _never_held(session) or (session.intake.joint_reader.missing if most else ())
 
 
 def _never_held(session: Session) -> tuple[str, ...]:
-    """Return the joints that no message has held, where the joints come in parts."""
+    """Return the joints that no message has held, if the joints come in parts."""
     merge = session.intake.merge
     return tuple(session.robot.readings[joint] for joint in merge.missing) if merge.partial else ()
 
 
 def _lacking(session: Session) -> str:
-    """Return which joints are missing; empty where that was only so before the run started again."""
+    """Return the missing joints; empty if they were missing only before the run started again."""
     missing = _never_held(session) or session.intake.joint_reader.missing
     if not missing:
         return ''
@@ -126,14 +125,17 @@ def _lacking(session: Session) -> str:
 
 
 def _outliers(session: Session) -> str:
-    """Return how many poses are outliers; empty where they are few."""
+    """Return the share of outliers among the poses; empty if small."""
     share = session.dropped[OUTLIER] / max(session.received[ODOMETRY], 1)
     return f'{100.0 * share:.2g} % of the odometry are outliers' if share > _MANY_OUTLIERS else ''
 
 
+def _links_on_base(session: Session) -> list[str]:
+    return [session.config.frame_prefix + link.name for link in session.robot.model.links if link.body == 0]
+
+
 def _imu_frame(session: Session) -> str:
-    links = [f'{session.config.frame_prefix}{link.name}' for link in session.robot.model.links if link.body == 0]
-    given = session.intake.imu_reader.other_frame[:60]
+    given, links = session.intake.imu_reader.other_frame[:60], _links_on_base(session)
     return f"it is '{given}'; accepted: {listing(links)}; or imu.frame says which it is, also one that joints move"
 
 
@@ -142,15 +144,15 @@ def _other_source(session: Session) -> str:
         return 'imu.alone says that the IMU alone is used'
     if session.config.pose.tf_child_frame:
         return 'pose.tf_child_frame says that it is on /tf'
-    comes = {'odom': 'Odometry', 'pose': 'a pose', 'tf': 'a transform'}
+    names = {'odom': 'Odometry', 'pose': 'a pose', 'tf': 'a transform'}
     first = session.base_source.kind
-    return f'{comes[first]} was first' if first else 'pose.tf_child_frame says which transform it is'
+    return f'{names[first]} was first' if first else 'pose.tf_child_frame says which transform it is'
 
 
 def _wrong_child_frame(session: Session) -> str:
-    links = [f"'{session.config.frame_prefix}{link.name}'" for link in session.robot.model.links if link.body == 0]
     given = session.intake.odometry_reader.other_child_frame[:60]
+    links = listing(f"'{name}'" for name in _links_on_base(session))
     return (
-        f"child_frame_id is '{given}'; accepted: {listing(links)}; or, with marker.position, any that is no link "
-        'of the robot' + ('; or pose.frame says which it is' if session.base_source.kind != 'odom' else '')
+        f"child_frame_id is '{given}'; accepted: {links}; or, with marker.position, any that is no link of the robot"
+        + ('; or pose.frame says which it is' if session.base_source.kind != 'odom' else '')
     )

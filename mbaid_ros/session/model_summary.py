@@ -1,4 +1,4 @@
-"""What a run takes the robot for, to be read before its verdict: bodies, target, joints, and what is odd about them."""
+"""A summary of the robot description as a run uses it: bodies, target, joints, and oddities."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ import numpy as np
 
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.inertia import pseudo_inertia
 from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.momentum import pseudo_inertia
 
-# An inertia counts as impossible where its smallest principal part of the second moments is this much below zero,
-# relative to the largest: less is how CAD rounds a thin plate or rod.
+# An inertia counts as impossible if its smallest principal second moment is below zero by this part of the largest:
+# CAD rounds a thin plate or rod by less.
 _ROUNDED = 1e-2
 
 
 @dataclass(frozen=True)
-class Survey:
-    """A robot as a run takes it.
+class ModelSummary:
+    """A robot as a run uses it.
 
     Attributes
     ----------
-    robot, base_link : its name, and the link of it that floats
-    target_link : whose inertia is identified; empty where none is alone
-    chosen : whether somebody has named it
+    robot, base_link : names of the robot and of its floating link
+    target_link : whose inertia is identified; empty if several are, or none
+    chosen : whether a parameter names it
     mass : of all links but the target, kg
     joints : number of those that move
     without_inertia : links
     bare : those of them that move, or float, without any mass on their body
     impossible : links whose inertia no real body has
-    foreign : joints that the messages name, and the robot description does not have
-    unheard : joints that move, and no message has named so far; empty before the first message
-    dropped : what of the robot description is left out, a line each
+    foreign : joints of the messages that the robot description lacks
+    unheard : moving joints that no message has named so far; empty before the first message
+    dropped : ignored parts of the robot description, a line each
     """
 
     robot: str
@@ -51,64 +51,63 @@ class Survey:
 
     @property
     def lines(self) -> list[str]:
-        """What a user should see first, a line each, without the warnings."""
+        """The summary, a line each, without the warnings."""
         beside = f" beside target link '{self.target_link}'" if self.target_link else ''
-        told = [f"robot '{self.robot}': '{self.base_link}' floats, {self.joints} joints, {self.mass:.6g} kg{beside}"]
+        lines = [f"robot '{self.robot}': '{self.base_link}' floats, {self.joints} joints, {self.mass:.6g} kg{beside}"]
         if self.target_link and not self.chosen:
-            told.append(
+            lines.append(
                 f"target link '{self.target_link}' is a guess: the last link with an inertia; target_link names another"
             )
-        told += self.dropped
+        lines += self.dropped
         massless = [name for name in self.without_inertia if name not in self.bare]
-        if massless:
-            told.append(f'links without inertia: {listing(massless)}')
-        if self.foreign:
-            told.append(f'joints of the messages that the robot description lacks: {listing(self.foreign)}')
-        if self.unheard:
-            told.append(f'joints of the robot description that no message has: {listing(self.unheard)}')
-        return told
+        groups = {
+            'links without inertia': massless,
+            'joints of the messages that the robot description lacks': self.foreign,
+            'joints of the robot description that no message has': self.unheard,
+        }
+        return lines + [f'{text}: {listing(names)}' for text, names in groups.items() if names]
 
     @property
     def warnings(self) -> list[str]:
-        """What may be wrong with the robot description, a line each."""
-        told = []
+        """Likely errors of the robot description, a line each."""
+        lines = []
         if self.base_link in self.bare:
-            told.append(f"base '{self.base_link}' has no inertia in the robot description: it counts as massless")
+            lines.append(f"base '{self.base_link}' has no inertia in the robot description: it counts as massless")
         moving = [name for name in self.bare if name != self.base_link]
         if moving:
-            told.append(f'links that move have no inertia in the robot description: {listing(moving)}')
+            lines.append(f'links that move have no inertia in the robot description: {listing(moving)}')
         if self.impossible:
-            told.append(
+            lines.append(
                 f'no real body has the inertia that the robot description gives {listing(self.impossible)}: moments '
                 'must be positive, none larger than the sum of the other two'
             )
-        return told
+        return lines
 
 
-def survey(
+def summarise(
     model: RobotModel,
     target_link: str = '',
     *,
     chosen: bool = True,
     heard: Collection[str] = (),
     unknown: Collection[str] = (),
-) -> Survey:
-    """Return what there is to say of a robot.
+) -> ModelSummary:
+    """Return the summary of a robot.
 
     Parameters
     ----------
     model : RobotModel
-    target_link : its unknown link; empty where there are none or many
-    chosen : whether somebody has named that
+    target_link : its unknown link; empty if there are none or many
+    chosen : whether a parameter names that
     heard : joints that the messages name
     unknown : further links that are identified, and need no inertia
     """
     bodies = model.body_parameters(without=target_link)[:, 0]
     massless = [link for link in model.links if link.parameters[0] == 0.0 and link.name != target_link]
     carrying = {link.body for link in model.links if link.name == target_link or link.name in unknown}
-    empty = {body for body in range(len(bodies)) if bodies[body] == 0.0} - carrying
-    first = {body: next(link.name for link in model.links if link.body == body) for body in empty}
-    return Survey(
+    empty = sorted({body for body in range(len(bodies)) if bodies[body] == 0.0} - carrying)
+    others = (link for link in model.links if link.name != target_link)
+    return ModelSummary(
         robot=model.name,
         base_link=model.base_link,
         target_link=target_link,
@@ -116,10 +115,8 @@ def survey(
         mass=float(np.sum(bodies)),
         joints=model.joints,
         without_inertia=tuple(link.name for link in massless),
-        bare=tuple(first[body] for body in sorted(empty)),
-        impossible=tuple(
-            link.name for link in model.links if link.name != target_link and _is_impossible(link.parameters)
-        ),
+        bare=tuple(next(link.name for link in model.links if link.body == body) for body in empty),
+        impossible=tuple(link.name for link in others if _is_impossible(link.parameters)),
         foreign=tuple(sorted(set(heard) - set(model.described_joints))),
         unheard=tuple(name for name in model.independent_joints if name not in heard) if heard else (),
         dropped=model.dropped,

@@ -1,8 +1,6 @@
-"""From parameters and what a run has come to know to what plans the next motion."""
+"""From parameters and the posterior of a run to the planner of the next motion."""
 
 from __future__ import annotations
-
-from typing import cast
 
 import numpy as np
 
@@ -13,56 +11,52 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.planning.limits import BaseLimits
 from mbaid_ros.planning.planner import Planner, PlanSettings
-from mbaid_ros.planning.search import Criterion
 from mbaid_ros.session.methods import make_reporting
 from mbaid_ros.session.robot import mesh_points
-from mbaid_ros.session.segment import UNSOLVABLE
+from mbaid_ros.session.session import UNSOLVABLE
 
 
-def make_planner(config: EstimatorConfig, knowledge: Posterior) -> Planner:
-    """Return what plans motions as the parameters ask for.
+def make_planner(config: EstimatorConfig, posterior: Posterior) -> Planner:
+    """Return the planner that the parameters describe.
 
     Raises
     ------
     ParameterError
         The parameters contradict each other or the robot.
     """
-    return Planner(knowledge, make_reporting(config, knowledge.layout.kernel), plan_settings(config), mesh_points)
+    return Planner(posterior, make_reporting(config, posterior.layout.kernel), plan_settings(config), mesh_points)
 
 
-def advice(config: EstimatorConfig, knowledge: Posterior) -> str:
-    """Return which joint, moved by itself, would tell most of what is least known, in words.
+def advice(config: EstimatorConfig, posterior: Posterior) -> str:
+    """Return which joint, moved by itself, would reduce the largest standard deviation most, in words.
 
-    Empty where all is known as well as is wanted, and where no motion can be planned, as without limits.
+    Empty if everything is as precise as wanted, or no motion can be planned (joints without limits).
     """
     try:
-        return make_planner(config, knowledge).advice()
+        return make_planner(config, posterior).advice()
     except (ParameterError, *UNSOLVABLE):
         return ''
 
 
 def plan_settings(config: EstimatorConfig) -> PlanSettings:
-    """Return what the parameters ask of a motion.
+    """Return the settings of a planned motion.
 
     Raises
     ------
     ParameterError
-        A precision that is wanted is none.
+        A wanted precision is not positive.
     """
     plan = config.plan
     return PlanSettings(
         relative=_wanted(plan, config.convergence.relative_std),
         duration=plan.duration,
         longest=plan.longest,
-        criterion=cast('Criterion', plan.criterion),
         joint_velocity=plan.joint_velocity or np.inf,
         joint_acceleration=plan.joint_acceleration,
         base=BaseLimits(*(given or np.inf for given in (plan.base_rotation, plan.base_translation, plan.base_rate))),
         clearance=plan.clearance,
         stuck=plan.stuck,
-        speeds=plan.speeds,
         effort=plan.effort,
-        seed=plan.seed,
         window=config.window,
     )
 

@@ -1,9 +1,9 @@
-"""How well the known bodies are known: what the parameters declare, or what a calibration has left open."""
+"""The nominal model and its uncertainty, as declared or calibrated; and the posterior of a run, saved and read back."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,31 +15,19 @@ from mbaid_ros.core.errors import DataError, ParameterError, listing
 from mbaid_ros.core.filter.state import layout_of
 from mbaid_ros.core.filter.variables import variables
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.robot.model_errors import (
-    BodyDeviations,
-    KnownErrors,
-    body_sizes,
-    calibrated,
-    declared,
-)
-from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.trajectory.posterior import (
-    FIRST,
-    End,
-    Posterior,
-    Sensing,
-)
+from mbaid_ros.core.robot.model_errors import BodyDeviations, KnownErrors, body_sizes, calibrated, declared
+from mbaid_ros.core.trajectory.posterior import FIRST, End, Posterior, Sensing
 from mbaid_ros.core.unknowns.catalogue import CalibratedSide, Uncertainty
 from mbaid_ros.core.unknowns.environment import hypotheses
-from mbaid_ros.session.uncertainty import declared_uncertainty
+from mbaid_ros.session.settings import declared_uncertainty
 
-# Parts of a body's typical sizes by which its values in the two files may differ: they are written to 12 digits.
-# Joints' frames: m, and about as many rad.
+# Largest difference between the two files, which have 12 digits: of a body, relative to its typical size; of a joint's
+# frame, m or rad.
 _SAME = 1e-6
-# Said of data that contradict a model in which nothing may be off.
+# Warning of a contradicted run in which nothing may deviate.
 EXACT_ROBOT = (
     'the robot is said to be exactly its URDF, as only a simulated one is: leave known_links, known_joints and '
     'odometry_mount at their defaults, or say how well it is known'
@@ -49,12 +37,12 @@ _ACCEPTED = 'accepted: the URDF that calibrate --output wrote with it'
 
 @dataclass(frozen=True, eq=False)
 class KnownRobot:
-    """How well a robot is known, as the trajectory filter needs it.
+    """The nominal model with its uncertainty, as the trajectory filter needs it.
 
     Attributes
     ----------
     kernel : with the errors of its known bodies, as the catalogue of unknowns has them
-    uncertainty : of all else, and what is known of all of it together
+    uncertainty : of all else, and the joint covariance of everything
     """
 
     kernel: MomentumKernel
@@ -64,9 +52,7 @@ class KnownRobot:
 def with_known_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> tuple[MomentumKernel, Array | None]:
     """Return a kernel with the errors of its known bodies, and the covariance of the target link's own parameters.
 
-    Returns
-    -------
-    MomentumKernel; (10, 10) of (m, h, I_o) in the target link's frame, None where they count as exact
+    The covariance is (10, 10) of (m, h, I_o) in the target link's frame, None where they count as exact.
 
     Raises
     ------
@@ -87,12 +73,7 @@ def with_known_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> tuple
 
 
 def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot:
-    """Return how well the parameters, or a calibration that they name, have a robot known.
-
-    Parameters
-    ----------
-    config : EstimatorConfig
-    kernel : with the errors of its known bodies
+    """Return the nominal model of a kernel that has the errors of its known bodies, as declared or calibrated.
 
     Raises
     ------
@@ -112,10 +93,10 @@ def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot
     return KnownRobot(*side.known_to(kernel, uncertainty))
 
 
-def doubting_exactness(estimates: list[Estimate], config: EstimatorConfig) -> list[Estimate]:
-    """Return estimates, of which those that contradict the data recall that the robot is said to be its URDF exactly.
+def declared_exact(config: EstimatorConfig) -> bool:
+    """Return whether the parameters declare a robot that is exactly its URDF.
 
-    Single causes are tried one by one: that everything is a little off is none of them.
+    Fault isolation tries single causes one by one: that everything deviates a little is none of them.
     """
     links, joints, mount = config.known_links, config.known_joints, config.odometry_mount
     uncertain = (
@@ -123,9 +104,7 @@ def doubting_exactness(estimates: list[Estimate], config: EstimatorConfig) -> li
         *(joints.zero_std, joints.origin_std, joints.axis_std, joints.tracking_std, joints.joints),
         *(mount.position_std, mount.orientation_std),
     )
-    if any(uncertain):
-        return estimates
-    return [replace(each, warnings=(*each.warnings, EXACT_ROBOT)) if each.contradicted else each for each in estimates]
+    return not any(uncertain)
 
 
 def _calibration(model: RobotModel, config: KnownLinksConfig) -> CalibrationFile:
@@ -205,15 +184,15 @@ def declared_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> KnownEr
 _OF_END = ('joint_position', 'joint_velocity', 'stored', 'base_rotation', 'base_position', 'origin', 'brought')
 
 
-def as_numbers(knowledge: Posterior) -> dict[str, Any]:
-    """Return all of it: `covariance_factor` has the rows of an upper triangle T, from its diagonal on: T^T T."""
-    end, sensing = knowledge.end, knowledge.end.sensing
+def as_numbers(posterior: Posterior) -> dict[str, Any]:
+    """Return a posterior for JSON; `covariance_factor` has the rows of an upper triangle T from its diagonal on."""
+    end, sensing = posterior.end, posterior.end.sensing
     return {
         'time': end.time,
-        'hypothesis': knowledge.hypothesis.name,
-        'mean': knowledge.mean[FIRST:].tolist(),
-        'covariance_factor': [row[place:].tolist() for place, row in enumerate(knowledge.triangle)],
-        'joints': list(knowledge.layout.kernel.model.joint_names),
+        'hypothesis': posterior.hypothesis.name,
+        'mean': posterior.mean[FIRST:].tolist(),
+        'covariance_factor': [row[place:].tolist() for place, row in enumerate(posterior.triangle)],
+        'joints': list(posterior.layout.kernel.model.joint_names),
         **{name: getattr(end, name).tolist() for name in _OF_END},
         'plane_normal': None if end.normal is None else end.normal.tolist(),
         'rate': sensing.rate,
@@ -224,13 +203,9 @@ def as_numbers(knowledge: Posterior) -> dict[str, Any]:
 
 
 def from_numbers(numbers: Mapping[str, Any], config: EstimatorConfig, kernel: MomentumKernel) -> Posterior:
-    """Return what a run came to know.
+    """Return the posterior of a run.
 
-    Parameters
-    ----------
-    numbers : as `as_numbers` has them
-    config : of the run
-    kernel : of its robot, with the errors of its known bodies
+    The numbers are those of `as_numbers`, the kernel is of the run's robot, with the errors of its known bodies.
 
     Raises
     ------

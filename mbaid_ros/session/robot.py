@@ -1,4 +1,4 @@
-"""The files of collision meshes that a robot description names."""
+"""The robot of a session, with its target link and the captured body; and the collision meshes of its description."""
 
 from __future__ import annotations
 
@@ -16,16 +16,15 @@ from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.publication import Debris, debris
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_document import kept_words
 from mbaid_ros.core.robot.urdf_edit import change_inertial, joints_moved
 from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.files import require_regular
-from mbaid_ros.session.environment import storage
-from mbaid_ros.session.frames import PRINCIPAL, debris_frame, marker_frame
 from mbaid_ros.session.posterior import nominal_model, with_known_errors
+from mbaid_ros.session.settings import PRINCIPAL, debris_frame, marker_frame, storage
 
 _PACKAGE, _FILE = 'package://', 'file://'
 
@@ -70,7 +69,7 @@ def _path(name: str) -> Path:
 
 
 class Robot:
-    """The robot, and the body that it holds beside it.
+    """The robot of a session, before and after a calibration at the capture.
 
     Parameters
     ----------
@@ -79,11 +78,11 @@ class Robot:
 
     Attributes
     ----------
-    model : as it is described
+    model : of the robot description
     target_link : name of the link whose inertia is identified
-    described : momentum of the robot as it is described
-    known : how well a calibration has all of it known; None where the parameters say how well
-    marker : where the frame of the odometry is on the base, where the parameters say so
+    described : momentum kernel of the robot description
+    known : nominal model of a calibration file; None without one
+    marker : frame of the odometry on the base, if the parameters place one
 
     Raises
     ------
@@ -99,40 +98,40 @@ class Robot:
         self.target_link = config.target_link or self.model.last_link
         kernel = MomentumKernel(self.model, self.target_link).storing(storage(config.wheels, self.model))
         self.described, self._link_covariance = with_known_errors(kernel, config.known_links)
-        # The file is read but once: a run that starts again goes on with what it was started with.
+        # Read once: a run that starts again keeps its calibration.
         self.known = nominal_model(config, self.described) if config.known_links.calibration else None
         self.marker: AttachedFrame | None = marker_frame(config)
         self._debris_frame = debris_frame(config.debris.frame, self.model, kernel.target)
         self._capture: CaptureEstimator | None = None
 
     def begin(self, capture: CaptureEstimator | None) -> None:
-        """Begin a run: with a capture to come, which the robot may learn to know itself before, or after it (None)."""
+        """Begin a run, which has a capture to come or None."""
         self._capture = capture
 
     @property
     def kernel(self) -> MomentumKernel:
-        """The robot's momentum as it is known now, and how well."""
+        """The momentum kernel as it is known now, with its uncertainty."""
         return self.described if self._capture is None else self._capture.kernel
 
     @property
     def readings(self) -> tuple[str, ...]:
-        """Names of what is read: the joints that follow no other, and what stores momentum."""
+        """Names of the readings: independent joints, then stored momenta."""
         return (*self.model.independent_joints, *self.described.storage.names)
 
     @property
     def phase(self) -> Phase:
-        """Where the run is: before the capture, in it, or after it."""
+        """Phase of the run relative to the capture."""
         return 'post_capture' if self._capture is None else self._capture.phase
 
     @property
     def calibrated(self) -> str:
-        """What the robot has learnt of itself before the capture, in a line; empty where nothing."""
-        learnt = None if self._capture is None else self._capture.handover
-        return '' if learnt is None else learnt.told
+        """Summary of the calibration at the capture, in a line; empty without one."""
+        handover = None if self._capture is None else self._capture.handover
+        return '' if handover is None else handover.told
 
     @property
     def urdf(self) -> str:
-        """The robot description, with what the robot has learnt of itself before the capture."""
+        """The robot description, with the values of the calibration at the capture."""
         if self._written[0] is not self.kernel.model:
             model, text = self.kernel.model, self.model.urdf
             for old, new in zip(self.model.links, model.links, strict=True):
@@ -143,20 +142,20 @@ class Robot:
         return self._written[1]
 
     def debris(self, estimate: Estimate) -> Debris | None:
-        """Return the captured body alone, where that is asked for and determined: the estimate less the URDF's link."""
+        """Return the captured body alone: the estimate less the URDF's link; None if not wanted or not determined."""
         if not self._report_debris:
             return None
-        learnt = None if self._capture is None else self._capture.handover
+        handover = None if self._capture is None else self._capture.handover
         return debris(
             estimate,
             self.kernel.target.parameters,
             self._debris_frame,
             in_principal_axes=self._in_principal_axes,
-            link_covariance=self._link_covariance if learnt is None else learnt.link_covariance,
+            link_covariance=self._link_covariance if handover is None else handover.link_covariance,
         )
 
     def captured(self, estimate: Estimate) -> Capture | None:
-        """Return what the capture tells with the latest estimate, None while there was none."""
+        """Return the momenta at the capture, given the latest estimate; None before a capture."""
         if self._capture is None:
             return None
         target = self.kernel.target

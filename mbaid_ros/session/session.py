@@ -1,28 +1,44 @@
-"""The run itself."""
+"""A run of the estimator: messages in, estimates out."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
+
+import numpy as np
 
 from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
 from mbaid_ros.config.plan import PlanConfig
-from mbaid_ros.core.errors import DataError
+from mbaid_ros.core.errors import DataError, listing
+from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.sensors.thrust import EXACT_THRUST, LATE_THRUST
+from mbaid_ros.core.results.reporting import Reporting
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, Thrust
+from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.messages import number_of, stamp_of, vector_of, wrench_of
-from mbaid_ros.session.base_source import BaseSource
-from mbaid_ros.session.model_summary import Survey, survey
-from mbaid_ros.session.queue import MessageQueue
+from mbaid_ros.session.methods import make_capture, make_estimator, make_reporting, set_thresholds
+from mbaid_ros.session.model_summary import ModelSummary, summarise
+from mbaid_ros.session.posterior import EXACT_ROBOT, declared_exact
+from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, BaseSource, Intake, MessageQueue, make_gyro
 from mbaid_ros.session.robot import Robot
-from mbaid_ros.session.segment import IMU, JOINTS, ODOMETRY, UNSOLVABLE, MakeEstimator, Segment
+from mbaid_ros.session.settings import falling_frame, uncertain_thrusters
 
-IMU_NOT_ASKED_FOR = 'an IMU is heard, and nobody asks for it: set imu.noise_density'
+IMU_NOT_ASKED_FOR = 'an IMU is heard and not used: set imu.noise_density'
+
+# No known data lead to these. A node in a robot's graph has to report them and go on all the same.
+UNSOLVABLE = (np.linalg.LinAlgError, FloatingPointError)
+PART = 300  # messages processed at once while a window is open: each time costs as much as reading a hundred
 
 _RESTARTS_KEPT = 20
+_LEFT = (0.75, 0.5, 0.3, 0.05)  # parts of a window before its end, at which the waiting messages are processed
+_CLOSING = 0.1  # of a window, before its end
+
+MakeEstimator = Callable[..., Estimator]
 
 
 class Session:
@@ -31,21 +47,19 @@ class Session:
     Parameters
     ----------
     config : EstimatorConfig
-    urdf : str
-        Text of the robot description.
-    make : callable, optional
-        What makes the method of each segment, of the parameters, the robot's kernel and, from a calibration, how well
-        the robot is known (None without one); the method that the parameters name where not given.
+    urdf : text of the robot description
+    make : makes the method of each segment, of the parameters, the robot's kernel and, from a calibration, the nominal
+        model (None without one); `make_estimator` where not given
 
     Attributes
     ----------
     robot : as it is known by now
-    restarts : why it has started again by itself since the last `reset`; the latest of them
+    restarts : the latest reasons for which it has started again by itself since the last `reset`
     restarted : how often
-    base_source : what of the messages that may locate the base does
-    intake : what the segment reads its messages with
-    thrust : what commanded thrust has brought since the segment began
-    inbox : what has come and waits to be worked through
+    base_source : of the messages that locate the base
+    intake : readers of the segment's messages
+    thrust : commanded thrust since the segment began
+    queue : of messages that wait to be processed
 
     Raises
     ------
@@ -62,78 +76,79 @@ class Session:
     def reset(self) -> None:
         """Forget everything and start again."""
         self._gyro = self.config.imu.noise_density > 0.0
-        self.inbox = MessageQueue((JOINTS, ODOMETRY, IMU) if self._gyro else (JOINTS, ODOMETRY), self.config)
+        self.queue = MessageQueue((JOINTS, ODOMETRY, IMU) if self._gyro else (JOINTS, ODOMETRY), self.config)
         self.received: Counter[str] = Counter()
         self.base_source = BaseSource(self.config, self.robot)
         self.restarts: list[str] = []
         self.restarted = 0
-        self._earlier: Counter[str] = Counter()  # dropped in runs that are over
+        self._earlier: Counter[str] = Counter()  # dropped in earlier segments
         self._replaced_earlier: Counter[str] = Counter()
-        self._used = 0
+        self._used_earlier = 0
         self._ready: list[Estimate] = []
         self._begin()
 
+    def _begin(self) -> None:
+        """Begin a segment."""
+        self._segment = _Segment(self.config, self.robot, self._make)
+        self.intake, self.thrust = self._segment.intake, self._segment.thrust
+        if self.restarts:
+            self._segment.identifier.note(self.restarts[-1])
+
+    # Messages
+
     def add_joint_state(self, message: Any) -> bool:
-        """Take a JointState without looking into it; return whether it is time for `process`."""
+        """Add a JointState, unread; return whether it is time for `process`."""
         return self._add(JOINTS, message)
 
     def add_odometry(self, message: Any) -> bool:
-        """Take an Odometry without looking into it, or what else locates the base: poses, transforms.
-
-        Return whether it is time for `process`.
-        """
-        due = [self._add(ODOMETRY, each) for each in self.base_source.located([message])]
+        """Add an Odometry, pose or transform, unread; return whether it is time for `process`."""
+        due = [self._add(ODOMETRY, each) for each in self.base_source.accepted([message])]
         return any(due)
 
     def add_imu(self, message: Any) -> bool:
-        """Take an Imu without looking into it; return whether it is time for `process`."""
+        """Add an Imu, unread; return whether it is time for `process`."""
         if not self._gyro:
             self._earlier[IMU_NOT_ASKED_FOR] += 1
             return False
         return self._add(IMU, message)
 
     def add_at_once(self, joint_states: Sequence[Any], odometry: Sequence[Any], imu: Sequence[Any] = ()) -> bool:
-        """Take messages of these topics, each in order, where nothing is to be decided about any of them.
-
-        Return whether they have been taken; where not, they have to be added one by one as they came.
-        """
-        if not self.base_source.takes(odometry):
+        """Add messages of these topics, each in order, if all are regular; else return False: add them one by one."""
+        if not self.base_source.accepts(odometry):
             return False
-        messages = {JOINTS: joint_states, ODOMETRY: self.base_source.located(odometry)}
+        messages = {JOINTS: joint_states, ODOMETRY: self.base_source.accepted(odometry)}
         if self._gyro:
             messages[IMU] = imu
-        taken = self.inbox.take_at_once(messages)
-        if taken and not self._gyro and imu:
+        added = self.queue.add_regular(messages)
+        if added and not self._gyro and imu:
             self._earlier[IMU_NOT_ASKED_FOR] += len(imu)
-        return taken
+        return added
 
     def add_thrust(self, message: Any) -> None:
-        """Take a WrenchStamped of what is commanded, from its stamp on."""
+        """Add a WrenchStamped of commanded thrust, which acts from its stamp on."""
         frame, stamp, wrench = wrench_of(message)
         frame = frame.removeprefix(self.config.frame_prefix)
-        newest = self.inbox.latest
+        newest = self.queue.latest
         if self.thrust.changes(frame, stamp, wrench, newest):
-            # What came before it is worked through without it, however the calls are spread.
+            # Earlier messages are processed without it, however the calls are spread.
             self._ready += self._work()
         self.thrust.command(frame, stamp, wrench, newest)
-        for told, text in ((self.thrust.late, LATE_THRUST), (self.thrust.exact, EXACT_THRUST)):
-            if told:
+        for noted, text in ((self.thrust.late, LATE_THRUST), (self.thrust.exact, EXACT_THRUST)):
+            if noted:
                 self._segment.identifier.note(text)
 
     def add_stored_momentum(self, message: Any) -> None:
-        """Take a Vector3Stamped of what wheels or gyros store."""
+        """Add a Vector3Stamped of the momentum that wheels or gyros store."""
         if not self.problem:
             self.intake.stored_momentum.take(*vector_of(message))
 
     def process(self) -> list[Estimate]:
-        """Work through what has been added and return the new estimates.
-
-        How the calls are spread makes no difference to the numbers.
+        """Process the added messages and return the new estimates; how calls are spread makes no difference to them.
 
         Raises
         ------
         DataError
-            The stamps have jumped back, and the parameter time_jump says that this is an error.
+            The stamps have jumped back, and the parameter time_jump makes this an error.
         """
         estimates = self._ready + self._work()
         self._ready = []
@@ -141,66 +156,21 @@ class Session:
             raise DataError(self.problem)
         return estimates
 
-    def survey(self) -> Survey:
-        """Return what the run takes the robot for, with the joints that messages have named so far."""
-        chosen = bool(self.config.target_link)
-        heard = [name for name in self.intake.joint_reader.heard if name not in self.config.wheels.names]
-        return survey(self.robot.model, self.robot.target_link, chosen=chosen, heard=heard)
-
     def work_off(self) -> bool:
-        """Let the method do a part of what it has put off, when the estimates of a window have been told.
+        """Run a time slice of the method's background task; return whether some of it is left.
 
-        Return whether some is left to do before the next window. When it is done makes no difference to the numbers.
+        Call it after the estimates of a window are published. When it runs makes no difference to the numbers.
         """
         try:
             return self._segment.identifier.work_off()
         except UNSOLVABLE as error:
-            self._unsolved(error)
+            self._start_again(_unsolved(error))
             return False
 
-    def knowledge(self) -> Posterior | None:
-        """Return what the run has come to know; None where its method does not tell, or not yet."""
-        return self._segment.identifier.knowledge()
-
-    @property
-    def closing(self) -> int | None:
-        """End of the window whose last messages are coming, so that its estimate is the next thing to do; ns."""
-        return self._segment.closing(self.inbox.newest[JOINTS])
-
-    @property
-    def problem(self) -> str:
-        """Why it takes no more messages until `reset`; empty while it does."""
-        return self.inbox.problem
-
-    @property
-    def used(self) -> int:
-        """Number of samples that went into the windows."""
-        return self._used + self.taken
-
-    @property
-    def taken(self) -> int:
-        """Number of samples since the segment began, with those of the window that is open."""
-        return self._segment.identifier.used
-
-    @property
-    def dropped(self) -> Counter[str]:
-        """Messages that were not used, by cause."""
-        return self._earlier + self._segment.dropped + self.inbox.dropped + self.base_source.dropped
-
-    @property
-    def replaced(self) -> Counter[str]:
-        """Messages that were used, but for something in them that the parameters stand in for, by cause."""
-        return self._replaced_earlier + self.intake.odometry_reader.replaced
-
-    def judge_by(self, convergence: ConvergenceConfig, plan: PlanConfig | None = None) -> None:
-        """Judge estimates by other thresholds, from the next window on, and plan motions by other parameters."""
-        self.config = replace(self.config, convergence=convergence, plan=plan or self.config.plan)
-        self._segment.judge_by(convergence)
-
     def capture(self) -> str:
-        """Take it that the body has just been captured, and return when that was, in a sentence.
+        """Take the body for captured at the latest stamp, and return when that was, in a sentence.
 
-        A second call moves a capture that was told too early: what has been learnt since then is forgotten.
+        A second call moves a capture that was announced too early: data since then are forgotten.
 
         Raises
         ------
@@ -208,43 +178,193 @@ class Session:
             The run did not begin before a capture, has had it, or has no samples yet.
         """
         self._ready += self._work()
-        return self._segment.captured(self.inbox.latest)
+        return self._segment.captured(self.queue.latest)
 
-    def _begin(self) -> None:
-        """Begin a segment."""
-        self._segment = Segment(self.config, self.robot, self._make)
-        self.intake, self.thrust = self._segment.intake, self._segment.thrust
-        if self.restarts:
-            self._segment.identifier.note(self.restarts[-1])
+    def judge_by(self, convergence: ConvergenceConfig, plan: PlanConfig | None = None) -> None:
+        """Change the thresholds from the next window on, and the parameters of planned motions."""
+        self.config = replace(self.config, convergence=convergence, plan=plan or self.config.plan)
+        self._segment.judge_by(convergence)
+
+    # State
+
+    def model_summary(self) -> ModelSummary:
+        """Return a summary of the robot description, with the joints that messages have named so far."""
+        chosen = bool(self.config.target_link)
+        heard = [name for name in self.intake.joint_reader.heard if name not in self.config.wheels.names]
+        return summarise(self.robot.model, self.robot.target_link, chosen=chosen, heard=heard)
+
+    def posterior(self) -> Posterior | None:
+        """Return the posterior of the run; None if its method has none, or none yet."""
+        return self._segment.identifier.knowledge()
+
+    @property
+    def closing(self) -> int | None:
+        """End (ns) of the window whose last messages are coming, so that its estimate is the next thing to do."""
+        return self._segment.closing(self.queue.newest[JOINTS])
+
+    @property
+    def problem(self) -> str:
+        """Why it takes no more messages until `reset`; empty while it does."""
+        return self.queue.problem
+
+    @property
+    def used(self) -> int:
+        """Number of samples that went into windows."""
+        return self._used_earlier + self.taken
+
+    @property
+    def taken(self) -> int:
+        """Number of samples since the segment began, with those of the open window."""
+        return self._segment.identifier.used
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Unused messages, by cause."""
+        return self._earlier + self._segment.dropped + self.queue.dropped + self.base_source.dropped
+
+    @property
+    def replaced(self) -> Counter[str]:
+        """Messages of which a part was unusable and replaced by parameters, by cause."""
+        return self._replaced_earlier + self.intake.odometry_reader.replaced
 
     def _add(self, name: str, message: Any) -> bool:
         stamp = stamp_of(message)
-        jumped = self.inbox.take(name, stamp, message)
+        jumped = self.queue.add(name, stamp, message)
         if jumped is None:
-            return bool(self.problem) or self._segment.is_time(name, stamp, self.inbox)
+            return bool(self.problem) or self._segment.is_due(name, stamp, self.queue)
         if jumped:
             self._ready += self._work()
             self._start_again(jumped)
-        self.inbox.settle(name, message)
+        self.queue.confirm_jump(name, message)
         return True
 
     def _start_again(self, reason: str) -> None:
-        """Give up what has been learnt, and go on with what comes."""
+        """Begin a new segment."""
         self._earlier += self._segment.dropped
         self._replaced_earlier = self.replaced
-        self._used += self.taken
+        self._used_earlier += self.taken
         self.restarts = [*self.restarts[1 - _RESTARTS_KEPT :], f'{reason}; started again']
         self.restarted += 1
         self._begin()
 
     def _work(self) -> list[Estimate]:
-        messages = self.inbox.take_all()
+        messages = self.queue.take_all()
         self.received.update({name: number_of(each) for name, each in messages.items()})
         try:
-            return self._segment.work(messages)
+            return self._segment.process(messages)
         except UNSOLVABLE as error:
-            self._unsolved(error)
+            self._start_again(_unsolved(error))
             return []
 
-    def _unsolved(self, error: Exception) -> None:
-        self._start_again(f'the equations could not be solved ({error})')
+
+def _unsolved(error: Exception) -> str:
+    return f'the equations could not be solved ({error})'
+
+
+class _Segment:
+    """A run until it starts again: the readers of its messages, and its method; parameters as for Session."""
+
+    def __init__(self, config: EstimatorConfig, robot: Robot, make: MakeEstimator | None) -> None:
+        self._config = config
+        self._robot = robot
+        self._reportings: list[Reporting] = []
+        self._left = [round(1e9 * part * config.window) for part in _LEFT]
+        self._processed = (-1, 0)  # end of the window last processed in, and how many of the times of `_LEFT` passed
+        self.intake = Intake(config, robot)
+        model, described = robot.model, robot.described
+        method = partial(make or partial(make_estimator, judge=self._make_reporting), config)
+        self._capture = make_capture(config, described, robot.known, method)
+        robot.begin(self._capture)
+        self.thrust = Thrust(model, round(config.thrust.hold * 1e9), uncertain_thrusters(config.thrust, model))
+        noise = config.noise
+        self.identifier = Identifier(
+            self._capture or method(described, robot.known),
+            config.window,
+            config.maximum_gap,
+            config.twist_frame,
+            self.thrust,
+            FoundNoise(noise.declared, described.model.joints, noise.undeclared, estimate=noise.estimate),
+            falling=falling_frame(config.orbit, model),
+            gyro=make_gyro(config, model),
+        )
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Unused messages, by cause."""
+        return self.intake.dropped + self.identifier.dropped + self.thrust.dropped
+
+    def process(self, messages: Mapping[str, Sequence[Any]]) -> list[Estimate]:
+        """Return the estimates of messages, by topic; raise one of UNSOLVABLE if the equations have no solution."""
+        streams = self.intake.streams(messages)
+        self.thrust.odometry_frame = self.intake.odometry_reader.frame
+        return [self._with_doubts(each) if each.contradicted else each for each in self.identifier.push(*streams)]
+
+    def _with_doubts(self, estimate: Estimate) -> Estimate:
+        """Return a contradicted estimate with causes that no likelihood can score: wheels, and a robot held exact."""
+        known = self._robot.model.joint_names  # also those that mimic others
+        others = [name for name in self.intake.joint_reader.others if name not in known]
+        causes, warnings = estimate.causes, estimate.warnings
+        if others:  # second, with the gain of the first
+            text = f'joint states hold {listing(others)}, no joints of the robot: if they are wheels, set wheels.names'
+            causes = (*causes[:1], (text, causes[0][1] if causes else 0.0), *causes[1:])
+        if declared_exact(self._config):
+            warnings = (*warnings, EXACT_ROBOT)
+        return replace(estimate, causes=causes, warnings=warnings)
+
+    def is_due(self, name: str, stamp: int, queue: MessageQueue) -> bool:
+        """Return whether to process after a message (stamp in ns): a part of a window has gathered, or all of it."""
+        waiting, intake = queue.waiting, self.intake
+        if sum(waiting.values()) >= PART:
+            return True
+        end = self.identifier.end_of_window
+        both = waiting[JOINTS] > 0 and waiting[IMU if intake.alone else ODOMETRY] > 0
+        if end is None or (both and self._part_gathered(stamp, end)):
+            return both
+        return stamp >= end and intake.completes(end, name, queue.newest)
+
+    def _part_gathered(self, stamp: int, end: int) -> bool:
+        """Return, once for each time of `_LEFT`, whether it has passed, so that little is left to do at the end."""
+        passed = sum(stamp >= end - left for left in self._left) if stamp < end else 1
+        if not passed or (end, passed) <= self._processed:
+            return False
+        self._processed = (end, passed)
+        return True
+
+    def closing(self, newest: int | None) -> int | None:
+        """Return the end (ns) of the window whose last messages are coming; `newest` is the joints' stamp (ns)."""
+        end = self.identifier.end_of_window
+        if end is None or newest is None or newest < end - round(_CLOSING * 1e9 * self._config.window):
+            return None
+        return end
+
+    def captured(self, newest: int | None) -> str:
+        """Take the body for captured at a stamp (ns, None before the first), as `Session.capture` does."""
+        capture = self._capture
+        if capture is None:
+            raise DataError(
+                'this run began after the capture; accepted: a capture in one that begins with capture.phase: '
+                'pre_capture'
+            )
+        if newest is None or not self.identifier.used:
+            raise DataError('there are no samples yet; accepted: a capture after the first')
+        time, before = (newest - self.identifier.origin) * 1e-9, capture.time
+        if before is None:
+            capture.time = time
+            return f'captured {time:.3f} s after the first sample'
+        if not time > before:
+            raise DataError(f'the capture was told before, at {before:.6g} s; accepted: a later one, or reset')
+        capture.move(time)
+        return (
+            f'captured {time:.3f} s after the first sample, not {before:.3f} s: what was learnt since then is forgotten'
+        )
+
+    def judge_by(self, convergence: ConvergenceConfig) -> None:
+        """Change the thresholds from the next window on."""
+        self._config = replace(self._config, convergence=convergence)
+        for reporting in self._reportings:
+            set_thresholds(reporting, convergence)
+
+    def _make_reporting(self, _config: EstimatorConfig, kernel: MomentumKernel) -> Reporting:
+        # The present thresholds: a capture makes its method with the parameters of the segment's begin.
+        self._reportings.append(make_reporting(self._config, kernel))
+        return self._reportings[-1]

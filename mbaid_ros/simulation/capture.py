@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, rotation_from_quaternion, unvec
-from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.momentum import physical, standard
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import Surroundings, Wheels

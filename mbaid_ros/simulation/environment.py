@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, rotate, rotate_back, unvec
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import Link, RobotModel
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.simulation import quaternions
 

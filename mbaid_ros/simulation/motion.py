@@ -9,8 +9,8 @@ import numpy as np
 
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.mimic import Transmission
 from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.urdf import Transmission
 
 # Gains of the tracking error. The torques are those of the exact model, so only the integrator's own error is left to
 # correct: a slow, critically damped loop (1 rad/s) is enough and does not shorten the step.

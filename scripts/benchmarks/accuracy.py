@@ -11,7 +11,7 @@ from benchmarks.frame import Frame, Runs
 from benchmarks.methods import METHODS, Identification
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.sensors.levels import CHANNELS
-from mbaid_ros.replay.campaigns.monte_carlo import coverage, mean, nees, nees_band, rmse
+from mbaid_ros.replay.campaigns.statistics import coverage, mean, nees, nees_band, rmse
 
 Times = tuple[float, ...]
 

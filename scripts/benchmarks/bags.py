@@ -7,7 +7,7 @@ from pathlib import Path
 from benchmarks.data import DURATION, NOISE, RATE, START, endless_motion, model
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.outgoing import SensorMessages
-from mbaid_ros.replay.bag_types import BAG_TYPES
+from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.simulation.sensors import Sensors
 
 ROBOT = 'servicer7'

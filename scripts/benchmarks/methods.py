@@ -15,7 +15,7 @@ from mbaid_ros.core.identifier import Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
-from mbaid_ros.core.sensors.found_noise import FoundNoise
+from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.session import make_estimator
 
 

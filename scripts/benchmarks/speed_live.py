@@ -19,7 +19,7 @@ from benchmarks.bags import ROBOT, make_bag
 from benchmarks.data import CONFIG
 from benchmarks.frame import processor_time
 from demo_graph import Graph, assigned, graph
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.subscriptions import qos
 
 NODES = Path(__file__).with_name('speed_nodes.py')
 _INPUTS = (': joint_states', ': odom')  # of the estimator's diagnostics

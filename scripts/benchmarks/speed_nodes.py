@@ -21,9 +21,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from mbaid_ros.bags import BagReader
-from mbaid_ros.nodes.qos import qos, quiet_publisher
 from mbaid_ros.nodes.runner import ros, spin
-from mbaid_ros.nodes.subscriptions import DEPTH
+from mbaid_ros.nodes.subscriptions import DEPTH, qos, quiet_publisher
 
 KINDS = {'/joint_states': JointState, '/odom': Odometry}
 _STAMP = struct.Struct('<iI')  # of a message's header, after four bytes for the encoding

@@ -21,9 +21,7 @@ from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.bags.types import definition
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.recordings.convert import main as convert
-from mbaid_ros.replay.export import FORMATS
-from mbaid_ros.replay.export import main as export
-from mbaid_ros.replay.replay import main as replay
+from mbaid_ros.replay.start import FORMATS, export, replay
 
 BAG = CONFIG.parent / 'bags' / 'table1_live'
 _MESSAGES = 600

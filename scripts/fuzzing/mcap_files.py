@@ -17,7 +17,7 @@ from mbaid_ros.bags.types import definition, serialize
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.replay.bag_types import BAG_TYPES
+from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.simulated_run import SimulatedRun
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'

@@ -149,6 +149,6 @@ def tried(main: Main, arguments: Sequence[str], words: BinaryIO) -> Trial:
 
 def alone(main: Main, arguments: Sequence[str]) -> tuple[int, str]:
     """Return exit code and stderr of the same in a process of its own."""
-    start = f'import sys; from {main.__module__} import main; sys.exit(main())'  # as the executables do
+    start = f'import sys; from {main.__module__} import {main.__name__} as main; sys.exit(main())'
     done = subprocess.run([sys.executable, '-c', start, *arguments], capture_output=True, timeout=HANG, check=False)
     return done.returncode, done.stderr.decode(errors='replace')

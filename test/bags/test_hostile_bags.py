@@ -13,7 +13,7 @@ import pytest
 from hostile_bags import DAMAGED, REFUSED, folder_of, many_bombs, metadata
 from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.core.errors import DataError
-from mbaid_ros.replay.replay import main
+from mbaid_ros.replay.start import replay as main
 from small_bags import COUNT, JOINT_STATE, STRING, everything, joint_state, string
 
 

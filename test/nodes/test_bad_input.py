@@ -18,8 +18,8 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from graph import Graph, graph
-from mbaid_ros.nodes.clocks import clock_problems
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.diagnostics import clock_problems
+from mbaid_ros.nodes.subscriptions import qos
 from simulated import CONFIG
 from streams import run, urdf
 

@@ -23,9 +23,8 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.capture import BEFORE
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.sensors.thrust import EXACT_THRUST
-from mbaid_ros.nodes.publishers import TYPES
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST
+from mbaid_ros.nodes.subscriptions import TYPES, qos
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message
 from mbaid_ros.session import Session
 from simulated import CONFIG, robot

@@ -29,8 +29,8 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.results.publication import InertiaPublication, is_complete
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
-from mbaid_ros.nodes.publishers import TYPES, last_of_each_window
-from mbaid_ros.nodes.qos import LATCHED, qos
+from mbaid_ros.nodes.publication import last_of_each_window
+from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, qos
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
 from mbaid_ros.session import Session
 from mbaid_ros.simulated_run import TimedMessage
@@ -262,14 +262,14 @@ def test_one_estimate_a_window_however_many_come_at_once(at_once: int) -> None:
 
 
 def test_poses_on_a_topic_of_their_own_locate_the_base_beside_an_imu(graph: Graph) -> None:
-    used = {'imu.noise_density': 1e-4, 'trajectory.start_windows': 3}
+    used = {'imu.noise_density': 1e-4}
     start(graph, *(f'{name}:={value}' for name, value in used.items()))
     estimates = graph.collect('/estimator/estimate', InertiaEstimate)
     diagnostics = graph.collect('/diagnostics', DiagnosticArray, qos(100))
     kinds = {'pose': PoseWithCovarianceStamped, 'joint_states': JointState, 'imu': Imu}
     publishers = {topic: graph.publisher(topic, kind, qos(10_000)) for topic, kind in kinds.items()}
     session = Session(build(EstimatorConfig, used), urdf('table1'))
-    for timed in run('table1', 2.1):
+    for timed in run('table1', 5.6):
         message: Any = timed.message
         if timed.topic == 'odom':
             message = PoseWithCovarianceStamped(header=deepcopy(message.header), pose=message.pose)

@@ -27,8 +27,8 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import parameter, specifications, values_of
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.nodes.parameters import changed, declare_parameters
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.runner import changed, declare_parameters
+from mbaid_ros.nodes.subscriptions import qos
 from simulated import CONFIG
 from streams import run
 

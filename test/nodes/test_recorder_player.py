@@ -28,10 +28,10 @@ from made_runs import estimate
 from mbaid_ros.bags import BagReader, BagWriter, deserialize, message_class, serialize
 from mbaid_ros.config.recorder import RecorderConfig
 from mbaid_ros.nodes import player, recorder
-from mbaid_ros.nodes.qos import LATCHED, qos
 from mbaid_ros.nodes.recorder import RecorderNode, record
 from mbaid_ros.nodes.runner import Interrupt
-from mbaid_ros.replay.replay import main as replay
+from mbaid_ros.nodes.subscriptions import LATCHED, qos
+from mbaid_ros.replay.start import replay
 from older_bags import TOPIC, older_estimates
 from recorded import papers_case
 from simulated import CONFIG

@@ -11,10 +11,8 @@ import pytest
 from made_runs import budget, estimate
 from mbaid_ros.core.results.estimate import WITHHELD
 from mbaid_ros.core.sensors.levels import SensorLevels
-from mbaid_ros.nodes.log import RunLog, headline
-from mbaid_ros.nodes.reports import ERROR, OK, WARN, estimate_report
-from mbaid_ros.nodes.state import State
-from mbaid_ros.session import survey
+from mbaid_ros.nodes.reports import ERROR, OK, WARN, RunLog, RunState, estimate_report, headline
+from mbaid_ros.session import summarise
 from simulated import robot
 
 
@@ -38,7 +36,7 @@ def fresh_log() -> Log:
 
 
 def test_the_robot_is_told_with_what_is_odd_about_it(log: Log) -> None:
-    odd = replace(survey(robot('servicer7'), 'link7', chosen=False), bare=('base_link',))
+    odd = replace(summarise(robot('servicer7'), 'link7', chosen=False), bare=('base_link',))
     RunLog(log).robot(odd, 'trajectory')
     assert log.at('info')[0].startswith("robot 'servicer7': 'base_link' floats")
     assert 'a guess' in log.at('info')[1]
@@ -90,7 +88,7 @@ def test_that_a_motion_determines_nothing_is_told_once_it_has_had_its_time(log: 
 
 def test_what_is_waited_for_is_told_once_after_a_while(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
     now = [100.0]
-    monkeypatch.setattr('mbaid_ros.nodes.log.monotonic', lambda: now[0])
+    monkeypatch.setattr('mbaid_ros.nodes.reports.monotonic', lambda: now[0])
     narrator = RunLog(log)
     for now[0] in (104.0, 106.0, 107.0):
         narrator.waiting(['/odom (nav_msgs/msg/Odometry)'])
@@ -115,7 +113,7 @@ def test_advice_is_told_once_for_each_joint_and_parameter(log: Log) -> None:
 
 def test_the_main_causes_of_the_variance_are_told_and_warn_of_nothing() -> None:
     level, text, values = estimate_report(
-        State(estimate=estimate(method='trajectory', stage='difference', budget=budget()))
+        RunState(estimate=estimate(method='trajectory', stage='difference', budget=budget()))
     )
     told = dict(values)
     assert (level, text) == (OK, 'converged')
@@ -126,7 +124,7 @@ def test_the_main_causes_of_the_variance_are_told_and_warn_of_nothing() -> None:
 
 
 def test_without_a_budget_the_causes_are_empty() -> None:
-    level, _, values = estimate_report(State(estimate=estimate(warnings=('wrong',))))
+    level, _, values = estimate_report(RunState(estimate=estimate(warnings=('wrong',))))
     assert level == WARN
     assert dict(values)['main causes of the variance'] == ''
 
@@ -134,17 +132,17 @@ def test_without_a_budget_the_causes_are_empty() -> None:
 def test_the_likeliest_cause_of_a_contradiction_comes_first() -> None:
     causes = tuple((f'cause {number}', 50.0 - number) for number in range(5))
     level, text, values = estimate_report(
-        State(estimate=estimate(status='inconsistent', warnings=('w',), causes=causes))
+        RunState(estimate=estimate(status='inconsistent', warnings=('w',), causes=causes))
     )
     assert (level, text) == (ERROR, 'inconsistent: likely cause: cause 0')
     assert [value for key, value in values if key.startswith('likely cause')] == ['cause 0', 'cause 1', 'cause 2']
-    _, text, values = estimate_report(State(estimate=estimate(warnings=('w',), causes=causes)))
+    _, text, values = estimate_report(RunState(estimate=estimate(warnings=('w',), causes=causes)))
     assert text == 'converged: w'
     assert not any(key.startswith('likely cause') for key, _ in values)
 
 
 def test_the_motion_that_was_planned_is_told_with_what_it_comes_to() -> None:
-    told = dict(estimate_report(State(estimate=estimate(), plan=(False, 'out of reach')))[2])
+    told = dict(estimate_report(RunState(estimate=estimate(), plan=(False, 'out of reach')))[2])
     assert (told['plan reaches what is wanted'], told['plan']) == (False, 'out of reach')
 
 
@@ -156,7 +154,7 @@ def test_the_noise_that_counts_is_told_first() -> None:
         correlation_time=0.0,
         used=np.array([False, True, False, False, True, False]),
     )
-    told = dict(estimate_report(State(estimate=estimate(noise=levels)))[2])
+    told = dict(estimate_report(RunState(estimate=estimate(noise=levels)))[2])
     assert told['noise of joint position (rad)'] == '0.0001 declared, 0.0002 found'
     assert told['noise of joint velocity (rad/s)'] == '0.001 found'
     assert told['noise of base position (m)'] == '0.001 declared'

@@ -14,7 +14,7 @@ from std_msgs.msg import String
 
 from graph import Graph, Process
 from mbaid_ros.nodes.player import Pace
-from mbaid_ros.nodes.qos import qos
+from mbaid_ros.nodes.subscriptions import qos
 from simulated import CONFIG
 from streams import run
 

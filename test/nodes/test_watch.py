@@ -17,8 +17,7 @@ from mbaid_msgs.msg import InertiaEstimate
 
 from graph import PATIENCE, Graph, executable
 from made_runs import BODY, HOSTILE, STD, budget, estimate, planar
-from mbaid_ros.nodes.publishers import TYPES
-from mbaid_ros.nodes.qos import LATCHED
+from mbaid_ros.nodes.subscriptions import LATCHED, TYPES
 from mbaid_ros.nodes.watch import (
     Lines,
     WatchNode,

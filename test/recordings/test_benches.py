@@ -22,7 +22,7 @@ from mbaid_ros.core.robot.urdf_edit import change_inertial
 from mbaid_ros.recordings.convert import main
 from mbaid_ros.recordings.spot import COMMANDS_FILE
 from mbaid_ros.recordings.throws import OBJECTS, Thrown, read_tudelft_throw, throw_urdf
-from mbaid_ros.replay.replay import main as replay
+from mbaid_ros.replay.start import replay
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Simulation

@@ -20,11 +20,11 @@ from benchmarks.precapture import free_model, free_urdf, perturbed
 from captured import sensed
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import change_inertial
-from mbaid_ros.replay.calibrate import main
-from mbaid_ros.replay.replay import main as replay
+from mbaid_ros.replay.start import calibrate as main
+from mbaid_ros.replay.start import replay
 from mbaid_ros.session import Session
 from mbaid_ros.simulation.motion import random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, without_linear_momentum

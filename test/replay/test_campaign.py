@@ -20,12 +20,11 @@ import pytest
 from campaigns import TEXT, refused, written
 from mbaid_ros.config.campaign import CampaignRun, load_campaign
 from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.replay import campaign, replay, simulate
 from mbaid_ros.replay.campaigns import command
-from mbaid_ros.replay.campaigns.folder import CampaignFolder
-from mbaid_ros.replay.campaigns.local import made_here
-from mbaid_ros.replay.campaigns.make import Result, make
-from mbaid_ros.replay.campaigns.statistics import statistics
+from mbaid_ros.replay.campaigns.command import CampaignFolder
+from mbaid_ros.replay.campaigns.make import made_here, make
+from mbaid_ros.replay.campaigns.statistics import Result, statistics
+from mbaid_ros.replay.start import campaign, replay, simulate
 from simulated import CONFIG
 
 RUNS = 8
@@ -44,7 +43,7 @@ def content(folder: Path) -> list[bytes]:
 def made_in_one_go(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp('whole')
     output = folder / 'output'
-    assert campaign.main([str(written(folder)), '--output', str(output), '--processes', '2']) == 0
+    assert campaign([str(written(folder)), '--output', str(output), '--processes', '2']) == 0
     return output
 
 
@@ -78,9 +77,9 @@ def test_a_run_is_that_of_simulate_and_replay_to_the_last_bit(
         (tmp_path / f'{node}.yaml').write_text(json.dumps(section))
     bag, model = str(tmp_path / 'bag'), str(CONFIG / 'table1.urdf')
     simulator, estimator = (str(tmp_path / f'{node}.yaml') for node in ('simulator', 'estimator'))
-    assert simulate.main(['--model', model, '--params', simulator, '--seed', '2', '--output', bag]) == 0
+    assert simulate(['--model', model, '--params', simulator, '--seed', '2', '--output', bag]) == 0
     capsys.readouterr()
-    assert replay.main([bag, '--model', model, '--params', estimator, '--json', '-']) == 0
+    assert replay([bag, '--model', model, '--params', estimator, '--json', '-']) == 0
     result = json.loads(capsys.readouterr().out)
     for key in ('status', 'estimate', 'std', 'samples', 'span_s'):
         assert run[key] == result[key]
@@ -108,7 +107,7 @@ def test_every_run_is_there_in_order_and_the_statistics_are_theirs(
     assert low['rmse']['mass'] < mid['rmse']['mass']
     # Complete: nothing is made, the statistics are told again.
     before = content(whole)
-    assert campaign.main([str(whole.parent / 'campaign.yaml'), '--output', str(whole)]) == 0
+    assert campaign([str(whole.parent / 'campaign.yaml'), '--output', str(whole)]) == 0
     told = capsys.readouterr().out
     assert 'noise=mid: 4 runs, ' in told
     assert '8 runs, 0 of them failed, 0 inconsistent' in told
@@ -129,7 +128,7 @@ def test_motions_that_follow_are_compared_by_what_they_tell_and_what_they_do_to_
     for old, new in quick.items():
         text = text.replace(old, new)
     output = tmp_path / 'output'
-    assert campaign.main([str(written(tmp_path, text)), '--output', str(output)]) == 0
+    assert campaign([str(written(tmp_path, text)), '--output', str(output)]) == 0
     told = {run['then']['motion']: run['then'] for run in lines(output)}
     assert list(told) == ['planned', 'sinusoids', 'one_by_one', 'trapezoids']
     assert len({each['before'] for each in told.values()}) == 1
@@ -165,7 +164,7 @@ cases:
 @pytest.mark.usefixtures('numbers')
 def test_errors_of_the_urdf_are_an_axis_like_others(tmp_path: Path) -> None:
     output = tmp_path / 'output'
-    assert campaign.main([str(written(tmp_path, CAD)), '--output', str(output)]) == 0
+    assert campaign([str(written(tmp_path, CAD)), '--output', str(output)]) == 0
     results = lines(output)
     by_case = {tuple(runs[0]['case'].values()): runs for runs in (results[i : i + 3] for i in range(0, 12, 3))}
     # The truth is one for all: the target is never drawn.
@@ -195,7 +194,7 @@ TOLD = """cases:
 def test_the_estimator_is_told_of_thrust_that_is_published(tmp_path: Path) -> None:
     text = re.sub(r'\nsimulator: .*\n', PUSHED, CAD.partition('cases:')[0].replace('seeds: 3', 'seeds: 1')) + TOLD
     output = tmp_path / 'output'
-    assert campaign.main([str(written(tmp_path, text)), '--output', str(output)]) == 0
+    assert campaign([str(written(tmp_path, text)), '--output', str(output)]) == 0
     warned = [any('momentum' in warning for warning in run['warnings']) for run in lines(output)]
     assert warned == [False, True]
 
@@ -224,7 +223,7 @@ def test_after_a_kill_the_same_command_makes_what_is_missing_and_nothing_else(
 ) -> None:
     yaml, output = str(whole.parent / 'campaign.yaml'), tmp_path / 'output'
     arguments = [yaml, '--output', str(output), '--processes', '1']
-    program = [sys.executable, '-m', 'mbaid_ros.replay.campaign', *arguments]
+    program = [sys.executable, '-c', 'from mbaid_ros.replay.start import campaign; exit(campaign())', *arguments]
     runs = output / 'runs.jsonl'
     with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         while not (runs.exists() and runs.read_bytes().count(b'\n') >= 2):
@@ -237,7 +236,7 @@ def test_after_a_kill_the_same_command_makes_what_is_missing_and_nothing_else(
     assert 2 <= len(kept) < RUNS
     with runs.open('ab') as file:  # what a full disk or a power cut may leave
         file.write(b'{"run": 7, "case": {"noi')
-    assert campaign.main(arguments) == 0
+    assert campaign(arguments) == 0
     assert numbers == sorted(set(range(RUNS)) - kept)
     assert content(output) == content(whole)
 
@@ -257,7 +256,7 @@ def test_a_changed_campaign_is_refused_with_what_has_changed(
         assert told in line
     # Comments and layout change nothing.
     same = TEXT.replace('seeds: 4', 'seeds: [0, 1, 2, 3]  # four')
-    assert campaign.main([str(written(tmp_path, same)), '--output', str(whole)]) == 0
+    assert campaign([str(written(tmp_path, same)), '--output', str(whole)]) == 0
     assert content(whole) == before
 
 
@@ -280,7 +279,7 @@ def test_the_names_of_the_files_are_told_in_one_line(
 ) -> None:
     odd = tmp_path / os.fsdecode(b'\xff\n\x1b[2J')
     shutil.copytree(whole, odd)
-    assert campaign.main([str(written(tmp_path)), '--output', str(odd)]) == 0
+    assert campaign([str(written(tmp_path)), '--output', str(odd)]) == 0
     last = capsys.readouterr().out.splitlines()[-1]
     assert last.startswith(f'{tmp_path}/\\udcff \\x1b[2J/runs.jsonl, ')
 
@@ -296,7 +295,7 @@ def test_a_run_that_fails_is_kept_with_its_reason_and_the_others_are_made(
     output = str(tmp_path / 'output')
     few = TEXT.replace('seeds: 4', 'seeds: 1')
     arguments = [str(written(tmp_path, few + WILD)), '--output', output]
-    assert campaign.main(arguments) == 3
+    assert campaign(arguments) == 3
     told = capsys.readouterr().out
     results = lines(tmp_path / 'output')
     bad = [result for result in results if result['case']['motion'] == 'wild']
@@ -307,9 +306,9 @@ def test_a_run_that_fails_is_kept_with_its_reason_and_the_others_are_made(
     good = [result['estimate'] for result in results if result['case']['motion'] == 'gentle']
     assert good == [result['estimate'] for result in lines(whole) if result['seed'] == 0]
     numbers.clear()
-    assert campaign.main(arguments) == 3
+    assert campaign(arguments) == 3
     assert numbers == []
-    assert campaign.main([*arguments, '--retry-failed']) == 3
+    assert campaign([*arguments, '--retry-failed']) == 3
     assert numbers == [result['run'] for result in bad]
 
 

@@ -21,9 +21,10 @@ from distributed import Client
 
 from documents import CAMPAIGNS, blocks, project
 from mbaid_ros.config.campaign import CampaignRun
-from mbaid_ros.replay import campaign
-from mbaid_ros.replay.campaigns import cluster, command
-from mbaid_ros.replay.campaigns.make import Result
+from mbaid_ros.replay.campaigns import command
+from mbaid_ros.replay.campaigns import make as cluster
+from mbaid_ros.replay.campaigns.statistics import Result
+from mbaid_ros.replay.start import campaign
 from simulated import CONFIG
 
 RUNS = int(os.environ.get('MBAID_ROS_CAMPAIGN_RUNS', '20'))
@@ -123,13 +124,13 @@ def test_a_campaign_on_a_cluster_that_loses_a_worker_is_that_of_this_machine(
     monkeypatch.chdir(tmp_path)
     victim, other = two.workers()
     monkeypatch.setattr(command, 'made_on_cluster', dying(lambda: os.kill(victim, signal.SIGKILL), runs // 4))
-    assert campaign.main([yaml, *options, '--output', 'cluster']) == 0
+    assert campaign([yaml, *options, '--output', 'cluster']) == 0
     left = two.workers()
     assert other in left
     assert victim not in left
     there = capsys.readouterr()
     assert there.err == ''
-    assert campaign.main([yaml, '--output', 'here']) == 0
+    assert campaign([yaml, '--output', 'here']) == 0
     for name in ('runs.jsonl', 'summary.json', 'campaign.json'):
         assert (tmp_path / 'cluster' / name).read_bytes() == (tmp_path / 'here' / name).read_bytes()
     assert there.out.replace('cluster/', 'here/') == capsys.readouterr().out
@@ -141,7 +142,7 @@ def test_a_campaign_that_loses_its_scheduler_keeps_what_it_has_and_says_so(
     yaml, output = tmp_path / 'campaign.yaml', tmp_path / 'output'
     yaml.write_text(TEXT)
     monkeypatch.setattr(command, 'made_on_cluster', dying(lambda: os.killpg(two.scheduler.pid, signal.SIGKILL), 2))
-    assert campaign.main([str(yaml), '--output', str(output), '--scheduler', two.address]) == 2
+    assert campaign([str(yaml), '--output', str(output), '--scheduler', two.address]) == 2
     captured = capfd.readouterr()
     assert captured.out == ''
     assert captured.err.startswith(f"mbaid_ros campaign: the cluster of scheduler '{two.address}' fails: ")
@@ -153,7 +154,7 @@ def test_a_campaign_that_loses_its_scheduler_keeps_what_it_has_and_says_so(
 def refused(capsys: pytest.CaptureFixture[str], folder: Path, scheduler: str) -> str:
     yaml = folder / 'campaign.yaml'
     yaml.write_text(TEXT)
-    assert campaign.main([str(yaml), '--output', str(folder / 'output'), '--scheduler', scheduler]) == 2
+    assert campaign([str(yaml), '--output', str(folder / 'output'), '--scheduler', scheduler]) == 2
     captured = capsys.readouterr()
     assert captured.out == ''
     assert captured.err.count('\n') == 1

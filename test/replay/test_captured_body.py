@@ -14,8 +14,7 @@ import recorded
 from captured import BARE, GRASP, alone_in_grasp, capture, sensed, with_bare_link
 from mbaid_ros.core.geometry import rotation_from_quaternion
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.replay.export import main as export
-from mbaid_ros.replay.replay import main as replay
+from mbaid_ros.replay.start import export, replay
 from simulated import CONFIG
 
 BAG = CONFIG.parent / 'bags' / 'servicer7_mid'

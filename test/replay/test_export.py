@@ -19,13 +19,12 @@ from mbaid_ros.bags.types import ADDED, ESTIMATE_TYPE
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.status import contradictions, with_reasons
-from mbaid_ros.core.robot.inertia import box_sizes
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import box_sizes
 from mbaid_ros.outgoing import Frames, estimate_message
-from mbaid_ros.replay.bag_types import BAG_TYPES
-from mbaid_ros.replay.export import main
-from mbaid_ros.replay.result_json import as_json
-from mbaid_ros.replay.run import EstimateWriter
+from mbaid_ros.replay.output import as_json
+from mbaid_ros.replay.run import BAG_TYPES, EstimateWriter
+from mbaid_ros.replay.start import export as main
 from older_bags import TOPIC, older_estimates
 from simulated import CONFIG
 

@@ -21,9 +21,9 @@ import pytest
 import recorded
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.replay import main
 from mbaid_ros.replay.report import html
 from mbaid_ros.replay.run import replay_bag
+from mbaid_ros.replay.start import replay as main
 from simulated import CONFIG
 
 MODEL = str(CONFIG / 'table1.urdf')
@@ -81,7 +81,7 @@ def on_a_terminal(*arguments: str) -> Iterator[tuple[subprocess.Popen[bytes], It
     """Run `replay` with a terminal; give the process, and what it shows until it and all that it started have ended."""
     ours, its = pty.openpty()
     fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack('4H', 24, 100, 0, 0))  # a terminal without a width shows no bar
-    command = [sys.executable, '-m', 'mbaid_ros.replay.replay', *arguments]
+    command = [sys.executable, '-c', 'from mbaid_ros.replay.start import replay; exit(replay())', *arguments]
     process = subprocess.Popen(
         command,
         stdin=its,

@@ -15,9 +15,9 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.replay import simulate
 from mbaid_ros.replay.at_rest import measure
-from mbaid_ros.replay.noise_at_rest import main
+from mbaid_ros.replay.start import noise_at_rest as main
+from mbaid_ros.replay.start import simulate
 from recorded import JOINT_STATE, ODOMETRY
 from simulated import CONFIG
 
@@ -43,7 +43,7 @@ def bag_at_rest(tmp_path_factory: pytest.TempPathFactory) -> str:
     parameters |= {f'noise.{name}': value for name, value in NOISE.items()}
     words = [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
     files = ['--model', f'{CONFIG}/servicer7.urdf', '--params', f'{CONFIG}/servicer7_simulator.yaml']
-    assert simulate.main([*files, *words, '--duration', '10', '--output', str(path)]) == 0
+    assert simulate([*files, *words, '--duration', '10', '--output', str(path)]) == 0
     return str(path)
 
 

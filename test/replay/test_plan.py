@@ -15,9 +15,8 @@ from mbaid_ros.config.trajectory import as_yaml, read_trajectory
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.messages import trajectory_of
-from mbaid_ros.replay.plan import main
-from mbaid_ros.replay.replay import main as replay
-from mbaid_ros.replay.simulate import main as simulate
+from mbaid_ros.replay.start import plan as main
+from mbaid_ros.replay.start import replay, simulate
 from simulated import CONFIG
 
 MODEL = ['--model', str(CONFIG / 'servicer7.urdf')]

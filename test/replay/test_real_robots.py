@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbaid_ros.replay.replay import main as replay
-from mbaid_ros.replay.simulate import main as simulate
+from mbaid_ros.replay.start import replay, simulate
 from simulated import CONFIG
 
 PACKAGE = 'example-robot-data'

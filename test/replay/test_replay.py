@@ -25,7 +25,7 @@ from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.results.estimate import Status
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.command import exit_code
-from mbaid_ros.replay.replay import main
+from mbaid_ros.replay.start import replay as main
 from simulated import CONFIG, table1
 
 MODEL = str(CONFIG / 'table1.urdf')

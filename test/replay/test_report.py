@@ -20,12 +20,12 @@ from made_runs import BODY, HOSTILE, PLAIN, STD, estimate, event, hostile_urdf, 
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.replay.replay import main
 from mbaid_ros.replay.report import html
-from mbaid_ros.replay.report.comparison import comparison
+from mbaid_ros.replay.report.page import comparison
 from mbaid_ros.replay.results import Run
-from mbaid_ros.replay.truth import Truth, read_truth, truth_beside
-from mbaid_ros.session import survey
+from mbaid_ros.replay.saved import Truth, read_truth, truth_beside
+from mbaid_ros.replay.start import replay as main
+from mbaid_ros.session import summarise
 from simulated import CONFIG, table1
 
 
@@ -85,7 +85,7 @@ def cells(text: str, row: str) -> list[str]:
 
 
 def test_what_the_robot_was_taken_for_stands_before_the_verdict() -> None:
-    found = survey(load_model(hostile_urdf()), chosen=False)
+    found = summarise(load_model(hostile_urdf()), chosen=False)
     text = html([brief(survey=found)])
     assert text.index('kg</li>') < text.index('class="verdict')
     assert '<script' not in text

@@ -10,12 +10,11 @@ import pytest
 
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Event, Status
-from mbaid_ros.replay.arrivals import Arrivals
-from mbaid_ros.replay.campaigns.then import Then, ThenStatistics
+from mbaid_ros.replay.campaigns.make import SecondMotion
+from mbaid_ros.replay.campaigns.statistics import SecondMotionStatistics
 from mbaid_ros.replay.command import exit_code
-from mbaid_ros.replay.result_json import as_json
-from mbaid_ros.replay.result_text import summary
-from mbaid_ros.replay.results import History, Run, TopicStatistics
+from mbaid_ros.replay.output import as_json, summary
+from mbaid_ros.replay.results import Arrivals, History, Run, TopicStatistics
 
 
 def estimate(number: int) -> Estimate:
@@ -173,7 +172,7 @@ def test_of_a_long_run_the_same_is_told_in_bounded_memory(monkeypatch: pytest.Mo
     times = np.cumsum(intervals)
     whole, thinned = Arrivals(), Arrivals()
     whole.add(times)
-    monkeypatch.setattr('mbaid_ros.replay.arrivals._KEPT', 3_000)
+    monkeypatch.setattr('mbaid_ros.replay.results._KEPT', 3_000)
     for begin in range(0, len(times), 777):
         thinned.add(times[begin : begin + 777])
         assert len(thinned._times) <= 3_000
@@ -203,12 +202,12 @@ def told(std: float) -> dict[str, object]:
     deviations = np.where(ASKED, 0.1, np.nan)
     deviations[3] = std
     last = Estimate('trajectory', 'estimating', parameters=np.ones(10), covariance=np.diag(deviations**2))
-    return Then('planned', trajectory, 0.4, np.array([0.1, 0.2]), ASKED).told(last, np.ones(10))
+    return SecondMotion('planned', trajectory, 0.4, np.array([0.1, 0.2]), ASKED).as_json(last, np.ones(10))
 
 
 def test_the_least_known_of_what_can_be_known_counts() -> None:
     assert told(0.2)['after'] == pytest.approx(0.2)
-    found = ThenStatistics.of([told(0.2), told(np.nan), told(0.2)])
+    found = SecondMotionStatistics.from_runs([told(0.2), told(np.nan), told(0.2)])
     assert found is not None
     assert found.after == pytest.approx(0.2)
     assert found.halvings == pytest.approx(2.0)
@@ -217,7 +216,7 @@ def test_the_least_known_of_what_can_be_known_counts() -> None:
 
 def test_what_is_not_determined_in_the_end_is_told() -> None:
     assert told(np.nan)['after'] is None
-    found = ThenStatistics.of([told(np.nan)])
+    found = SecondMotionStatistics.from_runs([told(np.nan)])
     assert found is not None
     assert found.as_json()['after'] is None
     assert 'the least known from 40 % to not determined; base turned by' in str(found)

@@ -12,10 +12,9 @@ import pytest
 import recorded
 from benchmarks.precapture import free_urdf
 from mbaid_ros.bags import BagReader, BagWriter
-from mbaid_ros.core.sensors.thrust import EXACT_THRUST
-from mbaid_ros.replay.calibrate import main as calibrate
-from mbaid_ros.replay.replay import main as replay
-from mbaid_ros.replay.simulate import main
+from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST
+from mbaid_ros.replay.start import calibrate, replay
+from mbaid_ros.replay.start import simulate as main
 from simulated import CONFIG
 from thrusting import WRENCH, messages, pulse
 

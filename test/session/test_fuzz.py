@@ -18,7 +18,7 @@ import defects
 from defects import JOINTS, ODOMETRY, Arrival, arrivals, estimates, header
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.momentum import physical
 from simulated import robot
 
 ROBOT = 'table1'
@@ -204,7 +204,9 @@ relaxed = settings(
         *(pytest.param(*each, marks=pytest.mark.long) for each in (('difference', 200), ('trajectory', 40))),
     ],
 )
-def test_any_stream_leads_to_finite_numbers(method: str, examples: int) -> None:
+def test_any_stream_leads_to_finite_numbers(method: str, examples: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('mbaid_ros.session.methods.START_WINDOWS', 2)
+
     @settings(relaxed, max_examples=examples)
     @given(
         plans(CHANGES),
@@ -221,8 +223,6 @@ def test_any_stream_leads_to_finite_numbers(method: str, examples: int) -> None:
     def fuzz(plan: list[Step], parameters: dict[str, object], at_once: int) -> None:
         messages = spoilt(plan)
         parameters['method'] = method
-        if method == 'trajectory':
-            parameters['trajectory.start_windows'] = 2
         whole = outcome(messages, parameters, 1_000_000)
         check(whole)
         if parameters['time_jump'] != 'error':

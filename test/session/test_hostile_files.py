@@ -18,8 +18,7 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.replay.identified import read_identified
-from mbaid_ros.replay.truth import read_truth, truth_beside
+from mbaid_ros.replay.saved import read_identified, read_truth, truth_beside
 
 MEMORY = 600_000_000  # bytes, for any of them
 HEAD = '/**:\n  ros__parameters:\n'

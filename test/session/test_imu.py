@@ -21,7 +21,7 @@ from mbaid_ros.core.samples import ImuStream
 from mbaid_ros.core.sensors.base import measured_orientation
 from mbaid_ros.core.sensors.imu import DeadReckoning
 from mbaid_ros.messages import IMU_FRAME, ImuReader
-from mbaid_ros.replay.replay import main as replay
+from mbaid_ros.replay.start import replay
 from mbaid_ros.session import Session, explain, obstacles
 from mbaid_ros.session.session import IMU_NOT_ASKED_FOR
 from simulated import CONFIG

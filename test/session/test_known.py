@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.base import TwistBias
 from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
@@ -26,13 +28,14 @@ from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
 from mbaid_ros.session import Session
 from mbaid_ros.session.posterior import (
     EXACT_ROBOT,
-    doubting_exactness,
+    declared_exact,
     nominal_model,
     with_known_errors,
 )
-from mbaid_ros.session.uncertainty import declared_uncertainty
+from mbaid_ros.session.settings import declared_uncertainty
 from servicing import LINKS, standard_parameters
 from simulated import robot
+from streams import run, urdf
 
 ROBOT = MomentumKernel(free_model(), 'link7')
 
@@ -202,21 +205,50 @@ def test_a_file_that_is_not_there_or_no_text(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ('parameters', 'status', 'recalled'),
+    ('parameters', 'exact'),
     [
-        (EXACT, 'inconsistent', True),
-        (EXACT, 'estimating', False),
-        ({}, 'inconsistent', False),
-        (EXACT | {'known_joints.joint2.zero_std': 1e-3}, 'inconsistent', False),
-        (EXACT | {'odometry_mount.position_std': 1e-3}, 'inconsistent', False),
+        (EXACT, True),
+        ({}, False),
+        (EXACT | {'known_joints.joint2.zero_std': 1e-3}, False),
+        (EXACT | {'odometry_mount.position_std': 1e-3}, False),
     ],
 )
-def test_data_that_contradict_a_robot_without_errors_recall_that_it_is_said_to_have_none(
-    parameters: dict[str, object], status: Any, recalled: bool
+def test_a_robot_is_declared_exact_if_no_parameter_leaves_it_uncertain(
+    parameters: dict[str, object], exact: bool
 ) -> None:
-    told = Estimate(method='trajectory', status=status, warnings=('one',))
-    (again,) = doubting_exactness([told], build(EstimatorConfig, parameters))
-    assert again.warnings == (('one', EXACT_ROBOT) if recalled else ('one',))
+    assert declared_exact(build(EstimatorConfig, parameters)) is exact
+
+
+class Contradicted:
+    """A method whose data contradict the model in every window."""
+
+    method, needs_rates = 'trajectory', False
+
+    def update(self, windows: list[Samples], _origin: int) -> list[Estimate]:
+        """Return an estimate of the last window."""
+        return [Estimate('trajectory', 'inconsistent', time=float(windows[-1].time[-1]), causes=(('first', 9.0),))]
+
+
+@pytest.mark.parametrize(('parameters', 'exact'), [(EXACT, True), ({}, False)])
+def test_a_contradicted_run_doubts_an_exact_robot_and_suspects_unknown_names(
+    parameters: dict[str, object], exact: bool
+) -> None:
+    session = Session(build(EstimatorConfig, parameters), urdf('table1'), lambda *_: Contradicted())
+    for timed in run('table1', 1.1):
+        message = timed.message
+        if timed.topic == 'joint_states':
+            message = deepcopy(message)
+            message.name, message.position = [*message.name, 'wheel'], [*message.position, 0.0]
+            message.velocity = [*message.velocity, 9.0]
+            session.add_joint_state(message)
+        else:
+            session.add_odometry(message)
+    last = session.process()[-1]
+    assert (EXACT_ROBOT in last.warnings) is exact
+    (first, _), (second, gain) = last.causes
+    assert first == 'first'
+    assert second.startswith('joint states hold wheel, no joints of the robot')
+    assert gain == 9.0
 
 
 # -- How uncertain the known side is, as the parameters declare it.
@@ -242,10 +274,8 @@ def test_a_joint_may_have_standard_deviations_of_its_own() -> None:
 
 def test_a_joint_may_wander_more_than_the_others() -> None:
     first, *_ = robot('table1').joint_names
-    given = {f'known_joints.{first}.tracking_std': 0.03, f'known_joints.{first}.tracking_time': 1.0}
-    found = declared(known_joints__tracking_std=0.01, **given)
+    found = declared(known_joints__tracking_std=0.01, **{f'known_joints.{first}.tracking_std': 0.03})
     assert found.tracking == (0.03, 0.01, 0.01, 0.01)
-    assert found.tracking_time == (1.0, 2.0, 2.0, 2.0)
     assert declared().tracking == (0.0,) * 4
 
 

@@ -25,7 +25,7 @@ from mbaid_ros.core.samples import Samples
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.session import Session, make_estimator
 from mbaid_ros.session.posterior import KnownRobot
-from mbaid_ros.session.queue import PART
+from mbaid_ros.session.session import PART
 from simulated import CONFIG
 from streams import run, urdf
 from wire import as_bytes, joint_state, odometry

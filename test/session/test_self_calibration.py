@@ -22,14 +22,14 @@ from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import displaced
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import change_inertial
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.session import Session
-from mbaid_ros.session.uncertainty import declared_uncertainty
+from mbaid_ros.session.settings import declared_uncertainty
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
 from observed import MID
 from servicing import LINKS, PRIORS

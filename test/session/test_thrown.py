@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.replay.replay import main as replay
+from mbaid_ros.replay.start import replay
 from thrown import AT_REST, INERTIA, calibrated, record
 
 

@@ -17,8 +17,8 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.sensors.orbit_frame import NOT_ASKED_FOR, OTHER_MOMENTUM_FRAME
-from mbaid_ros.replay.bag_types import BAG_TYPES
+from mbaid_ros.core.sensors.external_momentum import NOT_ASKED_FOR, OTHER_MOMENTUM_FRAME
+from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.session import Session, intake_warnings
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from simulated import CONFIG

@@ -29,12 +29,12 @@ from mbaid_ros.core.diagnosis.readings import (
 )
 from mbaid_ros.core.diagnosis.twist_conventions import twist_convention_error
 from mbaid_ros.core.filter.bank import LONGEST, HypothesisFilter
-from mbaid_ros.core.filter.gaussian import SquareRootInformation
+from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import Layout, Point
 from mbaid_ros.core.filter.window import Window, without_twist
 from mbaid_ros.core.results.estimate import PULSE
 from mbaid_ros.core.results.status import LARGEST_NIS
-from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.unknowns.base import OF_TWIST, vibration
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, deviation_text, suspects, target_changed_text
 from mbaid_ros.core.unknowns.declaration import Unknown

@@ -1,24 +1,25 @@
-"""Linear equations whose coefficients carry noise too: maximum likelihood, its information, and what noise adds to it.
+"""Linear equations whose coefficients carry noise too: maximum likelihood, its information, and first solutions.
 
-Block k of the problem reads (numbers as in docs/method.md)
+Block k reads (numbers as in docs/method.md)
 
     f_k = A_k x + y_k,    covariance of f_k = G_k G_k^T,    G_k = G0_k + G1_k . x         (3), (4)
 
-with A, y computed from measured quantities and G their whitened derivatives: d A / d e = G1, d y / d e = G0 for unit
-errors e. Plain weighted least squares is biased, because A is noisy. The functional maximum likelihood minimises
-sum f^T (G G^T)^-1 f (5); its gradient is that of a least squares with the corrected rows A + G1 . eta, where
-eta = -G^T (G G^T)^-1 f (6) is the adjustment of the measurements that fulfils the equations.
+with A and y computed from measurements, and G their derivatives by unit errors e: G1 = dA / de, G0 = dy / de. Weighted
+least squares is biased, since A is noisy. The functional maximum likelihood minimises sum f^T (G G^T)^-1 f (5). Its
+gradient is that of a least squares with the corrected rows A + G1 . eta, where eta = -G^T (G G^T)^-1 f (6) adjusts the
+measurements until the equations hold. A covariance that is not positive definite raises FloatingPointError.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.linear_algebra import inverse_factor, inverse_factors
+from mbaid_ros.core.linear_algebra import inverse_factor, inverse_factors, solve_symmetric, square_root
 
 
 @dataclass(frozen=True)
@@ -27,10 +28,8 @@ class Blocks(ArrayRecord):
 
     Attributes
     ----------
-    rows : (K, r, u) A
-    offset : (K, r) y
-    noise : (K, r, z) G0
-    noise_rows : (K, r, z, u) G1
+    rows, offset : (K, r, u) A, (K, r) y
+    noise, noise_rows : (K, r, z) G0, (K, r, z, u) G1
     """
 
     rows: Array
@@ -39,16 +38,10 @@ class Blocks(ArrayRecord):
     noise_rows: Array
 
     def restrict(self, selection: Array, basis: Array) -> Blocks:
-        """Return the equations Pi f in the unknowns x' with x = B x'.
-
-        Parameters
-        ----------
-        selection : (k, r) Pi
-        basis : (u, v) B
-        """
+        """Return the equations Pi f, for Pi (k, r), in the unknowns x' with x = B x', for B (u, v)."""
         count, equations, sources, _ = self.noise_rows.shape
         mixed = (self.noise_rows @ basis).reshape(count, equations, -1)
-        # A block at a time: what becomes of one does not depend on those beside it, to the last bit.
+        # One product per block: the result for a block does not depend on its neighbours, to the last bit.
         return Blocks(
             selection @ self.rows @ basis,
             (selection @ self.offset[..., None])[..., 0],
@@ -64,8 +57,7 @@ class Linearisation:
     Attributes
     ----------
     cost : sum of the squared normalised residuals
-    gradient : (u,)
-    information : (u, u)
+    gradient, information : (u,), (u, u)
     equations : number of equations
     """
 
@@ -98,11 +90,6 @@ class White(ArrayRecord):
     noise: Array
     whitener: Array
 
-    @staticmethod
-    def nothing() -> White:
-        """Return no blocks."""
-        return White(np.zeros((0, 0)), *np.zeros((3, 0, 0, 0)))
-
     @property
     def cost(self) -> float:
         """The sum of the squared normalised residuals."""
@@ -110,39 +97,32 @@ class White(ArrayRecord):
 
 
 def noise_at(blocks: Blocks, x: Array) -> Array:
-    """Return the whitened derivatives G of the residuals at x, (K, r, z)."""
+    """Return the derivatives G of the residuals by unit errors at x, (K, r, z)."""
     shape = blocks.noise_rows.shape
     return blocks.noise + (blocks.noise_rows.reshape(-1, shape[-1]) @ x).reshape(shape[:-1])
 
 
+def whitener_of(noise: Array) -> Array:
+    """Return W (K, r, r) with W^T W the inverse of G G^T, for G (K, r, z)."""
+    covariance = noise @ np.swapaxes(noise, 1, 2)
+    single = len(covariance) == 1  # the usual case, and LAPACK itself takes much less time
+    whitener = inverse_factor(covariance[0]) if single else inverse_factors(covariance)
+    if whitener is None:
+        raise FloatingPointError('the covariance of the momentum equations is not positive definite')
+    return whitener[None] if single else whitener
+
+
 def cost(blocks: Blocks, x: Array) -> float:
-    """Return the sum of the squared normalised residuals at x (infinite where it cannot be computed)."""
-    return float(costs(blocks, x[None])[0])
-
-
-def costs(blocks: Blocks, several: Array) -> Array:
-    """Return the same at each of several x, (C, u): (C,)."""
-    shape = blocks.noise_rows.shape
-    noise = (several @ blocks.noise_rows.reshape(-1, shape[-1]).T).reshape(-1, *shape[:-1]) + blocks.noise
+    """Return the sum of the squared normalised residuals at x (u,), infinite where undefined."""
     try:
-        whitener = whitener_of(noise.reshape(-1, *shape[1:-1]))
+        whitener = whitener_of(noise_at(blocks, x))
     except FloatingPointError:
-        if len(several) == 1:
-            return np.array([np.inf])
-        return np.concatenate([costs(blocks, x[None]) for x in several])
-    residual = (blocks.rows @ several.T).transpose(2, 0, 1) + blocks.offset
-    white = whitener @ residual.reshape(-1, shape[1], 1)
-    return np.asarray((white.reshape(len(several), -1) ** 2).sum(axis=1))
+        return np.inf
+    return float(np.sum((whitener @ (blocks.rows @ x + blocks.offset)[..., None]) ** 2))
 
 
 def whitened(blocks: Blocks, x: Array) -> White:
-    """Return residuals and corrected rows at x (u,) in units of their noise.
-
-    Raises
-    ------
-    FloatingPointError
-        The covariance of a block is not positive definite at this x.
-    """
+    """Return residuals and corrected rows at x (u,) in units of their noise."""
     residual = blocks.rows @ x + blocks.offset
     noise = noise_at(blocks, x)  # (4)
     whitener = whitener_of(noise)
@@ -160,18 +140,12 @@ def normal_equations(white: White) -> Linearisation:
 
 
 def maximum_likelihood(blocks: Blocks, x: Array) -> Linearisation:
-    """Return the likelihood's gradient and Gauss-Newton information at x.
-
-    Raises
-    ------
-    FloatingPointError
-        The covariance of a block is not positive definite at this x.
-    """
+    """Return the likelihood's gradient and Gauss-Newton information at x (u,)."""
     return normal_equations(whitened(blocks, x))
 
 
 def own_information(blocks: Blocks, white: White) -> Array:
-    """Return what the noise in the rows brings in expectation of each block's information, (K, u, u)."""
+    """Return the expected information that noise in the rows adds to each block, (K, u, u)."""
     shape = blocks.noise_rows.shape
     rows = (white.whitener @ blocks.noise_rows.reshape(*shape[:2], -1)).reshape(shape)
     # After the adjustment the rows keep the errors that the equations do not see: the projector 1 - G^T W^T W G.
@@ -179,67 +153,117 @@ def own_information(blocks: Blocks, white: White) -> Array:
     return _square_of_each(rows) - _square_of_each(seen)
 
 
-def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation, Array]:
-    """Return the weighted least squares less what the noise in the rows adds in expectation, as a form around zero.
+def uncertain_share(blocks: Blocks, x: Array, spread: Array) -> float:
+    """Return the part that the uncertainty of x (spread: factor of its covariance) adds to the equations' variance."""
+    whitener = whitener_of(noise_at(blocks, x))
+    uncertain = whitener @ (blocks.noise_rows @ spread).reshape(*blocks.offset.shape, -1)
+    return float(np.sum(uncertain**2)) / blocks.offset.size
 
-    It is quadratic as it is: x has a part in its weights alone, and those allow for x being uncertain.
+
+def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation, Array, Array]:
+    """Return the weighted least squares less the expected contribution of the noise in the rows, as a form around zero.
+
+    It is quadratic: x enters through its weights alone, which account for the uncertainty of x.
 
     Parameters
     ----------
     blocks : Blocks
-    x : (u,) for the weights
-    spread : (u, k) factor of the covariance of x
+    x, spread : (u,) for the weights, (u, k) factor of its covariance
 
     Returns
     -------
-    Linearisation at x = 0, without the noise's own information, and (u, u) that information
-
-    Raises
-    ------
-    FloatingPointError
-        The covariance of a block is not positive definite.
+    Linearisation at x = 0 without the noise's own information, (u, u) that information, and (K, r, r) whiteners
     """
     noise = noise_at(blocks, x)
-    count, equations = blocks.offset.shape
-    uncertain = (blocks.noise_rows @ spread).reshape(count, equations, -1)
+    uncertain = (blocks.noise_rows @ spread).reshape(*blocks.offset.shape, -1)
     whitener = whitener_of(np.concatenate((noise, uncertain), axis=2))
     weight = np.swapaxes(whitener, 1, 2) @ whitener
     own = _weighted_square(weight, blocks.noise_rows)
     known, offset = weight @ blocks.noise, (weight @ blocks.offset[..., None])[..., 0]
     bias = np.tensordot(blocks.noise_rows, known, axes=((0, 1, 2), (0, 1, 2)))
     expected = float(np.sum((whitener @ noise) ** 2))
-    return Linearisation(
+    form = Linearisation(
         cost=float(np.sum(blocks.offset * offset) - np.sum(blocks.noise * known)) + expected,
         gradient=np.tensordot(blocks.rows, offset, axes=((0, 1), (0, 1))) - bias,
         information=_weighted_square(weight, blocks.rows[:, :, None]) - own,
         equations=blocks.offset.size,
-    ), own
+    )
+    return form, own, whitener
 
 
-def whitened_at_zero(blocks: Blocks, x: Array, spread: Array) -> White:
-    """Return residuals at x = 0 and rows as they are, with the weights of `compensated` at x (u,) and spread (u, k).
+class Sums:
+    """The squares of equations A x + y over z = (x, 1), with the weights of one x (u,), added up.
 
-    Raises
-    ------
-    FloatingPointError
-        The covariance of a block is not positive definite.
+    Attributes
+    ----------
+    equations : (u + 1, u + 1) M, z^T M z is the sum of the squared residuals
     """
-    noise = noise_at(blocks, x)
-    uncertain = (blocks.noise_rows @ spread).reshape(*blocks.offset.shape, -1)
-    whitener = whitener_of(np.concatenate((noise, uncertain), axis=2))
-    residual = (whitener @ blocks.offset[..., None])[..., 0]
-    return White(residual, whitener @ blocks.rows, whitener @ noise, whitener)
+
+    def __init__(self, blocks: Blocks, x: Array) -> None:
+        self._blocks = blocks
+        self._whitener = whitener_of(noise_at(blocks, x))
+        self.equations = _square(self._whitener @ np.concatenate((blocks.rows, blocks.offset[..., None]), axis=-1))
+
+    @cached_property
+    def noise(self) -> Array:
+        """(u + 1, u + 1) N: the expected contribution of noise to M."""
+        noise = np.concatenate((self._blocks.noise_rows, self._blocks.noise[..., None]), axis=-1)
+        return _square((self._whitener @ noise.reshape(*noise.shape[:2], -1)).reshape(noise.shape))
+
+    def weighted(self, *, compensate: bool) -> tuple[Array, Array]:
+        """Return (u, u) information and (u,) right side of the weighted least squares, N subtracted if compensated."""
+        sums = self.equations - self.noise if compensate else self.equations
+        return sums[:-1, :-1], -sums[:-1, -1]
+
+    def total_least_squares(self, information: Array, right_side: Array) -> Array:
+        """Return the (u,) that explains the equations with the smallest errors in coefficients and offsets alike.
+
+        It minimises z^T M z / z^T N z (renormalisation; Kanatani 1994), which always has one solution. `information`
+        (u, u) and `right_side` (u,) hold prior knowledge.
+
+        Raises
+        ------
+        FloatingPointError
+            Nothing is noisy.
+        """
+        equations = self.equations.copy()
+        equations[:-1, :-1] += information
+        equations[:-1, -1] -= right_side
+        equations[-1, :-1] -= right_side
+        root = square_root(equations)
+        direction = root @ np.linalg.eigh(root.T @ self.noise @ root)[1][:, -1]
+        if direction[-1] == 0.0:
+            raise FloatingPointError('the equations leave no noise to explain')
+        return np.asarray(direction[:-1] / direction[-1])
 
 
-def uncertain_share(blocks: Blocks, x: Array, spread: Array) -> float:
-    """Return how much the uncertainty of x (spread: factor of its covariance) adds to the variance of the equations."""
-    count, equations = blocks.offset.shape
-    whitener = whitener_of(noise_at(blocks, x))
-    uncertain = whitener @ (blocks.noise_rows @ spread).reshape(count, equations, -1)
-    return float(np.sum(uncertain**2)) / blocks.offset.size
+def first_solutions(blocks: Blocks, information: Array, right_side: Array) -> list[Array]:
+    """Return starting points (u,): weighted and bias-compensated solves, each with the weights of the one before.
+
+    Parameters
+    ----------
+    blocks : Blocks
+    information, right_side : (u, u), (u,) of prior knowledge
+    """
+    x: Array = np.zeros(len(right_side))
+    found = []
+    for compensate in (False, False, True, True):
+        try:
+            sums = Sums(blocks, x)
+            found.append(sums.total_least_squares(information, right_side))
+        except FloatingPointError:
+            break
+        data, right = sums.weighted(compensate=compensate)
+        candidate = solve_symmetric(data + information, right + right_side)
+        # Compensation fails if the noise is smaller than declared.
+        if compensate and (candidate[0] <= 0.0 < x[0] or not np.all(np.isfinite(candidate))):
+            break
+        x = candidate
+        found.append(x)
+    return found
 
 
-def square(rows: Array) -> Array:
+def _square(rows: Array) -> Array:
     """Return the (u, u) sum of rows^T rows, for rows (..., u)."""
     flat = rows.reshape(-1, rows.shape[-1])
     return np.asarray(flat.T @ flat)
@@ -255,19 +279,3 @@ def _weighted_square(weight: Array, rows: Array) -> Array:
     """Return the (u, u) sum over k, z of rows^T W rows, for W (K, r, r) and rows (K, r, z, u)."""
     weighted_rows = (weight @ rows.reshape(*rows.shape[:2], -1)).reshape(-1, rows.shape[-1])
     return rows.reshape(weighted_rows.shape).T @ weighted_rows
-
-
-def whitener_of(noise: Array) -> Array:
-    """Return W (K, r, r) with W^T W the inverse of G G^T, for G (K, r, z).
-
-    Raises
-    ------
-    FloatingPointError
-        A covariance is not positive definite.
-    """
-    covariance = noise @ np.swapaxes(noise, 1, 2)
-    one = len(covariance) == 1  # as often as not, and it takes much less time
-    whitener = inverse_factor(covariance[0]) if one else inverse_factors(covariance)
-    if whitener is None:
-        raise FloatingPointError('the covariance of the momentum equations is not positive definite')
-    return whitener[None] if one else whitener

@@ -1,7 +1,7 @@
-"""The windows of the sliding window, whitened where all of them were last linearised.
+"""The likelihood of all windows so far: the latest are solved again, older ones are a marginalised prior.
 
-In units of its noise, a window's residual and rows change little with x: while x is a small part of its standard
-deviation away, the parabola of that linearisation is the likelihood, and only a new window has to be whitened.
+In units of its noise, a window's residual and rows change little with x. While x moves by a small part of its standard
+deviation, the parabola of the last linearisation is the likelihood, and only a new window has to be whitened.
 """
 
 from __future__ import annotations
@@ -9,48 +9,136 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.array_record import ArrayRecord, Queue
 from mbaid_ros.core.difference import errors_in_variables as eiv
-from mbaid_ros.core.difference.consider_parameters import CrossInformation
-from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White
-from mbaid_ros.core.difference.first_solutions import first_solutions
-from mbaid_ros.core.difference.marginalised import MarginalisedPrior, Regularised
+from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White, first_solutions
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.linear_algebra import solve_definite, solve_symmetric
+from mbaid_ros.core.linear_algebra import inverse_root, is_positive, solve_definite, solve_symmetric
+
+_ITERATIONS_AT_START = 12  # at most: from first solutions far away, steps are halved again and again
+_ITERATIONS_WARM = 2  # a window: it starts at the last solution, and the next window continues
+# Lengths of a step that are tried, each half the last: what does not help at a sixteenth is not in this direction.
+_HALVINGS = 5
+# Redundant equations from which a solution that explains the data is no accident, and the chance that it seems not to.
+_ENOUGH, _UNLIKELY = 50, 1e-3
+# Root of the fall of the cost by a step, up to which the parabola is the likelihood: before x is well known, and
+# after.
+_SMALL_STEP, _CLOSE = 1e-3, 0.5
+# Four times the noise's own information is taken off before a solution counts as known: it fluctuates.
+_CERTAIN = 4.0
+# Part of the variance of a window's equations that the uncertainty of x may add for it to be linearised there.
+_LARGEST_SHARE = 0.1
+
+
+@dataclass(frozen=True)
+class CrossInformation:
+    """The parts of the normal equations by e consider parameters: C (u, e), and the diagonal (e,) of their own."""
+
+    cross: Array
+    own: Array
+
+    @staticmethod
+    def from_rows(rows: Array, columns: Array) -> CrossInformation:
+        """Return the sums over whitened rows (K, r, u) and columns (K, r, e)."""
+        flat = rows.reshape(-1, rows.shape[-1])
+        by_parameter = columns.reshape(len(flat), columns.shape[-1])
+        return CrossInformation(flat.T @ by_parameter, np.sum(by_parameter**2, axis=0))
+
+    def __add__(self, other: CrossInformation) -> CrossInformation:
+        """Return the sums over the windows of both."""
+        return CrossInformation(self.cross + other.cross, self.own + other.own)
+
+    def surplus(self, covariance: Array) -> float:
+        """Return the expected part of the parameters, of variance one, in the sum of squared residuals.
+
+        `covariance` (u, u) is that of the unknowns by noise alone.
+        """
+        left = self.own - np.sum(self.cross * (covariance @ self.cross), axis=0)
+        return float(np.sum(np.maximum(left, 0.0)))
+
+
+class MarginalisedPrior:
+    """The windows that have left: a quadratic cost (x - x_m)^T N (x - x_m) + const (docs/method.md, eq. 7).
+
+    N holds information beyond the noise. The sum over windows may be negative in directions that the data do not
+    excite, since the noise's own information is subtracted in expectation: N leaves such directions out.
+
+    Parameters
+    ----------
+    floor : (u, u) positive definite information too small to count
+
+    Attributes
+    ----------
+    information, right_side : (u, u) N, (u,) N x_m
+    noise_information : (u, u) expected information by noise alone
+    equations : number of equations
+    """
+
+    def __init__(self, floor: Array) -> None:
+        self._floor = floor
+        self._constant, self._windows = 0.0, 0
+        self._sum: Array = np.zeros_like(floor)
+        self._sum_right: Array = np.zeros(len(floor))
+        self.information: Array = self._sum
+        self.right_side: Array = self._sum_right
+        self.noise_information: Array = np.zeros_like(floor)
+        self.equations = 0
+
+    def __len__(self) -> int:
+        """Return the number of windows taken."""
+        return self._windows
+
+    def add(self, linear: Linearisation, noise_information: Array, x: Array) -> None:
+        """Add a quadratic form around x (u,), without the noise's own information (u, u), and that by itself."""
+        # cost(x') = c + 2 g (x' - x) + (x' - x) N (x' - x)
+        self._sum = self._sum + linear.information
+        self._sum_right = self._sum_right + linear.information @ x - linear.gradient
+        self._constant += linear.cost - 2.0 * float(linear.gradient @ x) + float(x @ linear.information @ x)
+        self.noise_information = self.noise_information + noise_information
+        self.equations += linear.equations
+        self._windows += 1
+        idle = self.noise_information + self._floor
+        self.information, self.right_side = self._sum, self._sum_right
+        if is_positive(self._sum - idle):
+            return
+        # Directions with more information than `idle`, orthonormal in it, and the ratio of both.
+        size = 1.0 / np.sqrt(np.diag(idle))
+        ratio, vectors = scipy.linalg.eigh(self._sum * size * size[:, None], idle * size * size[:, None])
+        excited = ratio > 1.0
+        if not np.all(excited):
+            known = size[:, None] * vectors[:, excited]
+            mapped = idle @ known
+            self.information = (mapped * ratio[excited]) @ mapped.T
+            self.right_side = mapped @ (known.T @ self._sum_right)
+
+    def cost(self, x: Array) -> float:
+        """Return the cost at x, (u,)."""
+        return float(x @ self.information @ x - 2.0 * self.right_side @ x) + self._constant
+
+    def gradient(self, x: Array) -> Array:
+        """Return half the derivative of the cost at x, (u,)."""
+        return self.information @ x - self.right_side
 
 
 @dataclass(frozen=True)
 class WindowEquations(Blocks):
-    """The equations of K windows.
-
-    Attributes
-    ----------
-    columns : (K, r, e) how they depend on the consider parameters
-    """
+    """The equations of K windows, with their columns (K, r, e) by the consider parameters."""
 
     columns: Array
 
 
 @dataclass(frozen=True)
-class _Own(ArrayRecord):
+class _NoiseInformation(ArrayRecord):
     """The information that noise alone brings to K windows, (K, u, u)."""
 
     information: Array
 
 
 class LinearisedWindows:
-    """Windows in the order of their time.
-
-    Parameters
-    ----------
-    x : (u,) the linearisation point to begin with
-
-    Attributes
-    ----------
-    x : the linearisation point
-    """
+    """Windows in the order of their time, whitened at one linearisation point `x` (u,)."""
 
     def __init__(self, x: Array) -> None:
         self._windows = Queue(WindowEquations(*np.zeros((5, 0))))
@@ -67,13 +155,7 @@ class LinearisedWindows:
 
     @property
     def white(self) -> White:
-        """All windows in units of their noise at the linearisation point.
-
-        Raises
-        ------
-        FloatingPointError
-            The covariance of a window is not positive definite there.
-        """
+        """All windows in units of their noise at the linearisation point; FloatingPointError where undefined."""
         done = len(self._white)
         if done < len(self):
             self._white.append(eiv.whitened(self.equations[done:], self.x))
@@ -81,59 +163,39 @@ class LinearisedWindows:
 
     @property
     def columns(self) -> Array:
-        """How they depend on the consider parameters in units of their noise, (K, r, e)."""
+        """Their columns by the consider parameters in units of their noise, (K, r, e)."""
         return self.white.whitener @ self.equations.columns
 
     @property
     def noise_information(self) -> Array:
-        """What noise alone brings to each window's information at the linearisation point, (K, u, u)."""
+        """The information that noise alone brings to each window at the linearisation point, (K, u, u)."""
         done = len(self._own)
         if done < len(self):
-            self._own.append(_Own(eiv.own_information(self.equations[done:], self.white[done:])))
+            own = eiv.own_information(self.equations[done:], self.white[done:])
+            self._own.append(_NoiseInformation(own))
         return self._own.entries.information
 
-    def normal_equations(self) -> Linearisation:
-        """Return the likelihood's quadratic form at the linearisation point."""
-        return eiv.normal_equations(self.white)
-
-    def at(self, x: Array) -> White | None:
-        """Return the windows whitened at another x, (u,); None where that cannot be computed."""
+    def whitened_at(self, x: Array) -> White | None:
+        """Return the windows whitened at another x, (u,); None where undefined."""
         try:
             return eiv.whitened(self.equations, x)
         except FloatingPointError:
             return None
 
     def linearise(self, x: Array, white: White | None = None) -> None:
-        """Move the linearisation point to x, (u,); `white` are the windows there, where that is known already."""
+        """Move the linearisation point to x, (u,); `white` holds the windows there, if known already."""
         self.x = x
-        self._white = Queue(White.nothing() if white is None else white)
-        self._own = Queue(_Own(np.zeros(0)))
+        self._white = Queue(White(np.zeros((0, 0)), *np.zeros((3, 0, 0, 0))) if white is None else white)
+        self._own = Queue(_NoiseInformation(np.zeros(0)))
 
     def append(self, window: WindowEquations) -> None:
-        """Take the next window."""
+        """Add the next window."""
         self._windows.append(window)
 
     def pop(self) -> None:
-        """Give up the oldest window."""
+        """Drop the oldest window."""
         for queue in (self._windows, self._white, self._own):
             queue.drop(1)
-
-
-_ITERATIONS_AT_START = 12  # at most: from first solutions far away, steps are halved again and again
-_ITERATIONS_WARM = 2  # a window: it begins where the last one ended, and what is left is done with the next
-# Lengths of a step that are tried, each half the last: what does not help at a sixteenth is not in this direction.
-_HALVINGS = 5
-# Redundant equations from which a solution that explains the data is no accident, and the chance that it seems not to.
-_ENOUGH, _UNLIKELY = 50, 1e-3
-# Root of the fall of the cost by a step, up to which the parabola is the likelihood: before x is well known, and
-# after.
-_SMALL_STEP, _CLOSE = 1e-3, 0.5
-# Four times the noise's own information is taken off before a solution counts as known: it fluctuates.
-_CERTAIN = 4.0
-# Part of the variance of a window's equations that the uncertainty of x may add for it to be linearised there.
-_LARGEST_SHARE = 0.1
-# Information that recent windows must have, in units of what noise alone brings, to count as excited: it fluctuates.
-_EXCITED = 5.0
 
 
 class SlidingWindow:
@@ -143,54 +205,48 @@ class SlidingWindow:
     ----------
     prior : (u, u) information about x = 0
     length : number of windows solved again at each update
-    forgetting : weight of the past from one window to the next, 0 < forgetting <= 1
     typical : (u,) typical sizes of the unknowns
     considered : number e of consider parameters
 
     Attributes
     ----------
     x : (u,) the solution
-    noise_information : (u, u) what noise alone has brought
-    linear : the quadratic form that was solved, at x; the noise's information of marginalised windows is taken off
-    cross_information : what ties the consider parameters to the unknowns, by all windows
+    noise_information : (u, u) information by noise alone
+    linear : the quadratic form that was solved, at x, without the noise's information of marginalised windows
+    cross_information : of all windows
     windows : those that are solved again
     """
 
-    def __init__(self, prior: Array, length: int, forgetting: float, typical: Array, considered: int = 0) -> None:
-        self._prior = prior
-        self._length = length
-        self._forgetting = forgetting
-        self._typical = typical
+    def __init__(self, prior: Array, length: int, typical: Array, considered: int = 0) -> None:
+        self._prior, self._length, self._typical = prior, length, typical
         self._marginalised = MarginalisedPrior(prior)
-        self._past_cross = self.cross_information = CrossInformation.nothing(len(prior), considered)
+        self.cross_information = CrossInformation(np.zeros((len(prior), considered)), np.zeros(considered))
+        self._past_cross = self.cross_information
         self._signal: Array = np.zeros_like(prior)  # information beyond the noise
-        self._settled = False  # whether the latest window to leave was linearised at a solution known well enough
+        self._converged = False  # whether the latest window to leave was linearised at a solution known well enough
         self.x: Array = np.zeros(len(prior))
         self.noise_information: Array = np.zeros_like(prior)
         self.linear = Linearisation(0.0, np.zeros(len(prior)), prior, 0)
         self.windows = LinearisedWindows(self.x)
 
     def add(self, block: Blocks, columns: Array | None = None) -> Linearisation:
-        """Take one window, solve again and return the likelihood's quadratic form at the solution `x`.
+        """Add one window, solve again and return the likelihood's quadratic form at the solution `x`.
 
-        Parameters
-        ----------
-        block : Blocks
-        columns : (1, r, e) how its equations depend on the consider parameters
+        `columns` (1, r, e) holds the derivatives of its equations by the consider parameters.
         """
         if len(self.windows) == self._length:
             self._marginalise()
         columns = np.zeros((*block.offset.shape, 0)) if columns is None else columns
         self.windows.append(WindowEquations(block.rows, block.offset, block.noise, block.noise_rows, columns))
-        if not self._settled:
+        if not self._converged:
             self._start()
-        linear = self._maximise(_ITERATIONS_WARM if self._settled else _ITERATIONS_AT_START)
-        # Like the information itself: the windows' at this x, the marginalised ones' at that of their time.
+        self.linear = linear = self._maximise(_ITERATIONS_WARM if self._converged else _ITERATIONS_AT_START)
+        # As with the information itself: the windows' at this x, that of marginalised ones at theirs.
         own = self.windows.noise_information.sum(axis=0)
         self.noise_information = self._marginalised.noise_information + own
         self._signal = linear.information - _CERTAIN * own - self._prior
-        self.linear = linear
-        self.cross_information = self._past_cross + CrossInformation.of(self.windows.white.rows, self.windows.columns)
+        rows = self.windows.white.rows
+        self.cross_information = self._past_cross + CrossInformation.from_rows(rows, self.windows.columns)
         return replace(linear, information=linear.information + self._marginalised.noise_information)
 
     @property
@@ -201,106 +257,107 @@ class SlidingWindow:
     @property
     def certain(self) -> bool:
         """Whether the uncertainty of the solution hardly matters for the noise of the latest window's equations."""
-        if self._settled:
+        if self._converged:
             return True
-        return eiv.uncertain_share(self.windows.equations[-1:], *self._regularised.solution(self.x)) < _LARGEST_SHARE
+        return eiv.uncertain_share(self.windows.equations[-1:], *self._regularised(self.x)) < _LARGEST_SHARE
 
-    @property
-    def _regularised(self) -> Regularised:
-        return Regularised(self._signal, self._typical)
+    def _regularised(self, x: Array) -> tuple[Array, Array]:
+        """Return x (u,) and a factor of its covariance, both held within the typical sizes where data say nothing."""
+        size = self._typical
+        values, vectors = np.linalg.eigh(self._signal * size * size[:, None])
+        values = np.maximum(values, 0.0)
+        vectors = size[:, None] * vectors
+        coordinates = np.linalg.solve(vectors, x)
+        return vectors @ (values / (values + 1.0) * coordinates), vectors / np.sqrt(values + 1.0)
+
+    def _regularised_covariance(self) -> Array:
+        """Return the (u, u) covariance of which `_regularised` returns a factor."""
+        signal = self._signal
+        root = inverse_root(signal + np.diag(self._typical**-2.0)) if is_positive(signal) else None
+        factor = self._regularised(np.zeros(len(self._typical)))[1] if root is None else root.T
+        return np.asarray(factor @ factor.T)
 
     def _start(self) -> None:
-        """Linearise where to search from: where the last search ended, unless that fails to explain the data so far."""
+        """Linearise at the last solution, or, if that fails to explain the data, at the best first solution."""
         blocks = self.windows.equations
         redundancy = blocks.offset.size + self._marginalised.equations - len(self.x)
         if self.x[0] > 0.0 and redundancy >= _ENOUGH:
-            white = self.windows.at(self.x)
+            white = self.windows.whitened_at(self.x)
             limit = chi_square.limit(_UNLIKELY, redundancy)
-            if white is not None and self._whole(white.cost, self.x) < limit:
+            if white is not None and self._total_cost(white.cost, self.x) < limit:
                 self.windows.linearise(self.x, white)
                 return
-        known = self._marginalised.information + self._prior
-        starts = [*first_solutions(blocks, known, self._marginalised.right_side), self.x]
+        information = self._marginalised.information + self._prior
+        starts = [*first_solutions(blocks, information, self._marginalised.right_side), self.x]
         # A negative mass can fit better while little is known, and the way back leads through infinity.
         possible = [x for x in starts if x[0] > 0.0] or starts
-        costs = [self._whole(*pair) for pair in zip(eiv.costs(blocks, np.array(possible)), possible, strict=True)]
+        costs = [self._total_cost(eiv.cost(blocks, x), x) for x in possible]
         self.windows.linearise(possible[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))])
 
     def _marginalise(self) -> None:
         """Move the oldest window to the prior."""
         windows, x = self.windows, self.windows.x
-        if self._forgetting < 1.0 and self.marginalised:
-            self._forget()
         window, white, own = windows.equations[:1], windows.white[:1], windows.noise_information[0]
-        columns = windows.columns[:1]
-        if self._settled:
-            share = float(np.vdot(own, self._regularised.covariance)) / window.offset.size
+        rows, columns = white.rows, windows.columns[:1]
+        if self._converged:
+            share = float(np.vdot(own, self._regularised_covariance())) / window.offset.size
         else:
-            share = eiv.uncertain_share(window, *self._regularised.solution(self.x))
-        self._settled = share < _LARGEST_SHARE
-        if self._settled:
+            share = eiv.uncertain_share(window, *self._regularised(self.x))
+        self._converged = share < _LARGEST_SHARE
+        if self._converged:
             linear = eiv.normal_equations(white)
             self._marginalised.add(replace(linear, information=linear.information - own), own, x)
         else:
-            regularised = self._regularised.solution(self.x)
-            self._marginalised.add(*eiv.compensated(window, *regularised), np.zeros(len(x)))
-            white = eiv.whitened_at_zero(window, *regularised)
-            columns = white.whitener @ window.columns
-        self._past_cross += CrossInformation.of(white.rows, columns)
+            linear, own, whitener = eiv.compensated(window, *self._regularised(self.x))
+            self._marginalised.add(linear, own, np.zeros(len(x)))
+            rows, columns = whitener @ window.rows, whitener @ window.columns
+        self._past_cross += CrossInformation.from_rows(rows, columns)
         windows.pop()
-
-    def _forget(self) -> None:
-        """Discount what has been marginalised, in the directions that the windows excite."""
-        white = eiv.whitened(self.windows.equations, self.x)
-        recent = eiv.normal_equations(white).information
-        own = eiv.own_information(self.windows.equations, white).sum(axis=0)
-        root = self._marginalised.forget(self._forgetting, recent, _EXCITED * own + self._prior)
-        self._past_cross = self._past_cross.forget(root, self._forgetting)
 
     def _maximise(self, iterations: int) -> Linearisation:
         """Move x by guarded Gauss-Newton steps: each finite, with positive mass, and not raising the cost.
 
-        The last is that to the top of the parabola, if that is close. Returns the form at the x that is reached.
+        The last one leads to the top of the parabola, if that is close. Returns the form at the final x.
         """
-        windows, close = self.windows, _CLOSE if self._settled else _SMALL_STEP
+        windows, close = self.windows, _CLOSE if self._converged else _SMALL_STEP
+        solve = solve_definite if self._converged else solve_symmetric
         linear = self._linearised()
         for _ in range(iterations):
-            solve = solve_definite if self._settled else solve_symmetric
             step = -solve(linear.information, linear.gradient)
             if -float(linear.gradient @ step) < close**2:
                 self.x = windows.x + step
                 form = linear.at(step)
-                return replace(form, cost=form.cost + self._of_prior(windows.x) - self._of_prior(self.x))
-            if not self._step(step, linear.cost + self._of_prior(windows.x)):
+                return replace(form, cost=form.cost + self._prior_cost(windows.x) - self._prior_cost(self.x))
+            if not self._step(step, linear.cost + self._prior_cost(windows.x)):
                 break
             linear = self._linearised()
         self.x = windows.x
         return linear
 
     def _step(self, step: Array, current: float) -> bool:
-        """Move the linearisation point as far as the cost allows; return whether there is such a place."""
+        """Move the linearisation point as far as the cost allows; return whether it moved."""
         windows = self.windows
         for _ in range(_HALVINGS):
             trial = windows.x + step
-            white = windows.at(trial)
+            white = windows.whitened_at(trial)
             if white is not None and (trial[0] > 0.0 or windows.x[0] <= 0.0):
-                value = self._whole(white.cost, trial)
+                value = self._total_cost(white.cost, trial)
                 if np.isfinite(value) and value <= current:
                     windows.linearise(trial, white)
                     return True
             step = 0.5 * step
         return False
 
-    def _whole(self, cost: float, x: Array) -> float:
-        """Return the cost at x of everything, from that of the windows."""
-        return cost + self._marginalised.cost(x) + self._of_prior(x)
+    def _total_cost(self, cost: float, x: Array) -> float:
+        """Return the cost of all terms at x, from that of the windows."""
+        return cost + self._marginalised.cost(x) + self._prior_cost(x)
 
-    def _of_prior(self, x: Array) -> float:
+    def _prior_cost(self, x: Array) -> float:
         return float(x @ self._prior @ x)
 
     def _linearised(self) -> Linearisation:
         """Return the likelihood's quadratic form at the linearisation point."""
-        x, past, linear = self.windows.x, self._marginalised, self.windows.normal_equations()
+        x, past, linear = self.windows.x, self._marginalised, eiv.normal_equations(self.windows.white)
         return Linearisation(
             cost=linear.cost + past.cost(x),
             gradient=linear.gradient + past.gradient(x) + self._prior @ x,

@@ -1,1 +1,1 @@
-"""The trajectory filter: windows of knots, what conservation predicts of them, and the square-root filter over both."""
+"""The trajectory filter: windows of knots, the predicted motion, and the square-root filter over both."""

@@ -1,4 +1,4 @@
-"""From closed windows of samples to windows of knots, linked to their neighbours."""
+"""From closed windows of samples to windows of knots with their neighbours."""
 
 from __future__ import annotations
 
@@ -7,30 +7,23 @@ from itertools import pairwise
 
 import numpy as np
 
-from mbaid_ros.core.filter.knots import (
-    AFTER,
-    BEFORE,
-    Knots,
-    averages,
-    bridged,
-    with_course,
-)
+from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots, averages, bridged, with_course
 from mbaid_ros.core.filter.window import Window, WindowNoise, window_noises
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples, SensorNoise
 
-_KNOT = 0.05  # s, wanted spacing of knots: formulas of fourth order leave less of a motion between them than noise does
-_FEWEST_KNOTS = 5  # of a window, however short: the window before it needs four of them
-# A joint has moved when its knots range over this many deviations of one sample: noise alone reaches five in seconds,
-# nine in an hour.
-_MOVED = 10.0
+_KNOT = 0.05  # s, wanted spacing of knots: errors of the fourth-order formulas are then below the noise
+_FEWEST_KNOTS = 5  # of a window: the window before it needs four of them
+_MOVED = (
+    10.0  # deviations of one sample that a joint's knots range over once it has moved: noise reaches nine in an hour
+)
 
 
 @dataclass(frozen=True)
-class Taken:
-    """What a window adds: the one before with all its neighbours, itself without the later ones, if they are linked.
+class Averaged:
+    """What a window adds: the one before it with all its neighbours, and itself without the later ones, if unbroken.
 
-    `moved` tells whether a joint has moved by more than its noise by then.
+    `moved`: whether a joint has moved by more than its noise by then.
     """
 
     ready: Window | None
@@ -39,7 +32,7 @@ class Taken:
 
 
 class KnotAveraging:
-    """Gathers closed windows to a chain, what is said of which has to wait for its turn.
+    """Averages closed windows to a chain of knots, with a latency of one window.
 
     Parameters
     ----------
@@ -47,11 +40,11 @@ class KnotAveraging:
     noise : of the joint sensors, and of the base where the samples carry none
     length : s, of a window
     gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity
-    orientation_measured : whether anything but that tells the orientation of the base
+    orientation_measured : whether anything but the gyro measures the orientation of the base
 
     Attributes
     ----------
-    origin : (3,) m, where the base was at first: the run's origin, which positions are relative to
+    origin : (3,) m, first position of the base, which all positions are relative to
     """
 
     def __init__(
@@ -65,62 +58,61 @@ class KnotAveraging:
         self.origin: Array = np.zeros(3)
         self._knots_a_window = 0
         self._number = -1
-        self._kept: Knots | None = None  # those of the last windows of the call before, one after the other
-        self._linked = 0  # how many windows up to the last are linked, at most three
+        self._kept: Knots | None = None  # of the last two windows of the call before
+        self._linked = 0  # number of windows without a gap up to the last, at most three
         self._latest: WindowNoise | None = None  # of the last of them
         self._lowest = np.full(joints, np.inf)
         self._highest = np.full(joints, -np.inf)
         self._moved = False
 
-    def take(self, windows: list[Samples]) -> list[Taken]:
+    def take(self, windows: list[Samples]) -> list[Averaged]:
         """Return what closed windows add to the chain."""
         if not self._knots_a_window:
             self.origin = windows[0].base_position[0].copy()
             self._knots_a_window = knots_a_window(windows[0], self._length)
         length, count = self._length, self._knots_a_window
         numbers = [int(np.floor((window.time[0] + 1e-9) / length)) for window in windows]
-        own = averages(windows, np.array(numbers) * length, length / count, count, self.origin)
+        new = averages(windows, np.array(numbers) * length, length / count, count, self.origin)
         if not self._orientation_measured:
-            own = self._followed(own, count)
-        knots = own if self._kept is None else Knots.concatenate([self._kept, own])
-        extremes = [extreme.reduce(_by_window(own.joint_position, count), axis=1) for extreme in (np.fmin, np.fmax)]
+            new = self._followed(new, count)
+        knots = new if self._kept is None else Knots.concatenate([self._kept, new])
+        joint_position = new.joint_position.reshape(len(windows), count, -1)
+        extremes = [extreme.reduce(joint_position, axis=1) for extreme in (np.fmin, np.fmax)]
         empty = knots.empty.tolist()
-        taken = []
+        averaged = []
         each = zip(numbers, window_noises(windows, self._noise, self._gyro), *extremes, strict=True)
         for place, (number, noise, lowest, highest) in enumerate(each, start=len(knots) // count - len(windows)):
             ready, still_open = self._collect(knots, empty, place, number, noise)
             if self._linked and not self._moved:
                 self._lowest, self._highest = np.minimum(self._lowest, lowest), np.maximum(self._highest, highest)
                 self._moved = bool(np.any(self._highest - self._lowest > _MOVED * noise.joint_position))
-            taken.append(Taken(ready, still_open, self._moved))
+            averaged.append(Averaged(ready, still_open, self._moved))
         self._kept = knots[-2 * count :]
-        return taken
+        return averaged
 
-    def _followed(self, own: Knots, count: int) -> Knots:
-        """Return knots of windows with what the gyro's errors have made of the orientation, window by window."""
+    def _followed(self, knots: Knots, count: int) -> Knots:
+        """Return knots with the effect of the gyro's errors on the orientation, window by window."""
         parts = []
-        for begin in range(0, len(own), count):
-            followed, self._course = with_course(own[begin : begin + count], self._length / count, self._course)
+        for begin in range(0, len(knots), count):
+            followed, self._course = with_course(knots[begin : begin + count], self._length / count, self._course)
             parts.append(followed)
         return Knots.concatenate(parts)
 
     def _collect(
         self, knots: Knots, empty: list[bool], place: int, number: int, noise_now: WindowNoise
     ) -> tuple[Window | None, Window | None]:
-        """Take a window's knots; return the window before, which has all its neighbours now, and the window itself.
+        """Return the window before the one at `place` among the knots, now with all its neighbours, and that window.
 
         Parameters
         ----------
         knots, empty : of this window and those around it, and which are empty
-        place : of the window among these
-        number : of the window in the run
-        noise_now : its own
+        place, number, noise_now : of the window among these, and in the run; its noise
         """
         count = self._knots_a_window
         begin, end = place * count, (place + 1) * count
         gap = any(empty[begin:end]) and any(one and other for one, other in pairwise(empty[begin:end]))
         if gap or number != self._number + 1 or (self._linked and empty[begin - 1] and empty[begin]):
-            self._linked = 0  # a gap: what comes next is linked to the past by momentum and body alone
+            self._linked = 0  # a gap: only momentum and body carry over
         self._number = number
         if gap or (empty[begin] and not self._linked):
             return None, None
@@ -133,26 +125,19 @@ class KnotAveraging:
         return ready, still_open
 
     def _window(self, knots: Knots, empty: list[bool], place: int, after: int, noise: WindowNoise) -> Window:
-        """Return a window with the neighbours it has; the last interval of one without a successor is missing.
-
-        Parameters
-        ----------
-        knots, empty, place : as for `_collect`
-        after : number of knots after it
-        noise : its own
-        """
+        """Return a window with `after` knots after it; the last interval of one without a successor is missing."""
         count = self._knots_a_window
         earlier = self._linked > (2 if after else 1)
         begin, end = place * count, (place + 1) * count + after
         first = begin - BEFORE if earlier else begin
-        # An empty knot is bridged from both sides: at the outer ends it is none of the neighbours.
+        # An empty knot is bridged from both sides: drop one at an outer end.
         if earlier and empty[first]:
             first += 1
         if after and empty[end - 1]:
             end -= 1
-        own = knots[first:end]
+        parts = knots[first:end]
         return Window(
-            knots=bridged(own) if any(empty[first:end]) else own,
+            knots=bridged(parts) if any(empty[first:end]) else parts,
             inside=slice(begin - first, begin - first + count - (0 if end > begin + count else 1)),
             spacing=self._length / count,
             noise=noise,
@@ -163,17 +148,6 @@ class KnotAveraging:
 
 
 def knots_a_window(window: Samples, length: float) -> int:
-    """Return how many knots a window is cut into: near 50 ms each, and no fewer samples than knots.
-
-    Parameters
-    ----------
-    window : the first one
-    length : s
-    """
+    """Return the number of knots in a window of a length in s: 50 ms each, and no fewer samples than knots."""
     spacing = float(np.median(np.diff(window.time))) if len(window) > 1 else length
     return max(round(length / max(_KNOT, spacing)), _FEWEST_KNOTS)
-
-
-def _by_window(values: Array, count: int) -> Array:
-    """Return (W count, n) values of knots as (W, count, n)."""
-    return values.reshape(len(values) // count, count, values.shape[1])

@@ -1,10 +1,7 @@
-"""Windows of the error chain: how the true pose drifts from the measured one, and what a window measures of it.
+"""The error chain of a window, linear in the state at its first knot (docs/trajectory.md, eq. 2).
 
 The error xi = (theta, rho) is that of the measured pose: R_true = Exp(theta) R, p_true = p + rho. From knot to knot it
-changes by the predicted motion less the measured one. A window's pose measurement says that xi vanishes on average; its
-twist measurement compares predicted and measured velocities. Both are linear in the state at the window's first knot.
-
-The state is that of `state`.
+changes by the predicted motion less the measured one.
 """
 
 from __future__ import annotations
@@ -14,8 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mbaid_ros.core.filter.interpolation import Midpoints, gradient
 from mbaid_ros.core.filter.joint_noise import JointNoise, joint_noise
+from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.measured_window import (
     integrated_twist,
     pose_measurement,
@@ -36,26 +33,25 @@ _IDENTITY = np.eye(6)
 
 @dataclass(frozen=True)
 class WindowModel:
-    """A window, linear in the state x at its first knot: measurements, and the way to the next window.
+    """Windows, linear in the state x at their first knots: measurements, and the transition to the next window.
 
-    Models of several windows share one, with the windows along a first axis that the shapes below leave out.
+    All arrays have a first axis of the windows, which the shapes below leave out.
 
     Attributes
     ----------
-    pose_value, pose_rows, pose_covariance : (6,), (6, s), (6, 6): value = rows x + noise, x the s numbers of the state
-    twist_value, twist_rows, twist_covariance : the same of the twist, and where there is an IMU of its angular velocity
-        after it, (9,), (9, s), (9, 9); NaN value of what is not measured
+    pose_value, pose_rows, pose_covariance : (6,), (6, s), (6, 6): value = rows x + noise
+    twist_value, twist_rows, twist_covariance : the same of the twist; with an IMU its angular velocity after it, (9,),
+        (9, s), (9, 9); NaN value of what is not measured
     transition, drift : (6, s), (6,): pose error at the next window's first knot = transition x + drift
-    process : (6, n) factor of the covariance of the joint noise that accumulates on the way
-    joints, joints_by_unknowns : (6, n), (6, 10 + e, n) the part of the pose's noise that the joints' makes
-        (`JointNoise`)
-    joints_of_gyro : (3, n) what of it a gyro on a link that joints move has more
-    joints_in_twist : () how many times as large as in the pose that is in the twist, as a variance
+    process : (6, n) factor of the joint noise that accumulates until then
+    joints, joints_by_unknowns : (6, n), (6, 10 + e, n) the joints' part of the pose's noise, as of `JointNoise`
+    joints_of_gyro : (3, n) that a gyro on a link has beside it
+    joints_in_twist : () its variance in the twist over that in the pose
     length : () s
     rotation, position : (3, 3), (3,) m, of the base at the window's end
-    brought : (6, s) what the unknowns make of (P, L) on the way to the next window
-    stepped : (6, f) how far the base goes there with each of the unknowns' numbers that wander, when that grows by one
-    body : (10,) standard parameters of the target that it is linearised at
+    brought : (6, s) change of (P, L) until the next window by the unknowns
+    stepped : (6, f) motion of the base there by each Gauss-Markov process, when that grows by one
+    body : (10,) standard parameters of the target at the linearisation point
     integrated : an `IntegratedTwist`, which then takes the place of the twist; None where that is measured by itself
     """
 
@@ -81,34 +77,35 @@ class WindowModel:
     integrated: Array = field(default_factory=lambda: np.array(None))
 
     def __getitem__(self, index: int | Integers) -> WindowModel:
-        """Return the model of one of several windows, or of some."""
+        """Return one of the windows, or some."""
         return WindowModel(*(part[index] for part in vars(self).values()))
 
     @staticmethod
     def concatenate(parts: Sequence[WindowModel]) -> WindowModel:
-        """Return the models of several windows, joined in order."""
+        """Return several windows, joined in order."""
         return WindowModel(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
 
 
 def window_models(layout: Layout, stacks: Sequence[Stack], point: Point) -> WindowModel:
-    """Return the models of windows, linearised at the same point, in their order before they were stacked.
+    """Return windows linearised at one point, in their order before they were stacked.
 
     Below, arrays have a window's m intervals (or m + 1 knots) first, and the B windows of a stack second.
 
     Parameters
     ----------
-    layout : of the state
-    stacks : of windows of one shape each; their motion is predicted in one call
-    point : windows that follow each other share its readings: the chain is that of the motion as they correct it
+    layout, stacks : of the state; of windows of one shape each
+    point : windows of one chain share its readings, which correct the motion
     """
     motions = [stack.motion(point.side, layout.imu) for stack in stacks]
     flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
-    whole, bodies = predict(layout, flat, point)
+    prediction, bodies = predict(layout, flat, point)
     for unknown, place in layout.of_joints:
         spacings = [stack.windows[0].spacing for stack in stacks]
-        each = [motion for motion, _ in motions]
-        whole.by_parameters[..., place] += by_deflections(unknown, point.side.kernel, each, spacings, bodies)
-    predictions = whole.divided([motion.turn.shape[:2] for motion, _ in motions])
+        stack_motions = [motion for motion, _ in motions]
+        prediction.by_parameters[..., place] += by_deflections(
+            unknown, point.side.kernel, stack_motions, spacings, bodies
+        )
+    predictions = prediction.divided([motion.turn.shape[:2] for motion, _ in motions])
     noises = joint_noise(layout, point.side.kernel, stacks, [inside for _, inside in motions], predictions, bodies)
     models, begin = [], 0
     for stack, motion, prediction, noise in zip(stacks, motions, predictions, noises, strict=True):
@@ -131,7 +128,7 @@ def _models(
     point: Point,
     effects: tuple[JointNoise, Array],
 ) -> WindowModel:
-    """Return a stack's models from its motion, the prediction, what the joints' noise does and what is brought."""
+    """Return a stack's windows from its motion, the prediction, the joints' noise and the momentum brought."""
     noise, brought = effects
     around, inside = motion
     parameters, spacing = point.parameters, stack.windows[0].spacing
@@ -139,13 +136,13 @@ def _models(
     integral = _integral(predicted.twist, around_slope, spacing)[inside]
     middle, prediction, slope = around[inside], predicted[inside], around_slope[inside]
     errors = _compose(*_chain_steps(prediction, integral, middle, spacing))
-    # Absolute parameters: what the chain has as deviations from `parameters` moves to its constant part.
+    # Absolute parameters instead of deviations from the point: their part moves to the constant.
     errors[..., -1] -= errors[..., 6:-1] @ parameters
     of_joints = noise.pose @ np.swapaxes(noise.pose, -1, -2)
     change = stack.whitening
-    # What is carried from window to window knows of no joints that wander.
+    # The integrated twist has no Gauss-Markov joint errors.
     integrated = stack.integrates_twist & (layout.times.size == 0)
-    # The joints' errors, independent from knot to knot, are in the change by those of two knots.
+    # The change of the pose has the joints' errors of two knots, independent of the others.
     ends = np.where(integrated[:, None], 1.0, 1.0 - 2.0 * change + 2.0 * len(middle) * change**2)[..., None]
     in_gyro = np.zeros((len(of_joints), 3, noise.pose.shape[-1]))
     if middle.gyro_gain.shape[-1]:
@@ -178,23 +175,22 @@ def _models(
 
 
 def _brought(layout: Layout, stack: Stack, bodies: Bodies, position: Array) -> Array:
-    """Return what the unknowns make of the momentum from a stack's windows to the next, (B, 6, s).
+    """Return the change of the momentum until the next window by the unknowns, (B, 6, s).
 
     Parameters
     ----------
     layout, stack : of the state, of B windows
-    bodies : near the end of each
-    position : (B, 3) m, of the base then
+    bodies, position : near the end of each; (B, 3) m, of the base then
     """
     brought = np.zeros((len(position), 6, layout.size))
     pushing = [pair for pair in zip(layout.unknowns, layout.places, strict=True) if pair[0].pushes]
     if pushing:
         placed = bodies.states.configuration
-        whole = np.sum(express(bodies.parameters, placed.rotation, position[:, None] + placed.position), axis=1)
+        system = np.sum(express(bodies.parameters, placed.rotation, position[:, None] + placed.position), axis=1)
         length = stack.windows[0].length
         for unknown, place in pushing:
             ends = stack.middles + 0.5 * length
-            rates = unknown.momentum_rates(whole, stack.windows[0].origin, ends, placed.rotation[:, 0])
+            rates = unknown.momentum_rates(system, stack.windows[0].origin, ends, placed.rotation[:, 0])
             brought[..., place] = length * rates @ unknown.factor
     return brought
 

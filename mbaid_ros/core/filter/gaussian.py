@@ -1,122 +1,164 @@
-"""What is believed of the state: a Gaussian in square-root information form, and how well the data agree with it.
-
-R x = z with unit covariance (Bierman 1977, chapter 5; docs/trajectory.md, eq. 4): a window adds rows to R, Householder
-reflections make it triangular again, and what no window has seen of an unknown stays at its prior exactly.
-"""
+"""Mean and covariance of the state as published, and the scale of the unknowns' priors."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.linalg.lapack import dpotri, dtrtri, dtrtrs
+from scipy.linalg.lapack import dpotri, dtrtrs
 
-from mbaid_ros.core.filter.joint_noise import InformationCorrection, no_bias
-from mbaid_ros.core.filter.prior_scales import PriorScaleFactors
+from mbaid_ros.core.filter.joint_noise import InformationCorrection
+from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array, Integers
-from mbaid_ros.core.results.evidence import Innovations
+from mbaid_ros.core.results.evidence import (
+    AS_DECLARED,
+    Distance,
+    LikelyScale,
+    PriorComparison,
+)
+
+# Prior probability that a kind is declared too certain, and the posterior below which that counts for nothing; the same
+# of a single thing (of many right ones, one looks mistaken by chance), and of a part of one: a link's mass.
+_KIND, _THING, _PART = (0.05, 0.05), (0.01, 0.2), (0.05, 0.1)
+_SURE = 0.9  # probability that something is further off than declared, from which that is reported
 
 
 @dataclass(frozen=True, eq=False)
-class SquareRootInformation:
-    """The state in scaled variables.
+class PriorScaleFactors:
+    """Variance components of the unknowns' priors (Koch 1999, section 3.6; docs/trajectory.md, eq. 7).
 
-    The variables are those of `Variables`, then those of a constant force where a hypothesis has one.
+    Where what the windows see of a kind of unknowns is as far off as k times its declared deviation would make it, what
+    they do not see probably is as well. A single thing, or a part of one, may be mistaken where all others of its kind
+    are right. The estimate stays; the part of its errors that comes from the kind, thing or part is k times as large.
 
     Attributes
     ----------
-    root : (v, v + 2), its columns one after the other as LAPACK has them: the triangle R, and beside it z of the
-        correction for noise that rows and values share, and z of the least squares' mean: x = R^-1 (their sum);
-        innovations are those of the mean itself
-    innovations : what they were, sensor by sensor
-    feigned : (b, b + 1) as of `WhitenedWindow`, of all windows
-    nis, measured : sum of the normalised innovations squared over all windows, no mean, and how many there were
-    last_nis, last_measured : the same of the last update
-    log_likelihood : of all measurements, up to a constant
-    carried : (c, c + v + 2) rows above those of the root, of c numbers that the next window's twist is linked by
-        (`TwistLink`), or between an update and the step after it of its noise and these; None where nothing links it
+    sizes : by kind of cause ('zero', 'link', ...), by single cause ('zero:joint1'), and by part of one ('mass:link1')
+    distances : by single cause, of what the data see of it
+    each : (e,) the factor of each of the unknowns' independent numbers
+    covariance : (e, e) of these, of unit variance a priori, if all are as declared
+    within : the names that each of these names belongs to
     """
 
-    root: Array
-    innovations: Innovations
-    feigned: Array
-    nis: float = 0.0
-    measured: int = 0
-    last_nis: float = 0.0
-    last_measured: int = 0
-    log_likelihood: float = 0.0
-    carried: Array | None = None
+    sizes: Mapping[str, LikelyScale]
+    distances: Mapping[str, Distance]
+    each: Array
+    covariance: Array
+    within: Mapping[str, Sequence[str]]
 
     @staticmethod
-    def prior(variables: Variables, extra: int = 0, mass: float | None = None) -> SquareRootInformation:
-        """Return the belief before the first measurement.
+    def of(values: Array, covariance: Array, causes: Sequence[str], parts: Sequence[str]) -> PriorScaleFactors:
+        """Return the factors that data make likely.
 
         Parameters
         ----------
-        variables : of the filter
-        extra : how many numbers of unit variance a hypothesis has beside them
-        mass : kg that the target body is held near
+        values, covariance : (e,), (e, e) of the numbers, of unit variance about zero a priori
+        causes, parts : 'zero:joint1' that each belongs to, 'mass:link1' that it is by itself, or empty
         """
-        mean, triangle, likelihood = variables.prior(mass)
-        size = len(mean) + extra
-        root = np.zeros((size, size + 2), order='F')
-        root[: len(mean), : len(mean)] = triangle
-        root[: len(mean), -1] = triangle @ mean
-        root[len(mean) :, len(mean) : -2] = np.eye(extra)
-        nothing = Innovations.none(variables.poses), no_bias(variables)
-        return SquareRootInformation(root, *nothing, log_likelihood=likelihood)
+        each, groups = np.ones(len(values)), _Groups.of(tuple(causes), tuple(parts))
+        sizes: dict[str, LikelyScale] = {}
+        distances: dict[str, Distance] = {}
+        beyond = values**2 + covariance.diagonal() - 1.0  # on average at most zero of what looks as declared
+        for names, own, chances, single in groups.alike:
+            if not (single or np.any(np.add.reduce(beyond[own], axis=1) > 0.0)):
+                sizes |= dict.fromkeys(names, AS_DECLARED)
+                continue
+            numbers = PriorComparison.of(values[own], covariance[own[:, :, None], own[:, None, :]])
+            likely, away = numbers.likely_sizes(*chances), numbers.distances
+            each[own] = np.maximum(each[own], likely[0][:, None])
+            sizes |= dict(zip(names, map(LikelyScale, *map(np.ndarray.tolist, likely)), strict=True))
+            distances |= dict(zip(names, map(Distance, *map(np.ndarray.tolist, away)), strict=True))
+        return PriorScaleFactors(
+            {name: sizes[name] for name in groups.within},
+            {thing: distances[thing] for thing in groups.things},
+            each,
+            covariance,
+            groups.within,
+        )
 
     @property
-    def misfit(self) -> float:
-        """The log-likelihood that is missing where innovations are larger than they should be."""
-        return 0.5 * (self.nis - self.measured)
+    def as_declared(self) -> bool:
+        """Whether nothing is further off."""
+        return not np.any(self.each > 1.0)
 
-    @property
-    def size(self) -> int:
-        """Number v of variables."""
-        return len(self.root)
+    def beside(self, contributions: Array) -> Array:
+        """Return the columns (m, n) that a covariance factor gains, of the contributions (e, m) of each number.
 
-    def moments(self) -> tuple[Array, Array]:
-        """Return the mean (v,), and what of it is the correction for shared noise (v,).
-
-        Raises
-        ------
-        LinAlgError
-            The information has a direction without any.
+        Numbers s times as far off add s^2 - 1 times the square of their contribution (docs/trajectory.md, eq. 7).
         """
-        both, info = dtrtrs(self.root[:, :-2], self.root[:, -2:])
-        if info:
-            raise np.linalg.LinAlgError('a direction of the state has no information')
-        return both[:, 0] + both[:, 1], both[:, 0]
+        larger = self.each > 1.0
+        return np.asarray(contributions[larger].T * np.sqrt(self.each[larger] ** 2 - 1.0))
 
     @property
-    def factor(self) -> Array:
-        """A factor of the covariance, (v, v)."""
-        return np.asarray(dtrtri(self.root[:, :-2])[0])
+    def likeliest(self) -> tuple[str, float]:
+        """The kind or thing that explains most by being further off, and the gain of log-likelihood."""
+        return max(
+            ((cause, size.gain) for cause, size in self.sizes.items()), key=lambda each: each[1], default=('', 0.0)
+        )
 
     @property
-    def least_squares(self) -> Array:
-        """The mean without the correction for shared noise, (v,)."""
-        return np.asarray(dtrtrs(self.root[:, :-2], self.root[:, -1])[0])
+    def sure(self) -> tuple[tuple[str, float], ...]:
+        """Names that are surely further off than declared, and than what they belong to, with the factor."""
+        factors = {cause: factor.factor for cause, factor in self.sizes.items() if factor.chance > _SURE}
+        return tuple(
+            (cause, factor)
+            for cause, factor in factors.items()
+            if all(factor > factors.get(whole, 1.0) for whole in self.within[cause])
+        )
 
-    def with_root(self, root: Array, carried: Array | None = None) -> SquareRootInformation:
-        """Return the same with other variables, (v, v + 2), and what is carried: what has been measured stays."""
-        return replace(self, root=root, carried=carried)
+
+def _kind(cause: str) -> str:
+    """Return the kind of a cause of the error budget: of 'link:arm', 'link'."""
+    return cause.partition(':')[0]
+
+
+@dataclass(frozen=True, eq=False)
+class _Groups:
+    """Groups of numbers: `within` as above, single causes, and groups of equal size.
+
+    Those are (names, places (B, n), prior probabilities, whether single causes are among them).
+    """
+
+    within: Mapping[str, Sequence[str]]
+    things: tuple[str, ...]
+    alike: tuple[tuple[tuple[str, ...], Integers, tuple[float, float], bool], ...]
+
+    @staticmethod
+    @lru_cache(maxsize=8)  # a run asks at each window
+    def of(causes: tuple[str, ...], parts: tuple[str, ...]) -> _Groups:
+        """Return the groups of causes, and of parts of them."""
+        kinds: dict[str, list[int]] = {}
+        things: dict[str, list[int]] = {}
+        for place, cause in enumerate(causes):
+            kinds.setdefault(_kind(cause), []).append(place)
+            things.setdefault(cause, []).append(place)
+        alone = {part: [place] for place, part in enumerate(parts) if part}
+        within: dict[str, Sequence[str]] = dict.fromkeys(kinds, ())
+        within |= {thing: (_kind(thing),) for thing in things if thing not in kinds}
+        within |= {part: (_kind(causes[place]), causes[place]) for part, (place,) in alone.items()}
+        alike: dict[tuple[int, tuple[float, float]], dict[str, list[int]]] = {}
+        for name, places in {**things, **kinds, **alone}.items():  # a kind may be a single thing
+            chances = _KIND if name in kinds else _PART if name in alone else _THING
+            alike.setdefault((len(places), chances), {})[name] = places
+        return _Groups(
+            within,
+            tuple(things),
+            tuple(
+                (tuple(named), np.array(list(named.values())), chances, not things.keys().isdisjoint(named))
+                for (_, chances), named in alike.items()
+            ),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class MeanAndCovariance:
-    """Mean and covariance of a belief, SI units.
+    """Mean (s,) and covariance of the state, SI units.
 
-    Attributes
-    ----------
-    belief, variables : Belief, Variables
-    mean : (s,) of the state
-    shift : (s,) what of the mean is the correction for shared noise
-    force : (6,) a constant one, and a torque; zero where there is none
+    `shift` (s,) is the part of the mean that corrects for shared noise; `force` (6,) a constant force and torque.
     """
 
     belief: SquareRootInformation
@@ -127,7 +169,7 @@ class MeanAndCovariance:
 
     @staticmethod
     def of(belief: SquareRootInformation, variables: Variables) -> MeanAndCovariance:
-        """Return the moments of a belief."""
+        """Return them of a Gaussian in information form."""
         mean, shift = belief.moments()
         count, spread = len(variables.scale), variables.spread
         force = variables.force[:, : belief.size - count] @ mean[count:]
@@ -135,18 +177,18 @@ class MeanAndCovariance:
 
     @cached_property
     def factor(self) -> Array:
-        """Of the covariance of the state, (s, v), without what the variables leave out."""
+        """Factor of the covariance of the state, (s, v), without what the variables leave out."""
         return self.variables.of_state(self.belief.factor[: len(self.variables.scale)])
 
     @property
     def force_factor(self) -> Array:
-        """Of the covariance of the constant force, (6, v)."""
+        """Factor of the covariance of the constant force, (6, v)."""
         count = len(self.variables.scale)
         return np.asarray(self.variables.force[:, : self.belief.size - count] @ self.belief.factor[count:])
 
     @cached_property
     def variance(self) -> Array:
-        """Of the state, with what the variables leave out, (s,)."""
+        """Variances of the state, (s,)."""
         return np.add.reduce(self.factor**2, axis=1) + self.variables.outside.diagonal()
 
     @property
@@ -161,7 +203,7 @@ class MeanAndCovariance:
         return np.asarray(dtrtrs(self.belief.root[:, :-2], right, trans=1, overwrite_b=True)[0]).T
 
     def by_force(self, pushed: Array) -> Array:
-        """Return the (6,) change of the momentum by a constant force, of (p, f) `pushed` as of a hypothesis' track."""
+        """Return the (6,) change of the momentum by a constant force, of `pushed` (p, f) as of `HypothesisFilter`."""
         variables, count = self.variables, len(self.variables.scale)
         if self.belief.size == count:
             return np.zeros(6)
@@ -170,15 +212,14 @@ class MeanAndCovariance:
         return np.asarray(variables.spread[MOMENTUM, variables.poses : variables.head] @ change)
 
     def covariance(self, rows: Integers) -> Array:
-        """Return the (r, r) covariance of some numbers (r,) of the state."""
+        """Return the covariance (r, r) of some numbers of the state."""
         part = self.factor_of(self.variables.spread[rows])
         return np.asarray(part @ part.T + self.variables.outside[np.ix_(rows, rows)])
 
     def published(self, sizes: PriorScaleFactors, layout: Layout, rows: Integers) -> tuple[Array, Array]:
-        """Return some numbers (r,) of the state, the body's among them, and a covariance factor (r, w): as published.
+        """Return some numbers (r,) of the state, the body's among them, and a covariance factor (r, w), as published.
 
-        The windows linearised at the estimate itself, the unknowns so many times as far off as declared, and noise in
-        the rows no information. What the variables leave out is not in the factor.
+        With the correction for noise in the rows (docs/trajectory.md, eq. 14), and the priors scaled (eq. 7).
         """
         body, attenuation = self._attenuated
         part = self.factor_of(self.variables.spread[rows])
@@ -189,63 +230,51 @@ class MeanAndCovariance:
         return self.mean[rows] + part @ (body.T @ attenuation.shift), np.concatenate(columns, axis=1)
 
     def amplification(self, part: Array, rows: Integers) -> Array:
-        """Return the (r, r) factor from errors as they seem to errors, of numbers (r,), the body's among them.
-
-        Parameters
-        ----------
-        part : (r, v) a covariance factor of them, as of `factor_of`
-        rows : (r,) their places in the state
-        """
+        """Return the (r, r) amplification of errors by noise in the rows, of numbers with a factor `part` (r, v)."""
         body, attenuation = self._attenuated
         more = part @ body.T @ attenuation.gain
         return np.asarray(np.eye(len(rows)) + more @ self.variables.gather[self.variables.body, rows])
 
     def by_score(self, part: Array) -> Array:
-        """Return (m, b) what the score of noise in the rows adds to a covariance factor (m, v) as of `factor_of`."""
+        """Return the columns (m, b) that the score of noise in the rows adds to a covariance factor (m, v)."""
         body, attenuation = self._attenuated
         return np.asarray(part @ body.T @ attenuation.score)
 
     @cached_property
     def _attenuated(self) -> tuple[Array, InformationCorrection]:
-        """A covariance factor (b, v) of the body's variables, and how far they err (docs/trajectory.md, eq. 14)."""
+        """A covariance factor (b, v) of the body's variables, and their correction (docs/trajectory.md, eq. 14)."""
         variables = self.variables
         body = self.factor_of(np.eye(variables.own)[variables.body])
         mean = variables.gather[variables.body, BODY] @ self.mean[BODY]
         return body, InformationCorrection.of(body @ body.T, self.belief.feigned, mean)
 
-    def with_variables(self, own: Array) -> Array:
-        """Return the covariance (v, m) of the variables with numbers whose covariance has the factor (m, v)."""
-        return np.asarray(dtrtrs(self.belief.root[:, :-2], own.T)[0])
+    def with_variables(self, factor: Array) -> Array:
+        """Return the covariance (v, m) of the variables with numbers of a covariance factor (m, v)."""
+        return np.asarray(dtrtrs(self.belief.root[:, :-2], factor.T)[0])
 
     def unknowns(self, layout: Layout) -> tuple[Array, Array]:
-        """Return the unknowns' numbers (e,) as if of unit variance beforehand, about zero, and their covariance (e, e).
+        """Return the unknowns' numbers (e,), of unit variance about zero a priori, and their covariance (e, e).
 
-        They and a force come last: below the rows of what comes first the triangle is the root of their information.
+        They come last, with a force: the lower rows of the triangle are the root of their marginal information.
         """
-        own, known = self.variables.own, layout.known
-        count = len(self.variables.scale) - own
+        first, known = self.variables.own, layout.known
+        count = len(self.variables.scale) - first
         if not count:  # LAPACK complains of empty triangles, on the terminal
             return np.zeros(0), np.zeros((0, 0))
-        upper = dpotri(self.belief.root[own:, own:-2])[0][:count, :count]
+        upper = dpotri(self.belief.root[first:, first:-2])[0][:count, :count]
         values, covariance = self.mean[BODY.stop :] - known.mean, upper + np.triu(upper, 1).T
         if known.independent:
             return values, covariance
         return known.whitening @ values, known.whitening @ covariance @ known.whitening.T
 
     def sizes(self, layout: Layout) -> PriorScaleFactors:
-        """Return how many times as far off as declared the unknowns look."""
+        """Return the scale factors of the unknowns' priors."""
         return PriorScaleFactors.of(*self.unknowns(layout), layout.cause_of, layout.part_of)
 
-    def contributions(self, own: Array, layout: Layout) -> Array:
-        """Return (e, m): m numbers err by as much for each of the unknowns' independent numbers that is one off.
+    def contributions(self, factor: Array, layout: Layout) -> Array:
+        """Return the contributions (e, m) of the unknowns' independent numbers to the errors of m numbers.
 
-        An estimate errs by what noise and priors contribute, which are independent. What the prior of a number of unit
-        variance contributes is the covariance of that number with the estimate.
-
-        Parameters
-        ----------
-        own : (m, v) a covariance factor of the numbers, as of `factor_of`
-        layout : of the state
+        That of a number of unit variance is its covariance with the estimate. `factor` (m, v) is that of `factor_of`.
         """
-        with_unknowns = self.with_variables(own)[self.variables.own : len(self.variables.scale)]
+        with_unknowns = self.with_variables(factor)[self.variables.own : len(self.variables.scale)]
         return with_unknowns if layout.known.independent else np.asarray(layout.known.whitening @ with_unknowns)

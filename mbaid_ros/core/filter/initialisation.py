@@ -1,269 +1,213 @@
-"""The windows of a run while it is young: all of them are linearised again, until where they are may stay."""
+"""Batch initialisation: the first windows are relinearised together until their linearisation may be frozen."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.batch import HOPELESS, BackgroundTask, BatchIteration
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
-from mbaid_ros.core.filter.state import BODY, BODY_PLACES
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.square_root import SquareRootInformation
+from mbaid_ros.core.filter.start import MultiStart, Start
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
 from mbaid_ros.core.filter.window import Window, in_stacks
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.robot.model_errors import body_sizes
+from mbaid_ros.core.unknowns.environment import Hypothesis
 
-# Growth of a young run until all of it is linearised again, or searched again where a search explains next to
-# nothing: a half more data tell enough of where to linearise, and all passes together cost three times the last.
-_GROWTH = 1.5
-_AT_REST = 4  # windows before the first motion that it is begun with: noise alone is in their rows
-# Windows after which a start that has not settled is tried again, and what part of all it is at least: that the work
-# of a window stays about the same.
+_GROWTH = 1.5  # growth of the windows until the next search: all searches together cost three times the last
+_AT_REST = 4  # windows before the first motion that are kept: noise alone is in their rows
+# Windows after which a search that has not converged is repeated, and the least part of all that is: so the work of a
+# window stays about the same.
 _RETRY, _RETRY_PART = 2, 0.1
-# Windows: where the next pass would be over more, a run is grown up if it may stay linearised as it is: what is left
-# of second order is a tenth of a standard deviation then.
-_GROWN = 40
+_FREEZE = 40  # windows above which the linearisation is frozen if it is good enough
+# Ratio of standard deviations of the body, now and when its windows were linearised, below which they are checked anew.
+_SHARPER = 0.7
+# Relative deviation of the body, in all directions seen, below which the linearisation may be frozen: what is left of
+# second order is a tenth of it.
+_KNOWN = 0.1
+# Steps of the filter that a task may take between two windows: while there is an estimate, and before.
+_SHARE, _FIRST_SHARE = 300, 1200
 
 
-class InitialisationWindow:
-    """Keeps the windows that are linearised again, and tells when all of them are to be, and when never more.
+class Initialisation:
+    """Searches the linearisation point of the first windows in the background, ever more of them.
+
+    Parameters
+    ----------
+    batch : iterates over the windows
+    hypotheses : the first is the one to beat
+    first, kept : windows before the first search, and how many are kept at most
 
     Attributes
     ----------
-    windows : in order; none of a run that has grown up
-    grown_up : whether no window is linearised again
-    whole : whether what the filter has come to is of these windows and of nothing else
-    stays : whether the latest passes over them have come to one point
-    judged : whether it is known how near linear they are about that point
-    passed : s, start of the last window that the latest pass has linearised
-
-    Parameters
-    ----------
-    first : windows before the first search
-    kept : windows that are kept at most
+    windows : to be relinearised, in order
+    accepted : whether the latest search has been accepted
+    linearised_until : s, start of the last window of that search
     """
 
-    def __init__(self, first: int, kept: int) -> None:
-        self.windows: list[Window] = []
-        self.grown_up = self.whole = self.stays = self.judged = False
-        self.passed = -np.inf
+    def __init__(self, batch: BatchIteration, hypotheses: tuple[Hypothesis, ...], first: int, kept: int) -> None:
+        self._batch = batch
+        self._multi_start = MultiStart(batch, hypotheses)
         self._first, self._kept = first, kept
-        self._next = first  # windows at which all are passed over again
-        self._searched = 0  # windows that the latest search passes over
-        self._confirmed = False  # whether the passes before had come to one point, too
+        self.windows: list[Window] = []
+        self.accepted = self._confirmed = False  # confirmed by the search after it
+        self.linearised_until = -np.inf
+        self._due = first  # number of windows at which the next search begins
+        self._searched = 0  # windows in the latest search
+        self._search = BackgroundTask[Start](batch.layout.size)
+        self._curvature_task = BackgroundTask[Curvature](batch.layout.size)
+        self._displacement_task = BackgroundTask[Curvature](batch.layout.size)
+        self._curvature: Curvature | None = None  # about the solution of a search
+        self._displacement: Curvature | None = None  # of the solution from where its windows are linearised
+        self._covariance: Array | None = None  # of the body when all windows were linearised last; None: not all are
 
     @property
-    def due(self) -> bool:
-        """Whether it is time to pass over all windows again."""
-        return len(self.windows) >= self._next
-
-    def rest(self) -> None:
-        """Keep no more than the last windows before the first motion."""
-        self.windows = self.windows[-_AT_REST:]
-
-    def begin_search(self) -> list[Window]:
-        """Return the windows that a search is begun over; those that come meanwhile are added to them."""
-        self._searched = len(self.windows)
-        return self.windows
-
-    def search_soon(self) -> None:
-        """Have all windows searched again as soon as the next one has come."""
-        self._next = min(self._next, len(self.windows))
-
-    def retry(self) -> None:
-        """Have them searched again a little later than by the search that has led nowhere."""
-        self._next = self._searched + _RETRY
-
-    def shorten(self) -> None:
-        """Begin with the later half where so many windows have come to no point."""
-        if len(self.windows) > self._kept:
-            self._keep_from(len(self.windows) // 2)
-            self._next = min(self._next, len(self.windows) + _RETRY)
-
-    def restart(self) -> None:
-        """Give up what has been found in the windows, if any are kept."""
-        self.grown_up = self.stays = False
-        if self.windows:
-            self.search_soon()
-        else:
-            self._next = self._first
-
-    def take_over(self, belief: SquareRootInformation, *, stays: bool, anew: bool) -> None:
-        """Go on from what a search has found.
-
-        Parameters
-        ----------
-        belief : after all windows
-        stays : whether its passes have come to one point
-        anew : whether those before had not: a start is confirmed once before it counts, however late it was found
-        """
-        self.stays, self._confirmed = stays, stays and not anew
-        self.whole, self.judged = True, False
-        self.passed = self.windows[self._searched - 1].start
-        self._next = self._after(self._searched, belief)
+    def converged(self) -> bool:
+        """Whether the latest search has been accepted, and the nonlinearity about its solution is known."""
+        return self.accepted and self._curvature is not None
 
     @property
-    def may_grow_up(self) -> bool:
-        """Whether what has been found tells if windows may stay linearised as they are, or lead nowhere together."""
-        return not self.grown_up and (self._confirmed or not self.stays)
-
-    def grow_up(self, belief: SquareRootInformation, *, linear: bool) -> bool:
-        """Linearise nothing again from some length on, or begin with the later half where that would be unsound.
-
-        Parameters
-        ----------
-        belief : after all windows
-        linear : whether they are near enough linear wherever they are linearised
-
-        Returns
-        -------
-        bool
-            Whether the run is long enough for either.
-        """
-        if self._next <= (min(_GROWN, self._kept) if linear else self._kept):
-            return False
-        if self.stays and belief.nis < LARGEST_NIS * belief.measured:
-            self.windows, self.grown_up = [], True
-        else:
-            self._keep_from(self._searched // 2)
-            self._next = self._after(len(self.windows), belief)
-        return True
-
-    def _keep_from(self, first: int) -> None:
-        self.windows, self.whole = self.windows[first:], False
-
-    def _after(self, windows: int, belief: SquareRootInformation) -> int:
-        """Return at how many windows to pass over all of them again: soon where that may yet lead to a point."""
-        soon = not (self.stays or belief.nis > HOPELESS * belief.measured)
-        return int(np.ceil(windows + max(_RETRY, _RETRY_PART * windows) if soon else _GROWTH * windows))
-
-
-# What is left of any standard deviation of the body when its windows are linearised anew: they were linearised where
-# that was hardly known. It halves the variance; sooner hardly anything has moved.
-_SHARPER = 0.7
-# Relative deviation of the body, in all directions seen, below which windows may stay: a tenth of it is second order.
-_KNOWN = 0.1
-
-
-class LinearityCheck:
-    """Follows how far a young run owes its estimate to where its windows are linearised.
-
-    Parameters
-    ----------
-    passes : over the windows
-    """
-
-    def __init__(self, passes: BatchIteration) -> None:
-        self._passes = passes
-        self._elsewhere = BackgroundTask[Curvature](passes.layout.size)
-        self._anew = BackgroundTask[Curvature](passes.layout.size)
-        self._curvature: Curvature | None = None  # about where a search has led
-        self._displacement: Curvature | None = None  # from there on, where all windows are linearised at the estimate
-        self._linearised: Array = np.zeros((10, 10))  # covariance of the body when all windows were linearised last
-
-    @property
-    def known(self) -> bool:
-        """Whether there is a solution of which it is known."""
-        return self._curvature is not None
-
-    @property
-    def judged(self) -> bool:
-        """Whether it is known of what the latest search has led to."""
-        return self.known and not self._elsewhere.under_way
-
-    @property
-    def displaced(self) -> bool:
-        """Whether the estimate has left the point where its windows are near linear."""
-        return self._displacement is not None and self._displacement.anywhere
-
-    def curvatures(self, *, explained: bool) -> tuple[Curvature, ...]:
-        """Return all that is known of it.
-
-        Parameters
-        ----------
-        explained : whether the model explains the data: else no point is that where windows are near linear
-        """
-        found = (self._curvature, self._displacement if explained else None)
-        return tuple(each for each in found if each is not None)
+    def searching(self) -> bool:
+        """Whether a search is under way."""
+        return self._search.under_way
 
     @property
     def owing(self) -> bool:
-        """Whether some of it is to be found out before the next window."""
-        return self._elsewhere.owing or self._anew.owing
+        """Whether work is left to be done before the next window."""
+        return self._search.owing or self._curvature_task.owing or self._displacement_task.owing
 
-    def owe(self, steps: int) -> None:
-        """Owe so many steps of the filter, more or less, of each task before the next window."""
-        self._elsewhere.owe(steps)
-        self._anew.owe(steps)
+    def curvatures(self, *, explained: bool) -> tuple[Curvature, ...]:
+        """Return the nonlinearity of the windows; about the present estimate only where the model explains the data."""
+        known = (self._curvature, self._displacement if explained else None)
+        return tuple(each for each in known if each is not None)
 
-    def work_off(self) -> bool:
-        """Do a slice of what is owed; return whether that has shown the estimate to be displaced."""
-        if self._elsewhere.owing:
-            self._curvature = self._elsewhere.work_off() or self._curvature
-            return False
-        found = self._anew.work_off()
-        if found is None:
-            return False
-        self._displacement, self._linearised = found, found.covariance
-        return found.anywhere
+    def add(self, window: Window, points: Sequence[Callable[[], Point | None]], *, moved: bool) -> None:
+        """Add a window, and begin a search where one is due; none as long as no joint has moved."""
+        self.windows.append(window)
+        if self._search.under_way:
+            return
+        if not moved:
+            self.windows = self.windows[-_AT_REST:]
+        elif len(self.windows) >= self._due:
+            self._searched = len(self.windows)
+            self._search.begin(self._multi_start.search(self.windows, points))
+        elif not self.converged and len(self.windows) > self._kept:
+            self._drop(len(self.windows) // 2)
+            self._due = min(self._due, len(self.windows) + _RETRY)
 
-    def may_stay(self, belief: SquareRootInformation) -> bool:
-        """Tell whether what the windows leave open at second order is small, wherever they are linearised."""
-        if self._curvature is None or self._curvature.anywhere or self.displaced:
-            return False
-        variables = self._passes.variables
-        moments = MeanAndCovariance.of(belief, variables)
-        factor = moments.factor_of(variables.spread[BODY])
-        body, seen = moments.mean[BODY], np.sqrt(np.add.reduce(factor**2, axis=1))
-        return bool(body[0] > 0.0 and np.all(seen < _KNOWN * body_sizes(body)))
+    def allot(self) -> None:
+        """Allot the work until the next window."""
+        steps = _SHARE if self.converged and not self._displaced else _FIRST_SHARE
+        for task in (self._search, self._curvature_task, self._displacement_task):
+            task.owe(steps)
 
-    def begin(
-        self, curvature: Iterator[int | Curvature] | None, covariance: Array, track: HypothesisFilter, *, anew: bool
-    ) -> None:
-        """Begin with what a search has led to.
+    def work_off(self, *, explained: bool) -> Start | Curvature | None:
+        """Run one slice; return a start to take over, or the nonlinearity about the last one.
 
         Parameters
         ----------
-        curvature : finds out how near linear its windows are about that; None where it has not settled
-        covariance : (10, 10) of the body when they were linearised
-        track : the best hypothesis by now
-        anew : whether the solution before did not stay
+        explained : whether the model explains the data: else no point is that where the windows are near linear
         """
-        if anew:
-            self._curvature = None
-        self._elsewhere.begin(curvature)
-        self._anew.begin(None)
-        self._linearised = covariance
-        if not self._sharper(self._covariance(track)):
+        if self._curvature_task.owing:
+            curvature = self._curvature_task.work_off()
+            self._curvature = curvature or self._curvature
+            return curvature
+        if self._displacement_task.owing:
+            displacement = self._displacement_task.work_off()
+            if displacement is not None:
+                self._displacement = displacement
+                self._covariance = None if self._covariance is None else displacement.covariance
+                if explained and displacement.anywhere:
+                    self._search_soon()
+            return None
+        try:
+            return self._search.work_off()
+        except np.linalg.LinAlgError:  # no robot that can exist: later windows may help
+            self._due = self._searched + _RETRY
+            return None
+
+    def take_over(self, start: Start, track: HypothesisFilter) -> None:
+        """Go on from the outcome of a search, of which this hypothesis is the best."""
+        anew = not self.converged
+        self.accepted, self._confirmed = start.accepted, start.accepted and not anew
+        self.linearised_until = self.windows[self._searched - 1].start
+        self._due = self._next_search(self._searched, track.belief)
+        self._curvature = None if anew else self._curvature
+        self._curvature_task.begin(start.curvature)
+        self._curvature_task.owe(_FIRST_SHARE if anew else 0)
+        self._displacement_task.begin(None)
+        self._covariance = start.covariance
+        if not self._is_sharper(track):
             self._displacement = None  # of windows as they were linearised before
 
-    def forget(self) -> None:
-        """Forget the solution."""
-        self._elsewhere.begin(None)
-        self._curvature = None
-        self.grow_up()
-
-    def grow_up(self) -> None:
-        """Follow the estimate no more: no window is linearised again."""
-        self._anew.begin(None)
-        self._displacement = None
-
-    def follow(self, windows: list[Window], track: HypothesisFilter) -> None:
-        """Begin to linearise the windows at the estimate, where that has become so much better known since.
+    def may_freeze(self, belief: SquareRootInformation) -> bool:
+        """Tell whether the windows may keep their linearisation for good; else drop those that lead nowhere together.
 
         Parameters
         ----------
-        windows : all of the run
-        track : the best hypothesis after them
+        belief : after all windows
         """
-        if not self._anew.under_way and self._sharper(self._covariance(track)):
-            self._anew.begin(self._passes.displacement(in_stacks(windows), track))
+        if self._search.under_way or not (self._confirmed or not self.accepted):
+            return False
+        linear = self.accepted and self._is_linear(belief)
+        if self._due <= (min(_FREEZE, self._kept) if linear else self._kept):
+            return False
+        self._displacement_task.begin(None)
+        self._displacement = None
+        if self.accepted and belief.nis < LARGEST_NIS * belief.measured:
+            self.windows = []
+            return True
+        self._drop(self._searched // 2)
+        self._due = self._next_search(len(self.windows), belief)
+        return False
 
-    def _covariance(self, track: HypothesisFilter) -> Array:
-        return MeanAndCovariance.of(track.belief, self._passes.variables).covariance(BODY_PLACES)
+    def check_displacement(self, track: HypothesisFilter) -> None:
+        """Begin to linearise the windows at the estimate where the body is known so much better than when they were."""
+        if self.accepted and not self._displacement_task.under_way and self._is_sharper(track):
+            self._displacement_task.begin(self._batch.displacement(in_stacks(self.windows), track))
 
-    def _sharper(self, covariance: Array) -> bool:
-        return bool(np.any(covariance.diagonal() < _SHARPER**2 * self._linearised.diagonal()))
+    def restart(self) -> None:
+        """Give up all solutions; windows that are kept are searched again."""
+        for task in (self._search, self._curvature_task, self._displacement_task):
+            task.begin(None)
+        self._curvature = self._displacement = None
+        self.accepted = False
+        if self.windows:
+            self._search_soon()
+        else:
+            self._due = self._first
+
+    def _search_soon(self) -> None:
+        self._due = min(self._due, len(self.windows))
+
+    @property
+    def _displaced(self) -> bool:
+        return self._displacement is not None and self._displacement.anywhere
+
+    def _is_linear(self, belief: SquareRootInformation) -> bool:
+        """Tell whether what the windows leave open at second order is small, wherever they are linearised."""
+        if self._curvature is None or self._curvature.anywhere or self._displaced:
+            return False
+        moments = MeanAndCovariance.of(belief, self._batch.variables)
+        factor = moments.factor_of(self._batch.variables.spread[BODY])
+        body, deviation = moments.mean[BODY], np.sqrt(np.add.reduce(factor**2, axis=1))
+        return bool(body[0] > 0.0 and np.all(deviation < _KNOWN * body_sizes(body)))
+
+    def _is_sharper(self, track: HypothesisFilter) -> bool:
+        if self._covariance is None:
+            return False
+        now = MeanAndCovariance.of(track.belief, self._batch.variables).covariance(BODY_PLACES)
+        return bool(np.any(now.diagonal() < _SHARPER**2 * self._covariance.diagonal()))
+
+    def _drop(self, first: int) -> None:
+        self.windows, self._covariance = self.windows[first:], None
+
+    def _next_search(self, windows: int, belief: SquareRootInformation) -> int:
+        """Return at how many windows to search again: soon where that may yet be accepted."""
+        soon = not (self.accepted or belief.nis > HOPELESS * belief.measured)
+        return int(np.ceil(windows + max(_RETRY, _RETRY_PART * windows) if soon else _GROWTH * windows))

@@ -1,8 +1,7 @@
-"""The twist where the errors of poses are correlated: its integral, from window to window.
+"""The integrated twist beside poses with correlated errors (docs/trajectory.md, eqs. 9 and 10).
 
-Integrated over whole windows, what the joints' noise makes of the predicted twist telescopes from one window to the
-next: c, what it makes of the pose at a window's first knot, is all that they have in common. It is carried from window
-to window, as the change of the measured way less the predicted one says (docs/trajectory.md, eqs. 9 and 10).
+Integrated over windows, the joints' noise in the predicted twist telescopes: neighbours share only its effect c on the
+pose at the border, which is carried from window to window.
 """
 
 from __future__ import annotations
@@ -19,15 +18,14 @@ from mbaid_ros.core.geometry import Array
 
 @dataclass(frozen=True)
 class IntegratedTwist:
-    """What a window's twist adds up to, from its first knot on; of several windows with these along a first axis.
+    """Integral of a window's twist from its first knot on; of several windows with these along a first axis.
 
     Attributes
     ----------
-    way_value, way_rows : (6,), (6, s): value - rows x = c - c' + noise, over the window; c' is the next window's
-    mean_value, mean_rows : (6,), (6, s): value - rows x = c - the joints' noise in the mean pose + noise, the mean of
-        the way until each knot
+    way_value, way_rows : (6,), (6, s): value - rows x = c - c' + noise, to the next window's first knot, with its c'
+    mean_value, mean_rows : (6,), (6, s): value - rows x = c - joint noise in the mean pose + noise, mean over the knots
     white : (6, 6) covariance of the noise in the way
-    share, left : () how much of that noise is in the mean, and variance of what else is there, over that
+    share, left : () share of that noise in the mean, and variance of the rest of the mean's noise, over `white`
     change : () as `Stack.whitening`
     """
 
@@ -54,20 +52,18 @@ class IntegratedTwist:
 
 
 def weights_of_ways(count: int) -> tuple[Array, Array]:
-    """Return the (m,) weights of a window's twists in its way, and in the mean of the ways until its knots; sums 1."""
+    """Return the weights (m,) of a window's twists in its way, and in the mean of the ways to its knots; sums 1."""
     remaining = count - 1.0 - np.arange(count)
     return np.full(count, 1.0 / count), remaining / np.sum(remaining)
 
 
 @dataclass(frozen=True)
 class TwistLink:
-    """How a window's measurements depend on what is carried, and what that is for the next one.
-
-    k numbers c are carried, and q are k independent ones of unit variance.
+    """How a window's measurements depend on c (k,), and c on the next window's; q (k,) are of unit variance.
 
     Attributes
     ----------
-    by_noise, by_carried : (w, k) what q and c make of a window's w measurements, in units of their noise
+    by_noise, by_carried : (w, k) derivatives of a window's w whitened measurements by q and c
     way_value, way_rows, back : (k,), (k, v), (k, k): q = back (c' - c - process noise + value - rows variables)
     process : (k, n) of that noise, as in `WhitenedWindow`
     """
@@ -104,16 +100,15 @@ def linked(
     joints: tuple[Array, Array],
     variables: Variables,
 ) -> Linked:
-    """Return what B windows measure by pose and integrated twist.
+    """Return the measurements of B windows by pose and integrated twist.
 
-    The change of a pose error by which its mean is whitened is that of the measured way, free of the joints' noise.
+    The measured way, free of the joints' noise, takes the place of the change of xi that whitens the mean pose.
 
     Parameters
     ----------
-    twist : of the B windows
-    pose : value (B, 6), rows (B, 6, s) and covariance (B, 6, 6) of the pose measurements
-    joints : (B, 6, n), (B, 6, n') factors of the covariances of their noise in the mean pose, and on the way
-    variables : of the filter
+    twist, variables : of the B windows; of the filter
+    pose : value (B, 6), rows (B, 6, s) and covariance (B, 6, 6)
+    joints : (B, 6, n), (B, 6, n') factors of their noise in the mean pose, and on the way
     """
     select, (value, rows, covariance), (of_joints, process) = variables.measured, pose, joints
     size, change = len(select), twist.change[:, None]
@@ -156,16 +151,15 @@ def linked(
 
 
 def _certain(noise: Array, by_carried: Array, walk: Array) -> Array:
-    """Return the (B, w, w) inverse of the covariance of the measurements, c as uncertain as all windows leave it.
+    """Return the (B, w, w) inverse of the covariance of the measurements, with c as certain as all windows make it.
 
-    c walks at random. Along each direction in which the windows measure it with a variance r for every 1 it walks, that
-    leaves 1 / sqrt(1 + 4 r) of r: the smoothed variance far from the ends of a run.
+    c is a random walk. Measured with a variance r times that of its step, it keeps 1 / sqrt(1 + 4 r) of r: the smoothed
+    variance far from the ends of a run.
 
     Parameters
     ----------
-    noise : (B, w, w) covariance of the measurements where c is known
-    by_carried : (w, k) what c makes of them
-    walk : (B, k, k) factor of the covariance of what c changes by in a window
+    noise, by_carried : (B, w, w) covariance of the measurements given c, and (w, k) their derivative by c
+    walk : (B, k, k) factor of the covariance of a step of c
     """
     inverse = np.linalg.inv(noise)
     seen = inverse @ by_carried @ walk

@@ -1,8 +1,7 @@
-"""What the noise of the joint encoders does to a window.
+"""The noise of the joint encoders in a window, and the errors-in-variables bias that it makes.
 
-An error dq of the joints moves the predicted pose by A dq, A = dV/dq', at that instant only: noise of what is measured,
-and hardly any of what accumulates. As A depends on bodies and joints, the same dq is in the window's rows, by dA/dphi
-dq: that makes least squares prefer bodies of small A (errors in variables), and is why the filter has to know of it.
+An error dq of the joints moves the predicted pose by A dq, A = dV/dq', at that instant only: mostly measurement noise.
+As A depends on the bodies, the same dq is in the rows, by dA/dphi dq: least squares prefers bodies of small A.
 """
 
 from __future__ import annotations
@@ -15,12 +14,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from mbaid_ros.core.array_record import ArrayRecord
-from mbaid_ros.core.filter.prediction import (
-    Bodies,
-    Prediction,
-    gains_by_unknowns,
-    joint_gains,
-)
+from mbaid_ros.core.filter.prediction import Bodies, Prediction, gains_by_unknowns, joint_gains
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, BODY, Layout
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import Stack
@@ -35,12 +29,11 @@ class JointNoise(ArrayRecord):
     Attributes
     ----------
     pose : (B, 6, n) factor of the covariance of the mean pose
-    by_unknowns : (B, 6, 10 + e, n) its derivative by the target body and the unknowns that the prediction depends on
-    process : (B, 6, n + c) factor of the covariance of what accumulates on the way to the next window, by the noise of
-        joints and of the c readings of what stores momentum
-    stored : (B, 6, c) factor of the covariance of the twist, by the noise of one reading of each of these, and by what
-        wanders within a window
-    stepped : (B, 6, f) how far the base goes with each of the unknowns' numbers that wander, when that grows by one
+    by_unknowns : (B, 6, 10 + e, n) its derivative by the target body and the prediction's unknowns
+    process : (B, 6, n + c) factor of the pose error that accumulates until the next window, by joints and the c
+        readings of stored momentum
+    stored : (B, 6, c) factor of the noise in the twist, by these readings and by Gauss-Markov processes
+    stepped : (B, 6, f) motion of the base with each Gauss-Markov process, when that grows by one
     """
 
     pose: Array
@@ -58,16 +51,13 @@ def joint_noise(
     predictions: Sequence[Prediction],
     bodies: Bodies,
 ) -> list[JointNoise]:
-    """Return the noise of stacks of windows, followed at their first, middle and last intervals.
+    """Return the noise of stacks of windows, from their first, middle and last intervals.
 
     Parameters
     ----------
-    layout : of the state
-    kernel : of the robot where it is linearised
-    stacks : Sequence of Stack
-    inside : the windows' own intervals among those of each stack
-    predictions : of each stack and the intervals beside, (m, B, ...)
-    bodies : of all these intervals, one after the other
+    layout, kernel : of the state; of the robot where it is linearised
+    stacks, inside : windows, and their own intervals among those of each stack
+    predictions, bodies : of each stack and the intervals beside, (m, B, ...); of all these, one after the other
     """
     places = [_places(each) for each in inside]
     begins = np.cumsum([0, *(each.twist[..., 0].size for each in predictions)])
@@ -86,7 +76,7 @@ def joint_noise(
     apart = np.concatenate([each * (place[2] - place[0]) for each, place in zip(size, places, strict=True)])
     length = apart + np.concatenate(size)
     deviation = np.concatenate([np.sqrt(stack.joint_variance / stack.samples) for stack in stacks])
-    # What is left behind at position level: the turn of A itself, and what F~ makes of A dq.
+    # At position level the turn of A itself remains, and F~ A dq.
     remainder = by_position[1] + slope @ middle - (last - first) / apart
     by_unknowns = gains_by_unknowns(layout, kernel, bodies[index[1]], middle[:, ANGULAR_FIRST])[:, ANGULAR_FIRST]
     process, stored = deviation * length * remainder, np.zeros((*middle.shape[:-1], 0))
@@ -98,17 +88,17 @@ def joint_noise(
     if layout.times.size:
         samples = np.concatenate([stack.samples for stack in stacks])
         stepped = last @ layout.joint_steps
-        # The rate of what wanders is white, its density twice the variance over the time constant.
+        # The rate of a Gauss-Markov process is white, its density twice the variance over the time constant.
         times = layout.times[np.isfinite(layout.times)]
         within = np.sqrt(2.0 / times * samples / length) * (middle @ layout.joint_steps)
         stored = np.concatenate((stored, within), axis=-1)
-    whole = JointNoise(deviation * middle, deviation[..., None, :] * by_unknowns, process, stored, stepped)
+    noise = JointNoise(deviation * middle, deviation[..., None, :] * by_unknowns, process, stored, stepped)
     ends = np.cumsum([0, *(len(stack.windows) for stack in stacks)])
-    return [whole[begin:end] for begin, end in pairwise(ends)]
+    return [noise[begin:end] for begin, end in pairwise(ends)]
 
 
 def _by_readings(bodies: Bodies) -> Array:
-    """Return what the noise of one reading of each that stores momentum makes of the twist, (N, 6, c)."""
+    """Return the effect of the noise of each reading of stored momentum on the twist, (N, 6, c)."""
     storage, placed = bodies.states.storage, bodies.states.configuration
     columns = bodies.mobility @ storage.columns(placed.rotation)
     return np.asarray(columns[:, ANGULAR_FIRST] * storage.noises)
@@ -120,22 +110,18 @@ def _places(inside: slice) -> Integers:
     return inside.start + np.array([0, count // 2, count - 1])
 
 
-_MOST = 0.99  # part of what is known that may be feigned: beyond, intervals are a hundred times as wide
+_MOST = 0.99  # part of the information that the noise may make: intervals are then a hundred times as wide
 
 
 def errors_in_variables_bias(precision: Array, slope: Array, body: Array, variables: Variables) -> Array:
-    """Return the information of the target body that the joints' noise in the rows makes, in the filter's variables.
+    """Return the information M of the body by the joints' noise in the rows, and M times the body, (B, b, b + 1).
 
     Parameters
     ----------
-    precision : (B, 6, 6) S^-1 of what B windows measure, the joints' noise in pose and twist together
-    slope : (B, 6, 10 + e, n) that noise in the rows, of the target body and the unknowns
-    body : (B, 10) standard parameters of the target that they are linearised at
+    precision : (B, 6, 6) S^-1 of the measurements, the joints' noise in pose and twist together
+    slope : (B, 6, 10 + e, n) that noise in the rows
+    body : (B, 10) standard parameters at the linearisation point
     variables : of the filter
-
-    Returns
-    -------
-    (B, b, b + 1) array, of the b variables of the body: the information M, and M times where they are linearised
     """
     of_body = slope[:, :, :10].transpose(0, 3, 1, 2) @ variables.spread[BODY, variables.body]
     weighed = precision[:, None] @ of_body  # (B, n, 6, b)
@@ -147,22 +133,20 @@ def errors_in_variables_bias(precision: Array, slope: Array, body: Array, variab
 
 
 def no_bias(variables: Variables) -> Array:
-    """Return the same, (b, b + 1), of no window."""
+    """Return that, (b, b + 1), of no window."""
     count = variables.own - variables.head
     return np.zeros((count, count + 1))
 
 
 @dataclass(frozen=True)
 class InformationCorrection:
-    """What noise in the rows makes of the errors of the body's b variables, P their covariance as it seems.
-
-    M is that of docs/trajectory.md, eq. 13; what is published by these that of docs/trajectory.md, eq. 14.
+    """Correction of the body's b variables for M (docs/trajectory.md, eqs. 13 and 14), P their covariance without it.
 
     Attributes
     ----------
-    gain : (b, b) N of (1 - P M)^-1 = 1 + P N, which errors are larger by
-    score : (b, b) K: their covariance has (1 - P M)^-1 P M P (1 - M P)^-1 = P K K^T P beside, of the score itself
-    shift : (b,) s: the estimate would be P s elsewhere if windows had been linearised there
+    gain : (b, b) N: errors are larger by (1 - P M)^-1 = 1 + P N
+    score : (b, b) K: their covariance gains (1 - P M)^-1 P M P (1 - M P)^-1 = P K K^T P
+    shift : (b,) s: the estimate moves by P s
     """
 
     gain: Array
@@ -171,7 +155,7 @@ class InformationCorrection:
 
     @staticmethod
     def of(covariance: Array, feigned: Array, mean: Array) -> InformationCorrection:
-        """Return it for mean (b,) and covariance (b, b) as they seem, and what is feigned (b, b + 1)."""
+        """Return it for covariance (b, b), (M, M body) (b, b + 1) and mean (b,)."""
         root, (information, at) = np.linalg.cholesky(covariance), np.split(feigned, [-1], axis=1)
         # With P = F F^T and F^T M F = V diag(mu) V^T:  N = F^-T V diag(mu / (1 - mu)) V^T F^-1.
         part, along = np.linalg.eigh(root.T @ information @ root)

@@ -1,14 +1,14 @@
-"""Samples averaged to knots.
+"""Samples averaged to knots, and the motion midway between these, to fourth order.
 
-A knot is the mean of the raw samples of a few hundredths of a second. A mean is not the value at the centre: what
-`midpoints` makes of knots corrects that. So it does for samples that come unevenly, or are lost, whose mean time is not
-the knot's centre.
+A knot is the mean of the samples of a few hundredths of a second. The mean is not the value at the centre, nor that of
+two knots the value midway: `midpoints` corrects both by the neighbours' differences, also where samples come unevenly.
+Joint rates are differences of the same knots as the joint angles: joint noise telescopes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from mbaid_ros.core.samples import Samples
 
 # Knots that a window needs of its neighbours, before and after, for its fourth-order formulas.
 BEFORE, AFTER = 3, 4
-# Weights of the two or four knots around an empty one, which is filled in: exact for straight lines and cubics.
+# Weights of the two or four knots around an empty one: exact for straight lines and cubics.
 _LINEAR, _CUBIC = np.array([1.0, 1.0]) / 2.0, np.array([-1.0, 4.0, 4.0, -1.0]) / 6.0
 
 
@@ -39,9 +39,8 @@ class Knots(ArrayRecord):
     stored : (J, c) readings of what stores momentum inside bodies
     tide, thrust : (J, 60 b), (J, 30 f) as in Samples, L about the run's origin
     gyro : (J, 3) rad, as in Samples; NaN where a sample has none, none at all where there is no IMU
-    course : (J, 36) where the gyro alone tells the orientation: what that has turned by since the run began, odometry
-        axes, for each of the gyro's errors (3 x 12, rows first): bias, scale, turn, what pairs of
-        axes have in common; none where it is measured
+    course : (J, 36) where the gyro alone measures the orientation: its error since the run began, odometry axes, by
+        each error of the gyro (3 x 12, rows first): bias, scale, turn, cross-axis; none where it is measured
     """
 
     joint_position: Array
@@ -126,28 +125,25 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
 
 
 def at_the_base(knots: Knots, mount: Array) -> Knots:
-    """Return the knots of a base whose frame is (6,) `mount` in the one that was measured: p + R mu_p, R Exp(mu_R)."""
+    """Return the knots of a base at (6,) `mount` in the measured frame: p + R mu_p, R Exp(mu_R)."""
     twist = knots.base_twist.copy()
     rotation, away, twist[..., :3] = moved_base(knots.base_rotation, twist[..., :3], twist[..., 3:], mount)
     return replace(knots, base_rotation=rotation, base_position=knots.base_position + away, base_twist=twist)
 
 
 def with_course(knots: Knots, spacing: float, begin: Array) -> tuple[Knots, Array]:
-    """Return knots of a base whose orientation is that of the gyro alone, with what its errors have made of it.
-
-    And what they have by the end of the last knot, (36,).
+    """Return knots oriented by the gyro alone with the effect of its errors, and that (36,) at the end of the last.
 
     Parameters
     ----------
-    knots : in a row
-    spacing : s
+    knots, spacing : in a row, s
     begin : (36,) before the first of them
     """
     rate = np.gradient(knots.gyro, spacing, axis=0)
     errors = np.zeros((len(knots), 3, 12))
     errors[:, :, :3], errors[:, :, 6:9], errors[:, :, 9:] = np.eye(3), skew(rate), crossed(rate)
     errors[:, [0, 1, 2], [3, 4, 5]] = rate
-    # Where a knot is empty nothing is known: the chain begins anew after it.
+    # After an empty knot the chain begins anew.
     steps = np.nan_to_num(spacing * (knots.base_rotation @ errors)).reshape(len(knots), -1)
     sums = np.cumsum(np.concatenate((begin[None], steps)), axis=0)
     return replace(knots, course=0.5 * (sums[1:] + sums[:-1])), sums[-1]
@@ -160,7 +156,7 @@ def turned_back(knots: Knots, errors: Array) -> Knots:
 
 
 def bridged(knots: Knots) -> Knots:
-    """Return knots with the empty ones, each between two others, filled in from the two or four around it."""
+    """Return knots with the empty ones filled in from the two or four around each."""
     if not np.any(knots.empty):
         return knots
     values = {field.name: getattr(knots, field.name).copy() for field in fields(Knots)}
@@ -185,7 +181,165 @@ def _about(impulse: Array, origin: Array) -> Array:
 
 
 def _columns_about(brought: Array, origin: Array, numbers: int) -> Array:
-    """Return columns of (P, L), one for each of so many numbers, with L about a point."""
+    """Return columns of (P, L), one for each of some numbers, with L about a point."""
     if not brought.shape[1]:
         return brought
     return about(brought, np.broadcast_to(origin, (len(brought), 3)), numbers).reshape(brought.shape)
+
+
+@dataclass(frozen=True)
+class Midpoints(ArrayRecord):
+    """The motion midway between J knots, and the change from one knot to the next; windows may be a second axis.
+
+    Attributes
+    ----------
+    joint_position, joint_velocity : (J - 1, n)
+    base_rotation, base_position, base_twist : (J - 1, 3, 3), (J - 1, 3), (J - 1, 6)
+    turn : (J - 1, 3) rad, rotation vector from each knot to the next, odometry axes
+    step : (J - 1, 3) m, displacement from each knot to the next
+    impulse, stored, tide, thrust : (J - 1, ...) as of the knots, midway
+    gyro : (J - 1, 3) rad/s, measured angular velocity in the IMU's axes; NaN where unknown, none without an IMU
+    gyro_axes : (J - 1, 3, 3) these to odometry axes; none where the IMU is on the base
+    gyro_gain : (J - 1, 3, n) derivative of its angular velocity against the base by the joint rates, odometry axes
+    """
+
+    joint_position: Array
+    joint_velocity: Array
+    base_rotation: Array
+    base_position: Array
+    base_twist: Array
+    turn: Array
+    step: Array
+    impulse: Array
+    stored: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    tide: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    thrust: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    gyro: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    gyro_axes: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    gyro_gain: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        """Fill in what is left out with arrays of no columns."""
+        for name in ('stored', 'tide', 'thrust', 'gyro', 'gyro_axes', 'gyro_gain'):
+            if getattr(self, name).shape[: self.turn.ndim - 1] != self.turn.shape[:-1]:
+                object.__setattr__(self, name, np.zeros((*self.turn.shape[:-1], 0)))
+
+    @property
+    def imu_axes(self) -> Array:
+        """The axes of the IMU to those of the odometry, (J - 1, 3, 3)."""
+        return self.gyro_axes if self.gyro_axes.shape[-1] else self.base_rotation
+
+    @property
+    def imu_rate(self) -> Array:
+        """The angular velocity of the IMU against the base, odometry axes, (J - 1, 3) rad/s."""
+        if not self.gyro_gain.shape[-1]:
+            return np.zeros_like(self.turn)
+        return np.asarray((self.gyro_gain @ self.joint_velocity[..., None])[..., 0])
+
+    @property
+    def flat(self) -> Midpoints:
+        """The intervals of several windows, one after the other along one axis."""
+        intervals = self.turn[..., 0]
+        count, axes = intervals.size, intervals.ndim
+        return Midpoints(*(values.reshape(count, *values.shape[axes:]) for values in vars(self).values()))
+
+
+def midpoints(knots: Knots, spacing: float) -> Midpoints:
+    """Return the motion midway between knots.
+
+    Values at the knot centres are the means less the offset times the slope and half the spread times the second
+    difference; midway values take off a sixteenth, rates a twenty-fourth of the neighbours' differences. At the ends
+    the neighbour's correction serves.
+    """
+    joints = knots.joint_position.shape[-1]
+    parts = (knots.joint_position, knots.base_position, knots.base_twist, knots.stored, knots.gyro)
+    moving = _centre(np.concatenate(parts, axis=-1), knots)
+    midway = _midway(moving)
+    rotation = _centre_rotation(knots)
+    turn = _turns(rotation)
+    bend = _padded(turn[2:] - turn[:-2])
+    # With the angular velocity w: half the turn has an eighth of its commutator D^3 / 12 w' x w, not a half.
+    half = 0.5 * turn - bend / 16.0 - cross(bend, turn) / 64.0
+    difference = moving[1:] - moving[:-1]
+    turning = difference[..., :joints]
+    end = joints + 9 + knots.stored.shape[-1]
+    turned = difference[..., end:]
+    return Midpoints(
+        joint_position=midway[..., :joints],
+        joint_velocity=(turning - _second_difference(turning) / 24.0) / spacing,
+        base_rotation=exp(half) @ rotation[:-1],
+        base_position=midway[..., joints : joints + 3],
+        base_twist=midway[..., joints + 3 : joints + 9],
+        turn=turn,
+        step=difference[..., joints : joints + 3],
+        impulse=_mean(knots.impulse, knots),
+        stored=midway[..., joints + 9 : end],
+        tide=_mean(knots.tide, knots),
+        thrust=_mean(knots.thrust, knots),
+        gyro=(turned - _second_difference(turned) / 24.0) / spacing,
+    )
+
+
+def with_joints_later(middle: Midpoints, late: float, spacing: float) -> Midpoints:
+    """Return the joints' motion `late` s after the midpoints, to third order, beside the base's at the midpoints."""
+    rate = middle.joint_velocity
+    second = gradient(rate) / spacing
+    third = gradient(second) / spacing
+    return replace(
+        middle,
+        joint_position=middle.joint_position + late * (rate + late / 2.0 * (second + late / 3.0 * third)),
+        joint_velocity=rate + late * (second + late / 2.0 * third),
+        stored=middle.stored + late / spacing * gradient(middle.stored),
+    )
+
+
+def gradient(values: Array) -> Array:
+    """Return the slope of (J, ...) per step: half the difference of the neighbours, at the ends the step."""
+    slope = np.empty_like(values)
+    slope[1:-1] = 0.5 * (values[2:] - values[:-2])
+    slope[0], slope[-1] = values[1] - values[0], values[-1] - values[-2]
+    return slope
+
+
+def _turns(rotation: Array) -> Array:
+    return log(rotation[1:] @ np.swapaxes(rotation[:-1], -1, -2))
+
+
+def _centre(values: Array, knots: Knots) -> Array:
+    """Return the values at the knots' centres. Twice: the first slopes are of means that are off themselves."""
+    offset, square = knots.offset[..., None], (knots.spread + knots.offset**2)[..., None]
+    centred = values - offset * gradient(values)
+    return values - offset * gradient(centred) - 0.5 * square * _second_difference(centred)
+
+
+def _mean(values: Array, knots: Knots) -> Array:
+    """Return the means of both knots, each at its centre, of what may begin and end at once: to first order only."""
+    centred = values - knots.offset[..., None] * gradient(values)
+    return np.asarray(0.5 * (centred[1:] + centred[:-1]))
+
+
+def _centre_rotation(knots: Knots) -> Array:
+    """Return the orientations at the knots' centres, in the same way."""
+    offset, square = knots.offset[..., None], (knots.spread + knots.offset**2)[..., None]
+    turn = _turns(knots.base_rotation)
+    turn = _turns(exp(-offset * _slope(turn)) @ knots.base_rotation)
+    return exp(-offset * _slope(turn) - 0.5 * square * _padded(turn[1:] - turn[:-1])) @ knots.base_rotation
+
+
+def _slope(turn: Array) -> Array:
+    """Return the turn a knot's spacing at each knot, from those between knots."""
+    return np.concatenate((turn[:1], 0.5 * (turn[1:] + turn[:-1]), turn[-1:]))
+
+
+def _midway(values: Array) -> Array:
+    step = values[1:] - values[:-1]
+    return 0.5 * (values[1:] + values[:-1]) - _padded(step[2:] - step[:-2]) / 16.0
+
+
+def _second_difference(values: Array) -> Array:
+    step = values[1:] - values[:-1]
+    return _padded(step[1:] - step[:-1])
+
+
+def _padded(inner: Array) -> Array:
+    return np.concatenate((inner[:1], inner, inner[-1:]))

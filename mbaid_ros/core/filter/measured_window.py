@@ -1,7 +1,6 @@
-"""What a window measures of the error chain: its mean pose, its twist, and how far both are to be believed.
+"""The measurements of a window: its mean pose, its twist and angular velocity, with their covariances.
 
-A window's pose measurement says that xi vanishes on average; its twist measurement compares predicted and measured
-velocities. Arrays have a window's m intervals (or m + 1 knots) first, and the B windows of a stack second.
+Arrays have a window's m intervals (or m + 1 knots) first, and the B windows of a stack second.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from functools import cache
 import numpy as np
 
 from mbaid_ros.core.filter.integrated_twist import IntegratedTwist, weights_of_ways
-from mbaid_ros.core.filter.interpolation import Midpoints, gradient
+from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.prediction import Prediction
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
 from mbaid_ros.core.filter.window import Stack
@@ -28,7 +27,7 @@ def readings(
     slope: Array,
     weights: Array | None = None,
 ) -> tuple[Array, Array]:
-    """Return how a stack's mean poses (B, 6, r) and rates (B, 6 or 9, r) depend on the unknowns that are only read.
+    """Return the derivatives of mean poses (B, 6, r) and rates (B, 6 or 9, r) by the unknowns of the readings.
 
     Weights (m,) of the twists are those of `twist_measurement`.
     """
@@ -37,16 +36,16 @@ def readings(
     windows, weight = predicted.twist.shape[1], weights[:, None, None]
     twist = _at_knots(predicted.twist, inside)
     change = stack.whitening
-    own = predicted.twist[inside]
-    # A chain that is tau late has xi = -tau (w, v) in it: what F makes of that and of the joints' own delay is left.
-    linear = slope[..., :3] - cross(own[..., 3:], own[..., :3])
+    inner = predicted.twist[inside]
+    # A chain that is tau late has xi = -tau (w, v): F times that remains, and the joints' own delay.
+    linear = slope[..., :3] - cross(inner[..., 3:], inner[..., :3])
     rotation, axes = _at_knots(around.base_rotation, inside), around.base_rotation[inside]
-    seen = Reading(
+    reading = Reading(
         twist=_mean(twist, change)[..., ANGULAR_FIRST],
         slope=_total(weight * np.concatenate((slope[..., 3:], linear), axis=-1)),
         rotation=_mean(rotation, change[..., None]),
-        turning=_total(weight[..., None] * (skew(own[..., 3:]) @ axes)),
-        sliding=_total(weight[..., None] * (skew(own[..., :3]) @ axes)),
+        turning=_total(weight[..., None] * (skew(inner[..., 3:]) @ axes)),
+        sliding=_total(weight[..., None] * (skew(inner[..., :3]) @ axes)),
         time=stack.middles,
         position=_mean(_at_knots(around.base_position, inside), change),
         axes=_total(weight[..., None] * axes),
@@ -54,30 +53,32 @@ def readings(
     )
     gyro = around.gyro.shape[-1] > 0
     if gyro:
-        seen = replace(seen, imu=_turning_imu(motion, own, seen, slope, stack.windows[0].spacing))
+        reading = replace(reading, imu=_turning_imu(motion, inner, reading, slope, stack.windows[0].spacing))
     poses: list[Array] = [np.zeros((windows, 6, 0))]
     rates: list[Array] = [np.zeros((windows, 9 if gyro else 6, 0))]
     for unknown in layout.read:
         nothing = np.zeros((windows, 6, len(unknown.factor)))
-        pose, turned = unknown.reading(seen) or (nothing, nothing)
+        pose, turned = unknown.reading(reading) or (nothing, nothing)
         if gyro:
-            own_part = unknown.gyro_reading(seen)
-            turned = np.concatenate((turned, nothing[:, :3] if own_part is None else own_part), axis=1)
+            of_gyro = unknown.gyro_reading(reading)
+            turned = np.concatenate((turned, nothing[:, :3] if of_gyro is None else of_gyro), axis=1)
         poses.append(pose @ unknown.factor)
         rates.append(turned @ unknown.factor)
     return np.concatenate(poses, axis=-1), np.concatenate(rates, axis=-1)
 
 
-def _turning_imu(motion: tuple[Midpoints, slice], own: Array, seen: Reading, slope: Array, spacing: float) -> ImuMotion:
-    """Return how a stack's IMU turns where the base has its predicted twist `own` (m, B, 6) and its slope."""
+def _turning_imu(
+    motion: tuple[Midpoints, slice], twist: Array, reading: Reading, slope: Array, spacing: float
+) -> ImuMotion:
+    """Return the turn of a stack's IMU, for the base's predicted twist (m, B, 6) and its slope."""
     around, inside = motion
     weight = _weights(inside.stop - inside.start)[:, None, None]
     relative = around.imu_rate
-    rate, axes = own[..., 3:] + relative[inside], around.imu_axes[inside]
+    rate, axes = twist[..., 3:] + relative[inside], around.imu_axes[inside]
     changing = slope[..., 3:] + gradient(relative)[inside] / spacing
     within = rotate_back(axes, rate)
     return ImuMotion(
-        rate=seen.twist[..., :3] + _total(weight * relative[inside]),
+        rate=reading.twist[..., :3] + _total(weight * relative[inside]),
         slope=_total(weight * changing),
         axes=_total(weight[..., None] * axes),
         stretching=_total(weight[..., None] * axes * within[..., None, :]),
@@ -87,12 +88,12 @@ def _turning_imu(motion: tuple[Midpoints, slice], own: Array, seen: Reading, slo
 
 
 def state_rows(errors: Array, readings: Array) -> Array:
-    """Return the state's rows (..., r, s) of a composition (..., r, p + 1): the constant goes, the readings come."""
+    """Return rows (..., r, s) of the state: a composition (..., r, p + 1) without its constant, and the readings."""
     return np.concatenate((errors[..., :-1], readings), axis=-1)
 
 
 def _at_knots(values: Array, inside: slice) -> Array:
-    """Return what is known midway, at the knots of the intervals inside; without one before or after, that midway."""
+    """Return values midway between knots at the knots of the intervals inside; at an open end the value midway."""
     around = np.concatenate(
         (values[max(inside.start - 1, 0) : inside.start or 1], values[inside.start : inside.stop + 1])
     )
@@ -107,13 +108,10 @@ def _mean(knots: Array, change: Array) -> Array:
 
 
 def pose_measurement(errors: Array, change: Array, readings: Array, point: Array) -> tuple[Array, Array]:
-    """0 = mean of xi over the knots + what the readings depend on + noise (trajectory.md, eq. 3), linearised at (r,).
+    """0 = mean of xi over the knots + readings + noise (docs/trajectory.md, eq. 3), linearised at (r,).
 
-    With some of what xi changes by, where its errors are correlated: the noise is then independent of other windows'.
-
-    The twist in the readings is that at the knots themselves. Its noise is the joints', as that of xi is, and cancels
-    in the product of both where it comes alike from before and after; half an interval later it would tell of a delay
-    by that half.
+    A share `change` of the change of xi whitens correlated errors. The twist in the readings is that at the knots
+    themselves: half an interval later its noise, the joints' as that of xi, would look like a delay by that half.
     """
     mean = _mean(errors, change[..., None])
     return readings @ point - mean[..., -1], state_rows(mean, readings)
@@ -129,7 +127,7 @@ def twist_measurement(
 ) -> tuple[Array, Array]:
     """V_measured - V_predicted = F xi + G (parameters - linearisation) + readings + noise, weighted.
 
-    What a gyro measures is turned by the measured pose, as the twist is; on a link it is what the joints leave of it.
+    A gyro's angular velocity is turned by the measured pose, as the twist is; on a link, less the turn by the joints.
     Weights (m,) are a parabola's, where none are given.
     """
     weight = (_weights(len(middle)) if weights is None else weights)[:, None, None]
@@ -157,7 +155,7 @@ def integrated_twist(
     slope: Array,
     stored: Array,
 ) -> IntegratedTwist:
-    """Return what the twists of a stack's windows add up to; arguments as of `readings` and `twist_measurement`."""
+    """Return the integrated twist of a stack's windows; arguments as of `readings` and `twist_measurement`."""
     (around, inside), spacing = motion, stack.windows[0].spacing
     middle, count = around[inside], inside.stop - inside.start
     of_way, of_mean = weights_of_ways(count)
@@ -176,18 +174,17 @@ def integrated_twist(
 
 
 def _white(stack: Stack, rotation: Array, stored: Array) -> Array:
-    """Return the (B, 6, 6) covariance of the white noise of one twist, and of what is read of stored momentum."""
+    """Return the (B, 6, 6) covariance of the white noise of one twist, and of the readings of stored momentum."""
     axes = np.zeros((len(rotation), 6, 6))
     axes[..., :3, :3] = axes[..., 3:, 3:] = rotation
     return np.asarray(axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2) + stored @ np.swapaxes(stored, -1, -2))
 
 
 def twist_covariance(stack: Stack, middle: Midpoints, joints: tuple[Array, Array], stored: Array) -> Array:
-    """Return the (B, 6, 6) covariance: white noise of the twist, and that of the joints, which telescopes.
+    """Return the (B, 6, 6) covariance: white noise of the twist and of stored momentum, and the joints', telescoped.
 
-    Factors `joints` are those of a mean: (B, 6, n), and (B, 3, n) what a gyro on a link has more of it. That of what is
-    read of stored momentum, with a factor (B, 6, c), is white in the predicted twist. A gyro's angular
-    velocity, (B, 9, 9) then, has noise of its own and the other two in common with the twist.
+    `joints` are its factors in the mean pose, (B, 6, n), and (B, 3, n) that a gyro on a link has beside; `stored`
+    (B, 6, c). With a gyro (B, 9, 9): that has noise of its own, and the latter two in common with the twist.
     """
     count, weight = len(middle), _weights(len(middle))
     by_joints, in_gyro = joints
@@ -205,20 +202,21 @@ def twist_covariance(stack: Stack, middle: Midpoints, joints: tuple[Array, Array
     if not middle.gyro.shape[-1]:
         return covariance
     of_gyro = _preintegrated(count, stack.windows[0].spacing) * stack.gyro_variance * np.eye(3)
-    beside, own = common[:, :, :3], common[:, :3, :3] + of_gyro
+    cross_covariance, of_rate = common[:, :, :3], common[:, :3, :3] + of_gyro
     if in_gyro.any():
         more = growth * by_joints @ np.swapaxes(in_gyro, -1, -2)
-        beside = beside + more
-        own = own + more[:, :3] + np.swapaxes(more[:, :3], 1, 2) + growth * in_gyro @ np.swapaxes(in_gyro, -1, -2)
-    whole = np.zeros((len(common), 9, 9))
-    whole[:, :6, :6], whole[:, :6, 6:], whole[:, 6:, :6] = covariance, beside, np.swapaxes(beside, 1, 2)
-    whole[:, 6:, 6:] = own
-    return whole
+        cross_covariance = cross_covariance + more
+        of_rate = of_rate + more[:, :3] + np.swapaxes(more[:, :3], 1, 2)
+        of_rate = of_rate + growth * in_gyro @ np.swapaxes(in_gyro, -1, -2)
+    joined = np.zeros((len(common), 9, 9))
+    joined[:, :6, :6], joined[:, 6:, 6:] = covariance, of_rate
+    joined[:, :6, 6:], joined[:, 6:, :6] = cross_covariance, np.swapaxes(cross_covariance, 1, 2)
+    return joined
 
 
 @cache
 def telescoped(count: int, spacing: float) -> float:
-    """Return how many times as large joint noise is in a window's twist as in its mean pose, as a variance."""
+    """Return the variance of joint noise in a window's twist over that in its mean pose, 1/s^2."""
     return float(count * np.sum(np.diff(np.pad(_weights(count), 1)) ** 2) / spacing**2)
 
 
@@ -226,8 +224,8 @@ def telescoped(count: int, spacing: float) -> float:
 def _preintegrated(count: int, spacing: float) -> float:
     """Return the variance of a window's weighted angular velocity by white noise of unit density, 1/s.
 
-    The integral at a knot is a mean over the knot's time, so that the rate from one knot to the next is one over two of
-    them, sharpened by the neighbours': the weights of the gyro's readings are a convolution of all that.
+    The integral at a knot is a mean over the knot's time, and a rate a difference of two, sharpened by the neighbours':
+    the weights of the gyro's readings are the convolution of these.
     """
     fine = 20  # pieces of a knot
     between = np.zeros(count + 4)  # of the steps from knot to knot, those of two neighbours on either side among them
@@ -239,7 +237,7 @@ def _preintegrated(count: int, spacing: float) -> float:
 
 
 def _total(values: Array) -> Array:
-    """Return the sum along the intervals, one after the other: numpy chooses another order for other layouts."""
+    """Return the sum along the intervals in order: numpy chooses another order for other memory layouts."""
     return np.asarray(np.add.reduce(np.ascontiguousarray(values), axis=0))
 
 

@@ -1,4 +1,4 @@
-"""What unknowns do that add to the joints' motion, by how these move and what they bear."""
+"""The base twist by conserved momentum, V = M^-1 (h_b - b), and its derivatives (docs/trajectory.md, eq. 1)."""
 
 from __future__ import annotations
 
@@ -9,17 +9,12 @@ from itertools import pairwise
 import numpy as np
 
 from mbaid_ros.core.array_record import ArrayRecord
-from mbaid_ros.core.filter.interpolation import Midpoints, gradient
+from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
 from mbaid_ros.core.geometry import Array, Integers, cross, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.robot.orbit import (
-    OF_A_THRUSTER,
-    about,
-    of_bodies,
-    of_link,
-)
+from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about, of_bodies, of_link
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum, sensitivity_to_joints
 from mbaid_ros.core.unknowns.declaration import JointMotion, Unknown
 
@@ -27,16 +22,15 @@ from mbaid_ros.core.unknowns.declaration import JointMotion, Unknown
 def by_deflections(
     unknown: Unknown, kernel: MomentumKernel, motions: Sequence[Midpoints], spacings: Sequence[float], bodies: Bodies
 ) -> Array:
-    """Return how the predicted twist (v, w) depends on an unknown of the joints, at N instants, (N, 6, e).
+    """Return the derivative (N, 6, e) of the predicted twist (v, w) by an unknown that adds to the joints' motion.
 
     Parameters
     ----------
-    unknown : that is of the joints
-    kernel : of the robot where it is linearised
+    unknown, kernel : of the joints; of the robot where it is linearised
     motions, spacings : of each stack of windows, and s between its instants
     bodies : of all instants, one after the other
     """
-    # About the base's origin: momentum of all that a joint moves, (N, n, 6).
+    # Momentum about the base's origin of all that a joint moves, (N, n, 6).
     states = bodies.states
     carried = kernel.kinematics.ancestors.T @ states.momenta
     origin, axes = states.body_twist[:, 0, :3], states.configuration.joint_twist
@@ -51,10 +45,10 @@ def by_deflections(
 
 
 def _joint_motion(motion: Midpoints, spacing: float, carried: Array, origin: Array, axes: Array) -> JointMotion:
-    """Return what the joints do in a stack, one instant after the other; others are per instant, as above."""
+    """Return the joints' motion and load in a stack, one instant after the other."""
     shape = motion.turn.shape[:2]
     momenta, velocity, axis = (part.reshape(*shape, *part.shape[1:]) for part in (carried, origin, axes))
-    # The force and moment about the base's origin, which moves, that change momenta about it.
+    # Force and moment are the rate of the momentum about the base's origin, which moves.
     force = gradient(momenta) / spacing
     force[..., 3:] += cross(np.broadcast_to(velocity[..., None, :], momenta[..., :3].shape), momenta[..., :3])
     torque = np.sum(axis * force, axis=-1)
@@ -71,8 +65,7 @@ class Prediction(ArrayRecord):
     ----------
     twist : (N, 6)
     by_parameters : (N, 6, u) derivative by the parameters
-    by_pose_error : (N, 6, 6) F, derivative of (v, w) by an error (theta, rho) of the base's pose, the turn of V itself
-        left out
+    by_pose_error : (N, 6, 6) F, derivative of (v, w) by an error (theta, rho) of the base's pose, at fixed axes of V
     """
 
     twist: Array
@@ -81,16 +74,13 @@ class Prediction(ArrayRecord):
 
     @property
     def error_slope(self) -> Array:
-        """Return F~, the (..., 6, 6) rate of change of a pose error xi = (theta, rho) by itself.
-
-        F~ xi = (F_w xi, F_v xi - v x theta): the rows of F with the angular ones first, and what its turn makes of V.
-        """
+        """F~ (..., 6, 6), the rate of a pose error xi = (theta, rho): F~ xi = (F_w xi, F_v xi - v x theta)."""
         slope = self.by_pose_error[..., ANGULAR_FIRST, :]
         slope[..., 3:, :3] -= skew(self.twist[..., :3])  # the predicted velocity turns with the true base
         return slope
 
     def divided(self, shapes: Sequence[tuple[int, ...]]) -> list[Prediction]:
-        """Return parts of the instants, each laid out along several axes instead of one."""
+        """Return parts of the instants, each with several leading axes instead of one."""
         ends = np.cumsum([np.prod(shape) for shape in shapes])
         parts = [self[int(end - np.prod(shape)) : int(end)] for shape, end in zip(shapes, ends, strict=True)]
         return [
@@ -101,7 +91,7 @@ class Prediction(ArrayRecord):
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """The bodies of a robot that moves as predicted, at N instants; all of them are known.
+    """The bodies of a robot that moves as predicted, at N instants.
 
     Attributes
     ----------
@@ -125,7 +115,7 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     Parameters
     ----------
     layout : of the state
-    middle : Midpoints of N intervals, as the point's known side has them
+    middle : Midpoints of N intervals, as the point's nominal model corrects them
     point : its momentum is that before any known thrust or orbit, L about the run's origin
     """
     parameters, kernel = point.parameters, point.side.kernel
@@ -155,8 +145,7 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
         tide,
         thrust,
     )
-    # M V + b = h_b (trajectory.md, eq. 1), so M dV = dh - (dM V + db): the latter is what the momentum of the predicted
-    # motion changes by.
+    # M V + b = h_b, so M dV = dh - (dM V + db): the latter is the change of the predicted motion's momentum.
     count = len(parameters)
     right = np.zeros((len(twist), 6, count + 6))
     right[..., :6] = np.eye(6)
@@ -170,7 +159,7 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
         if columns is not None:
             right[..., column : column + unknown.count] = -columns @ unknown.factor
         column += unknown.count
-    # A turn theta of the true base turns M and b along; the momentum stays: M^-1 of (P x theta, L_b x theta + P x rho).
+    # A turn theta of the base turns M and b, and the momentum stays: M^-1 (P x theta, L_b x theta + P x rho).
     turned = skew(linear)
     right[:, :3, count : count + 3] = turned
     right[:, 3:, count : count + 3] = skew(about_base)
@@ -180,13 +169,13 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
 
 
 def _momentum(middle: Midpoints, point: Point, known: Array, brought: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return the total (P, L_b) at N instants, (N, 3) each: that of the point, and what is known to have come since.
+    """Return the total (P, L_b) at N instants, (N, 3) each: that of the point, thrust and orbit included.
 
     Parameters
     ----------
     middle, point : Midpoints, Point
     known : (n + 1, 10) standard parameters of all bodies
-    brought : by tide and by thrusters that are off, as in `Bodies`
+    brought : columns of tide and of thrusters that deviate from their commands
     """
     parameters, (tide, thrust) = point.parameters, brought
     linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
@@ -201,47 +190,25 @@ def _momentum(middle: Midpoints, point: Point, known: Array, brought: tuple[Arra
 
 
 def in_plane(mobility: Array, plane: Array) -> Array:
-    """Return the (N, 6, 6) matrices from momentum to twist of a robot that is kept in a plane, of those of a free one.
+    """Return the (N, 6, 6) matrices from momentum to twist of a robot kept in a plane with (3, 6) rows.
 
-    What keeps it there takes up momentum out of the plane, whatever the heights of the bodies' centres of mass: the
-    twist and the momentum equations are those of the (3, 6) rows.
+    The constraint takes up all momentum out of the plane.
     """
     return np.asarray(plane.T @ np.linalg.inv(plane @ np.linalg.inv(mobility) @ plane.T) @ plane)
 
 
 def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:
-    """Return the Jacobians of the predicted twist by the joints: how errors of these move the prediction.
-
-    Parameters
-    ----------
-    kernel : MomentumKernel
-    bodies : at N instants, as predicted
-
-    Returns
-    -------
-    (N, 6, n) derivative of the twist by the joint rates, and by the joint positions
-    """
+    """Return the derivatives (N, 6, n) of the predicted twist by the joint rates, and by the joint positions."""
     by_position, by_rate = sensitivity_to_joints(kernel, bodies.states)
     back = -bodies.mobility
     return back @ by_rate, back @ by_position
 
 
 def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by_rate: Array) -> Array:
-    """Return the Jacobian, by the target body and the unknowns, of A, the derivative of the twist by the joint rates.
+    """Return the derivative (N, 6, 10 + e, n), by the body and the prediction's unknowns, of A (N, 6, n), `by_rate`.
 
-    A joint at unit rate, where there is no momentum and none is stored, makes the base move by its column of A and
-    every body by that and what the joint adds; M dA is minus what an unknown changes of the momentum of that motion.
-
-    Parameters
-    ----------
-    layout : of the state
-    kernel : of the robot where it is linearised
-    bodies : at N instants, as predicted
-    by_rate : (N, 6, n) A there
-
-    Returns
-    -------
-    (N, 6, 10 + e, n) array, e the numbers of the unknowns that the prediction depends on
+    A is the derivative of the twist by the joint rates: the motion of one joint at unit rate without momentum. M dA is
+    minus the change of the momentum of that motion by an unknown.
     """
     count, joints = len(by_rate), by_rate.shape[-1]
     each = bodies.states[np.repeat(np.arange(count), joints)]  # once for every joint

@@ -1,33 +1,112 @@
-"""The square-root information filter over windows: one update and one step on each, in scaled variables.
+"""The square-root information filter over windows (Bierman 1977, chapters 5 and 6), in scaled variables.
 
-Bierman 1977, chapters 5 and 6. Only pose error and momentum change on the way from window to window, and they come
-first among the variables: a step reworks the first rows of the triangle, an update adds a window's rows to all of it.
+R x = z with unit covariance. Only pose error and momentum change from window to window. They come first among the
+variables, so that a step reworks the first rows of the triangle; an update adds a window's rows to all of it.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from scipy.linalg.lapack import dgeqrf, dtpqrt, dtrtrs
+from scipy.linalg.lapack import dgeqrf, dtpqrt, dtrtri, dtrtrs
 
-from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.filter.integrated_twist import TwistLink
+from mbaid_ros.core.filter.joint_noise import no_bias
 from mbaid_ros.core.filter.state import MOMENTUM, POSE
 from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow
 from mbaid_ros.core.geometry import Array, Integers
+from mbaid_ros.core.results.evidence import Innovations
 from mbaid_ros.core.unknowns.environment import Hypothesis
 
 _BLOCK = 12  # columns that LAPACK reflects together: as many as a window has rows
 
 
-def update(belief: SquareRootInformation, window: WhitenedWindow) -> SquareRootInformation:
-    """Return the belief after a window's measurements.
+@dataclass(frozen=True, eq=False)
+class SquareRootInformation:
+    """A Gaussian of the scaled variables: those of `Variables`, then those of a constant force where there is one.
 
-    One factorisation gives all: of R above the rows H, beside 0 above 1, beside z above the values. What it makes of
-    the 1 is a triangle U with U^T U the inverse of the innovations' covariance, and U times the innovations, which is
-    left of the values, is the innovations normalised, each given those after it. So the rows are taken in reverse.
+    Attributes
+    ----------
+    root : (v, v + 2), Fortran order: the triangle R, beside it z of the correction for noise that rows and values
+        share, and z of the least-squares mean: x = R^-1 (their sum)
+    innovations : sensor by sensor
+    feigned : (b, b + 1) as of `WhitenedWindow`, summed over all windows
+    nis, measured : sum of the normalised innovations squared over all windows, and their number
+    last_nis, last_measured : the same of the last update
+    log_likelihood : of all measurements, up to a constant
+    carried : (c, c + v + 2) rows above those of the root, of c numbers that the next window's twist is linked by
+        (`TwistLink`), or between an update and the step after it of its noise and these; None where nothing links it
+    """
+
+    root: Array
+    innovations: Innovations
+    feigned: Array
+    nis: float = 0.0
+    measured: int = 0
+    last_nis: float = 0.0
+    last_measured: int = 0
+    log_likelihood: float = 0.0
+    carried: Array | None = None
+
+    @staticmethod
+    def prior(variables: Variables, extra: int = 0, mass: float | None = None) -> SquareRootInformation:
+        """Return the prior, with `extra` numbers of unit variance beside the variables, near a mass in kg if given."""
+        mean, triangle, likelihood = variables.prior(mass)
+        size = len(mean) + extra
+        root = np.zeros((size, size + 2), order='F')
+        root[: len(mean), : len(mean)] = triangle
+        root[: len(mean), -1] = triangle @ mean
+        root[len(mean) :, len(mean) : -2] = np.eye(extra)
+        nothing = Innovations.none(variables.poses), no_bias(variables)
+        return SquareRootInformation(root, *nothing, log_likelihood=likelihood)
+
+    @property
+    def misfit(self) -> float:
+        """Log-likelihood lost by innovations larger than expected."""
+        return 0.5 * (self.nis - self.measured)
+
+    @property
+    def size(self) -> int:
+        """Number v of variables."""
+        return len(self.root)
+
+    def moments(self) -> tuple[Array, Array]:
+        """Return the mean (v,), and the part of it that corrects for shared noise (v,).
+
+        Raises
+        ------
+        LinAlgError
+            The information has a direction without any.
+        """
+        both, info = dtrtrs(self.root[:, :-2], self.root[:, -2:])
+        if info:
+            raise np.linalg.LinAlgError('a direction of the state has no information')
+        return both[:, 0] + both[:, 1], both[:, 0]
+
+    @property
+    def factor(self) -> Array:
+        """A factor of the covariance, (v, v)."""
+        return np.asarray(dtrtri(self.root[:, :-2])[0])
+
+    @property
+    def least_squares(self) -> Array:
+        """The mean without the correction for shared noise, (v,)."""
+        return np.asarray(dtrtrs(self.root[:, :-2], self.root[:, -1])[0])
+
+    def with_root(self, root: Array, carried: Array | None = None) -> SquareRootInformation:
+        """Return the same measurements with another root (v, v + 2), and what is carried."""
+        return replace(self, root=root, carried=carried)
+
+
+def update(belief: SquareRootInformation, window: WhitenedWindow) -> SquareRootInformation:
+    """Return the Gaussian after a window's measurements.
+
+    One factorisation of R above the rows H, beside 0 above 1, beside z above the values. It turns the 1 into a triangle
+    U, U^T U the inverse of the innovations' covariance, and the values into U times the innovations: normalised, each
+    given those after it. So the rows are taken in reverse.
     """
     before = belief.root if window.carried is None else _linked_before(belief, window.carried)
     size, (count, columns), link = len(before), window.rows.shape, len(before) - belief.size
@@ -67,7 +146,7 @@ def update(belief: SquareRootInformation, window: WhitenedWindow) -> SquareRootI
 def advance(
     belief: SquareRootInformation, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis
 ) -> SquareRootInformation:
-    """Return the belief after an update at the next window's first knot, as a hypothesis has what acts and drifts."""
+    """Return the Gaussian at the next window's first knot, under a hypothesis of what acts and drifts."""
     if window.carried is not None and belief.carried is not None:
         return _advanced_with_link(belief, belief.carried, window, window.carried, variables, hypothesis)
     root = belief.root
@@ -101,9 +180,9 @@ def _stepped(
 
 
 def _linked_before(belief: SquareRootInformation, carried: TwistLink) -> Array:
-    """Return the (2 k + v, 2 k + v + 2) root of a belief before a window, with its noise q and what is carried on top.
+    """Return the root (2 k + v, 2 k + v + 2) before a window, with the noise q and c of the integrated twist on top.
 
-    Where nothing has been carried to it, next to nothing is known of that: as of a first pose.
+    Where no c has been carried to it, that is as uncertain as a first pose.
     """
     count, size = carried.by_carried.shape[1], belief.size
     root = np.zeros((2 * count + size, 2 * count + size + 2), order='F')
@@ -125,12 +204,9 @@ def _advanced_with_link(
     variables: Variables,
     hypothesis: Hypothesis,
 ) -> SquareRootInformation:
-    """Return the belief at the next window's first knot with what is carried there (docs/trajectory.md, eq. 10).
+    """Return the Gaussian and c at the next window's first knot (docs/trajectory.md, eq. 10).
 
-    Parameters
-    ----------
-    rows : (2 k, 2 k + v + 2) of the window's noise q and of what is carried, as the update has left them
-    belief, window, carried, variables, hypothesis : as for `advance`
+    `rows` (2 k, 2 k + v + 2) are those of q and c after the update; the rest is as for `advance`.
     """
     root, head, columns, count = belief.root, variables.head, len(variables.scale), len(carried.way_value)
     # q = back (c' - c - noise w + value - rows x), put into the rows that know of it.
@@ -158,10 +234,7 @@ def _advanced_with_link(
 
 
 def pose_reset(belief: SquareRootInformation, variables: Variables) -> SquareRootInformation:
-    """Return the belief with a pose error about which nothing is known: the chain was broken.
-
-    The rows below those of the pose error hold what is known of the rest, whatever it is.
-    """
+    """Return the Gaussian with an unknown pose error: the chain was broken. The rows below its own are the marginal."""
     root, poses = belief.root.copy(), variables.poses
     root[:poses] = 0.0
     root[:poses, :poses] = variables.prior()[1][:poses, :poses]
@@ -169,10 +242,7 @@ def pose_reset(belief: SquareRootInformation, variables: Variables) -> SquareRoo
 
 
 def new_motion(belief: SquareRootInformation, variables: Variables) -> SquareRootInformation:
-    """Return the belief at the begin of another motion: of pose error and momentum nothing is known.
-
-    Their rows go, which leaves what is known of all else whatever they were, but of what every motion has of its own.
-    """
+    """Return the Gaussian at the beginning of another motion: pose error, momentum and what each motion draws anew."""
     root, head = belief.root.copy(), variables.head
     root[:head] = 0.0
     root[:head, :head] = variables.prior()[1][:head, :head]
@@ -184,39 +254,33 @@ def new_motion(belief: SquareRootInformation, variables: Variables) -> SquareRoo
 def momentum_inflation(
     belief: SquareRootInformation, window: WhitenedWindow, variables: Variables, sizes: Array
 ) -> SquareRootInformation:
-    """Return the belief with a momentum that may have jumped in the window just before.
+    """Return the Gaussian with a momentum that may have jumped in the window before, which is much like this one.
 
     Parameters
     ----------
-    belief : at the first knot of the window in which it is noticed
-    window : that one; the one before is much like it
+    belief, window : at the first knot of the window in which the jump is noticed
     variables : of the filter
     sizes : (6,) standard deviations of the jump of (P, L)
     """
     change = np.zeros((12, 12))
     change[MOMENTUM, :6] = np.diag(sizes)
-    # It came at any time of the window, and acted for the rest of it: half of it, give or take the square root of 1/12.
+    # It came at any time of the window: for half of it, with a standard deviation of the square root of 1/12.
     change[POSE, :6] = 0.5 * window.moved * sizes
     change[POSE, 6:] = np.sqrt(1.0 / 12.0) * window.moved * sizes
     return inflated(belief, variables.gather[: variables.head, :12] @ change)
 
 
 def inflated(belief: SquareRootInformation, noise: Array) -> SquareRootInformation:
-    """Return the belief with more noise in its first h variables: (h, w), of independent numbers of unit variance."""
+    """Return the Gaussian with noise (h, w) added to its first h variables."""
     root, head = belief.root, len(noise)
     back = root[:head, :head]
     return belief.with_root(_eliminated(root, back, back @ noise, root[:head, head:]))
 
 
 def _eliminated(root: Array, back: Array, noise: Array, rest: Array) -> Array:
-    """Return the triangle when noise w in its first rows, back x - noise w + rest ..., has been eliminated.
+    """Return the triangle after noise w of unit variance in its first h rows has been eliminated.
 
-    Parameters
-    ----------
-    root : (v, v + 2)
-    back : (h, h) the first rows, of the first variables
-    noise : (h, w) of independent w of unit variance
-    rest : (h, v - h + 2) the first rows, of the other variables, and their values
+    Those are back (h, h) of the first variables, -noise (h, w), and rest (h, v - h + 2) of the others and the values.
     """
     head, count = noise.shape
     wide = np.zeros((count + head, count + head + rest.shape[1]), order='F')
@@ -228,19 +292,12 @@ def _eliminated(root: Array, back: Array, noise: Array, rest: Array) -> Array:
     return after
 
 
-def _walked(root: Array, noise: Array, own: int) -> Array:
-    """Return the triangle after noise has been added to some of the variables.
-
-    Parameters
-    ----------
-    root : (v, v + 2)
-    noise : (e, w) of the last e of the first `own` variables, of independent numbers of unit variance
-    own : number of variables without those of a force
-    """
+def _walked(root: Array, noise: Array, stop: int) -> Array:
+    """Return the triangle after noise (e, w) has been added to the last e of the first `stop` variables."""
     size, count = len(root), noise.shape[1]
     wide = np.zeros((count + size, count + size + 2), order='F')
     wide[:count, :count] = _identity(count)
-    wide[count:, :count] = -root[:, own - len(noise) : own] @ noise
+    wide[count:, :count] = -root[:, stop - len(noise) : stop] @ noise
     wide[count:, count:] = root
     triangle = np.array(dgeqrf(wide, overwrite_a=True)[0][count:, count:], order='F')
     triangle[:, :size] *= _upper(size)
@@ -248,7 +305,7 @@ def _walked(root: Array, noise: Array, own: int) -> Array:
 
 
 def _forgotten(root: Array, variables: Variables) -> Array:
-    """Return the triangle when nothing is known any more of what wanders."""
+    """Return the triangle with the Gauss-Markov processes drawn anew."""
     if not variables.times.size:
         return root
     count = len(variables.wandering)
@@ -256,23 +313,20 @@ def _forgotten(root: Array, variables: Variables) -> Array:
 
 
 def _wandered(root: Array, places: Integers, kept: Array, stepped: Array) -> Array:
-    """Return the triangle after some variables have become a part of themselves (docs/trajectory.md, eq. 11).
+    """Return the triangle after a step of Gauss-Markov processes of unit variance (docs/trajectory.md, eq. 11).
 
-    Of unit variance as before: v' = kept v + noise, and what steps with them (x) is x' = x + stepped (v' - v): rows of
-    v, x' and v', of which v is eliminated.
+    v' = kept v + noise, and the first variables go along: x' = x + stepped (v' - v). v is eliminated.
 
     Parameters
     ----------
-    root : (v, v + 2)
-    places : (f,) of these variables
-    kept : (f,) parts, below 1
-    stepped : (p, f) how much further the first p variables go on with them
+    root, places : (v, v + 2), and the (f,) indices of the processes
+    kept, stepped : (f,) autocorrelations, below 1; (p, f)
     """
     size, count = len(root), len(places)
-    own, certain = np.arange(count), 1.0 / np.sqrt(1.0 - kept**2)
+    rows, certain = np.arange(count), 1.0 / np.sqrt(1.0 - kept**2)
     along = root[:, : len(stepped)] @ stepped
     wide = np.zeros((count + size, count + size + 2), order='F')
-    wide[own, own], wide[own, count + places] = -kept * certain, certain
+    wide[rows, rows], wide[rows, count + places] = -kept * certain, certain
     wide[count:, count:] = root
     wide[count:, :count] = root[:, places] + along
     wide[count:, count + places] = -along
@@ -282,7 +336,7 @@ def _wandered(root: Array, places: Integers, kept: Array, stepped: Array) -> Arr
 
 
 def _walk(hypothesis: Hypothesis, variables: Variables) -> Array:
-    """Return the factor of the covariance of pose error and momentum that a hypothesis' walks make in a second."""
+    """Return the factor of a hypothesis' random walks of pose error and momentum, per square root of a second."""
     return np.asarray(variables.gather[: variables.head, hypothesis.walking] * hypothesis.intensities)
 
 
@@ -293,5 +347,5 @@ def _identity(size: int) -> Array:
 
 @cache
 def _upper(size: int) -> Array:
-    """Return an upper triangle of ones: LAPACK leaves something else below that of a factor."""
+    """Return an upper triangle of ones: LAPACK leaves other numbers below that of a factor."""
     return np.triu(np.ones((size, size)))

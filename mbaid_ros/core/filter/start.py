@@ -1,54 +1,30 @@
-"""Where a filter may begin that only a gyro tells the motion: with the angular momentum of a robot that turns so.
-
-Without it the first pass takes the robot for one at rest, far from one that tumbles: what is linear there leads away.
-"""
+"""The start of the filter: batch iterations from earlier solutions, or from guessed bodies where these lead nowhere."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.filter.bank import (
-    LONGEST_AT_A_GUESS,
-    Bank,
-    best,
-    clamped,
-    far_better,
-)
-from mbaid_ros.core.filter.batch import (
-    MASS,
-    BatchIteration,
-    BatchResult,
-    Relinearised,
-)
+from mbaid_ros.core.filter.bank import LONGEST_AT_A_GUESS, Bank, best, clamped, far_better
+from mbaid_ros.core.filter.batch import MASS, BatchIteration, BatchResult, Relinearised, Work
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.state import (
-    ANGULAR,
-    BODY,
-    BODY_PLACES,
-    Point,
-)
-from mbaid_ros.core.filter.window import (
-    STACK,
-    Stack,
-    Window,
-    in_stacks,
-    stacked,
-)
+from mbaid_ros.core.filter.state import ANGULAR, BODY, BODY_PLACES, Point
+from mbaid_ros.core.filter.window import STACK, Stack, Window, in_stacks, stacked
 from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from mbaid_ros.core.unknowns.environment import Hypothesis
 
-# First windows, whose mean angular momentum a start has: noise is far below the rate, disturbances have hardly acted.
-_FIRST = 5
+_FIRST = 5  # windows of a mean angular momentum: noise is far below the rate, disturbances have hardly acted
 
 
 def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Window]) -> Array:
     """Return the angular momentum about the centre of mass, odometry axes, (3,); zero where poses locate the base.
+
+    A gyro alone measures the motion then. A start at rest would be too far from a robot that tumbles.
 
     Parameters
     ----------
@@ -56,7 +32,7 @@ def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Wi
     target : (10,) standard parameters of its target
     windows : of which the first ones count
     """
-    known, found = kernel.with_target(target), []
+    known, momenta = kernel.with_target(target), []
     for window in windows[:_FIRST]:
         middle = Stack((window,), (0,)).middle[window.inside].flat
         if np.isfinite(window.noise.pose[-1, -1]) or not middle.gyro.shape[-1] or not np.all(np.isfinite(middle.gyro)):
@@ -66,42 +42,37 @@ def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Wi
         mobility, moving = mobility_and_momentum(known, placed, joints)
         if kernel.storage.count:
             moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, middle.stored), axis=1)
-        # With V = M^-1 (h - b) and no linear momentum: the angular part of M^-1 alone makes the rate of what is left.
+        # V = M^-1 (h - b), no linear momentum: solve with the angular part of M^-1 alone.
         at_rest = (mobility @ moving[..., None])[..., 0]
         rate = rotate(middle.base_rotation, middle.gyro) + at_rest[:, 3:]
-        found.append(np.linalg.solve(mobility[:, 3:, 3:], rate[..., None])[..., 0])
-    return np.mean(np.concatenate(found), axis=0) if found else np.zeros(3)
+        momenta.append(np.linalg.solve(mobility[:, 3:, 3:], rate[..., None])[..., 0])
+    return np.mean(np.concatenate(momenta), axis=0) if momenta else np.zeros(3)
 
 
-# The guesses that the first passes are linearised at: balls of part of the known bodies' mass and size, at rest. The
-# size is that of at most so many links: an unknown body is not the larger, the more joints lead to it.
+# Guessed bodies: balls of part of the known bodies' mass and size, at rest. The size is that of at most so many links:
+# an unknown body is not the larger, the more joints lead to it.
 _GUESSED_MASSES, _GUESSED_RADIUS, _LINKS = (0.1, 0.3, 1.0), 0.25, 7
-# Standard deviations that the noise of the rows may move a result by: beyond, less misfit may come from it alone.
-_PLAIN = 1.0
+_LARGEST_SHIFT = 1.0  # standard deviations that noise in the rows may move a result by: above, it may explain the gain
 
 
 @dataclass(frozen=True)
 class Start:
-    """What a search has come to.
+    """The outcome of a search.
 
     Attributes
     ----------
     bank : of all hypotheses
     point : at which they are linearised
-    settled : whether that is one that stays
+    accepted : whether the search has converged to one acceptable point
     covariance : (10, 10) of the body, of the windows that were searched
-    curvature : how near linear the windows are about it, to be found out bit by bit; None where it has not settled
+    curvature : computes how near linear the windows are about the point; None where it is not accepted
     """
 
     bank: Bank
     point: Point
-    settled: bool
+    accepted: bool
     covariance: Array
-    curvature: Iterator[int | Curvature] | None
-
-
-# What is done bit by bit: it yields how much work each bit was, in steps of the filter, and at last what it has found.
-Search = Iterator[int | Start]
+    curvature: Work[Curvature] | None
 
 
 @dataclass(frozen=True)
@@ -110,130 +81,122 @@ class MultiStart:
 
     Attributes
     ----------
-    passes : over the windows
+    batch : iterates over the windows
     hypotheses : the first is the one to beat
     """
 
-    passes: BatchIteration
+    batch: BatchIteration
     hypotheses: tuple[Hypothesis, ...]
 
-    def search(self, windows: list[Window], points: Sequence[Callable[[], Point | None]]) -> Search:
-        """Linearise windows ever nearer to what they say, from a point; from the guesses where that leads nowhere.
+    def search(self, windows: list[Window], points: Sequence[Callable[[], Point | None]]) -> Work[Start]:
+        """Return the start that batch iterations lead to, from earlier points or else from guesses.
 
         Parameters
         ----------
-        windows : in order; those that are added while the search goes on are only followed
-        points : make what has been found earlier, or None; each is asked only where the one before leads nowhere
+        windows : in order; those that are added during the search are only filtered
+        points : make earlier solutions, or None; each is tried only where the one before leads nowhere
 
         Raises
         ------
         LinAlgError
-            Neither points nor guesses lead to a robot that can be. It comes with the bit of work that shows it.
+            Neither points nor guesses lead to a robot that can exist.
         """
-        count = len(windows)
-        stacks = in_stacks(windows)
+        count, stacks = len(windows), in_stacks(windows)
         results: list[BatchResult] = []
-        result: BatchResult | None = None
-        sound = other_leads = False
-        for begin in points:
-            point = begin()
-            if point is None or _massless(point.parameters):
+        for make in points:
+            point = make()
+            if point is None or point.parameters[MASS] <= 0.0:
                 continue
-            found = yield from self.passes.repeat(stacks, point, self.passes.fresh(self.hypotheses[0]))
-            if found is not None:
-                results, result, sound = [*results, found], found, found.sound
-                passed, bank, other_leads = yield from self._hypotheses(stacks, found)
-            if sound or other_leads:
+            result = yield from self.batch.converge(stacks, point, self.batch.prior(self.hypotheses[0]))
+            if result is None:
+                continue
+            results.append(result)
+            relinearised, bank, other_leads = yield from self._choose_hypothesis(stacks, result)
+            if result.consistent or other_leads:
                 break
-        if result is None or not (sound or other_leads):
+        else:
             results += yield from self._from_guesses(stacks)
             if not results:
                 raise np.linalg.LinAlgError('no start leads to a robot that can be')
             result = max(results, key=lambda each: each.merit)
-            passed, bank, other_leads = yield from self._hypotheses(stacks, result)
-        settled = other_leads or (result.certain and not any(result.rivals(other) for other in results))
-        covariance = MeanAndCovariance.of(best(bank).belief, self.passes.variables).covariance(BODY_PLACES)
-        curvature = self.passes.curvature(stacks, best(bank)) if settled else None
+            relinearised, bank, other_leads = yield from self._choose_hypothesis(stacks, result)
+        accepted = other_leads or (result.acceptable and not any(result.is_rivalled_by(other) for other in results))
+        covariance = MeanAndCovariance.of(best(bank).belief, self.batch.variables).covariance(BODY_PLACES)
+        curvature = self.batch.curvature(stacks, best(bank)) if accepted else None
         while count < len(windows):
             more = windows[count : count + STACK]
-            passed = yield from self.passes.over([stacked(more)], passed.point)
+            relinearised = yield from self.batch.relinearise([stacked(more)], relinearised.point)
             count += len(more)
-            bank = yield from self.passes.run(passed, bank)
-        yield Start(bank, passed.point, settled, covariance, curvature)
+            bank = yield from self.batch.filter(relinearised, bank)
+        return Start(bank, relinearised.point, accepted, covariance, curvature)
 
-    def _from_guesses(self, stacks: list[list[Stack]]) -> Generator[int, None, list[BatchResult]]:
-        """Return what the windows lead to with the guessed masses, and from the best of these with any mass.
+    def _from_guesses(self, stacks: list[list[Stack]]) -> Work[list[BatchResult]]:
+        """Return what the windows lead to with each guessed mass held, and from the best of these with any mass.
 
-        Where noise is in the rows as much as motion is, one point may stay, with narrow intervals, although bodies of
-        quite another mass explain the windows as well: those tell.
+        Where the rows are as noisy as the motion is large, an iteration may converge with narrow intervals although
+        bodies of quite another mass explain the windows as well: the results with the mass held show those.
         """
         held: list[BatchResult] = []
         for guess in self._guesses([window for stack in stacks[0] for window in stack.windows]):
-            fresh = self.passes.fresh(self.hypotheses[0], LONGEST_AT_A_GUESS, float(guess.parameters[MASS]))
-            result = yield from self.passes.repeat(stacks, guess, fresh, held=True)
+            prior = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS, float(guess.parameters[MASS]))
+            result = yield from self.batch.converge(stacks, guess, prior, mass_held=True)
             held += [] if result is None else [result]
         free: list[BatchResult] = []
         for start in sorted(held, key=lambda each: each.merit, reverse=True):
-            fresh = self.passes.fresh(self.hypotheses[0], LONGEST_AT_A_GUESS)
-            result = yield from self.passes.repeat(stacks, start.point, fresh)
+            prior = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS)
+            result = yield from self.batch.converge(stacks, start.point, prior)
             free += [] if result is None else [result]
-            if result is not None and result.certain:
+            if result is not None and result.acceptable:
                 break
         return free + held
 
-    def _hypotheses(
+    def _choose_hypothesis(
         self, stacks: list[list[Stack]], result: BatchResult
-    ) -> Generator[int, None, tuple[Relinearised, Bank, bool]]:
-        """Return the windows as linearised for the hypothesis to lead, all hypotheses, and whether it is not the first.
+    ) -> Work[tuple[Relinearised, Bank, bool]]:
+        """Return the windows as linearised for the best hypothesis, all hypotheses, and whether another one leads.
 
-        At its own solution another hypothesis must explain the windows and still be the better one; else its lead was
-        the linearisation's. And where the first explains the windows too, what the other gains must not come from noise
-        in its rows.
+        Another hypothesis leads only if it explains the windows, and better, at its own solution: its gain is else the
+        linearisation's. Where the first explains them too, the gain must not come from noise in the rows.
         """
         first, *others = self.hypotheses
-        passed, longest = result.passed, result.track.longest
+        longest = result.track.longest
         bank: Bank = (result.track,)
         if others:
-            beside = yield from self.passes.run(passed, tuple(self.passes.fresh(each, longest) for each in others))
-            bank = (result.track, *beside)
+            priors = tuple(self.batch.prior(each, longest) for each in others)
+            bank = (result.track, *(yield from self.batch.filter(result.relinearised, priors)))
         leading = best(bank).hypothesis
         if leading is first:
-            return passed, bank, False
-        other = yield from self.passes.repeat(stacks, result.point, self.passes.fresh(leading, longest))
+            return result.relinearised, bank, False
+        other = yield from self.batch.converge(stacks, result.point, self.batch.prior(leading, longest))
         if other is None:
-            return passed, clamped(bank), False
-        needed = not result.sound or self._plain(other)
-        if not (needed and other.certain and other.sound and far_better(other.track, result.track)):
-            return passed, clamped(bank), False
-        bank = yield from self.passes.run(
-            other.passed, tuple(self.passes.fresh(each, longest) for each in self.hypotheses)
-        )
-        return other.passed, bank, True
+            return result.relinearised, clamped(bank), False
+        needed = not result.consistent or self._is_hardly_shifted(other)
+        if not (needed and other.acceptable and other.consistent and far_better(other.track, result.track)):
+            return result.relinearised, clamped(bank), False
+        priors = tuple(self.batch.prior(each, longest) for each in self.hypotheses)
+        bank = yield from self.batch.filter(other.relinearised, priors)
+        return other.relinearised, bank, True
 
-    def _plain(self, result: BatchResult) -> bool:
-        """Tell whether the noise of the rows hardly matters; else, that less is left says little."""
-        shift = np.abs(result.moments.shift[self.passes.layout.parameters])
-        return bool(np.all(shift <= _PLAIN * result.deviation))
+    def _is_hardly_shifted(self, result: BatchResult) -> bool:
+        """Tell whether the correction for noise in the rows is small."""
+        shift = np.abs(result.moments.shift[self.batch.layout.parameters])
+        return bool(np.all(shift <= _LARGEST_SHIFT * result.deviation))
 
     def _guesses(self, windows: Sequence[Window]) -> list[Point]:
-        """Return the parameters of balls: of the mass that is declared, or of parts of the known mass.
+        """Return points with balls as target: of the declared mass, or of parts of the known mass.
 
-        At rest; where a gyro alone tells the motion in some windows, in a robot that turns as it says.
+        The robot is at rest, or turns as the gyro measures where no pose locates the base.
         """
-        kernel = self.passes.layout.kernel
-        declared = float(self.passes.variables.mean[BODY.start])
+        kernel = self.batch.layout.kernel
+        declared = float(self.batch.variables.mean[BODY.start])
         parts = [part * float(np.sum(kernel.known[:, 0])) for part in _GUESSED_MASSES]
         lengths = np.linalg.norm(kernel.model.positions, axis=1)
         length = float(np.sum(lengths)) * min(1.0, _LINKS / max(len(lengths), 1))
         guesses: list[Point] = []
         for mass in [declared] if declared > 0.0 else parts:
-            state = np.concatenate((np.zeros(BODY.stop), self.passes.layout.known.mean))
+            state = np.concatenate((np.zeros(BODY.stop), self.batch.layout.known.mean))
             state[BODY.start] = mass
             state[[BODY.start + 4, BODY.start + 7, BODY.start + 9]] = mass * (_GUESSED_RADIUS * max(length, 0.1)) ** 2
             state[ANGULAR] = angular_momentum(kernel, state[BODY], windows)
-            guesses.append(self.passes.layout.point(state))
+            guesses.append(self.batch.layout.point(state))
         return guesses
-
-
-def _massless(parameters: Array) -> bool:
-    return bool(parameters[MASS] <= 0.0)

@@ -1,7 +1,7 @@
 """The state at a window's first knot, and the point that windows are linearised at.
 
-State: pose error xi (6), total momentum P, L (6), target body phi (10), then the unknowns of the known side, each in
-units of its prior: first those that the predicted motion depends on, then those that only the readings do.
+State: pose error xi (6), total momentum P, L (6), target body phi (10), then the unknowns of the nominal model in units
+of their priors: first those that the prediction depends on, then those of the readings alone.
 """
 
 from __future__ import annotations
@@ -15,16 +15,15 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.model_errors import body_sizes
-from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown
 from mbaid_ros.core.unknowns.priors import UnknownsPrior, in_plane_map
 
 POSE, LINEAR, ANGULAR, BODY = slice(0, 6), slice(6, 9), slice(9, 12), slice(12, 22)
-# Of the body's size, over which the prediction is near linear: one pass, or one move of the point, goes no further.
-_NEAR = 0.5
+_NEAR = 0.5  # of the body's size: no step goes further, as the prediction is linear no further
 MOMENTUM = slice(LINEAR.start, ANGULAR.stop)
 # Rows of a twist (v, w) in the order (angular, linear) of a pose error.
 ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
@@ -37,9 +36,9 @@ class Point:
 
     Attributes
     ----------
-    parameters : (u,) what enters the prediction: (P, L, phi, unknowns in units of their prior)
-    readings : (r,) of the other unknowns
-    side : the known side there
+    parameters : (u,) of the prediction: P, L, phi, unknowns
+    readings : (r,) the other unknowns
+    side : the nominal model there
     """
 
     parameters: Array
@@ -54,13 +53,13 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """What the state is made of.
+    """The layout of the state.
 
     Attributes
     ----------
     kernel : of the robot as its URDF has it
-    unknowns : of the known side, those that are only read last
-    known : what is known of their numbers beforehand
+    unknowns : those of the readings last
+    known : their prior
     plane : (3, 6) the equations that hold for a planar motion, as `PlaneDetector.rows`; None in space
     imu : the link that an IMU is on, where joints move it
     """
@@ -78,13 +77,12 @@ class Layout:
         known: UnknownsPrior | None = None,
         plane: Array | None = None,
     ) -> Layout:
-        """Return the layout of a state with these unknowns, of which something may be known together.
+        """Return the layout of a state with these unknowns, and a joint prior of theirs.
 
         Raises
         ------
         ValueError
-            What is known is of other numbers, or of unknowns in another order than that of the state: those of the
-            readings last.
+            The prior is of other numbers, or the unknowns of the readings are not the last.
         """
         count, last = sum(unknown.count for unknown in unknowns), [unknown.read for unknown in unknowns]
         if known is None:
@@ -95,33 +93,33 @@ class Layout:
 
     @cached_property
     def places(self) -> tuple[slice, ...]:
-        """Of each unknown, its place in the state."""
+        """The slice of each unknown in the state."""
         ends = BODY.stop + np.cumsum([0, *(unknown.count for unknown in self.unknowns)])
         return tuple(slice(*pair) for pair in pairwise(ends.tolist()))
 
     @cached_property
     def parameters(self) -> slice:
-        """What enters the prediction."""
+        """The slice of the parameters of the prediction."""
         return slice(LINEAR.start, BODY.stop + sum(each.count for each in self.predicted))
 
     @cached_property
     def readings(self) -> slice:
-        """What only the readings depend on."""
+        """The slice of what only the readings depend on."""
         return slice(self.parameters.stop, self.size)
 
     @cached_property
     def size(self) -> int:
-        """Of the state."""
+        """Size s of the state."""
         return BODY.stop + sum(each.count for each in self.unknowns)
 
     @cached_property
     def predicted(self) -> tuple[Unknown, ...]:
-        """The unknowns that the predicted motion depends on."""
+        """The unknowns that the prediction depends on."""
         return tuple(each for each in self.unknowns if not each.read)
 
     @cached_property
     def of_joints(self) -> tuple[tuple[Unknown, slice], ...]:
-        """The unknowns that add to the joints' motion, and their places among the parameters."""
+        """The unknowns that add to the joints' motion, and their slices of the parameters."""
         first = self.parameters.start
         return tuple(
             (unknown, slice(place.start - first, place.stop - first))
@@ -131,38 +129,38 @@ class Layout:
 
     @cached_property
     def read(self) -> tuple[Unknown, ...]:
-        """The others."""
+        """The unknowns that only the readings depend on."""
         return tuple(each for each in self.unknowns if each.read)
 
     @cached_property
     def causes(self) -> tuple[str, ...]:
-        """What the unknowns belong to in the error budget, c names."""
+        """The c causes in the error budget."""
         return tuple(dict.fromkeys(self.cause_of))
 
     @cached_property
     def cause_of(self) -> tuple[str, ...]:
-        """Which of them each of their e independent numbers does."""
+        """The cause of each of the unknowns' e independent numbers."""
         return tuple(cause for unknown in self.unknowns for cause in unknown.causes)
 
     @cached_property
     def part_of(self) -> tuple[str, ...]:
-        """What of its cause each of these numbers is by itself; empty where nothing."""
+        """The part of its cause that each of these numbers is by itself; empty where none."""
         return tuple(part for unknown in self.unknowns for part in unknown.parts)
 
     @cached_property
     def belongs(self) -> Array:
-        """The same as (e, c) of zeros and ones."""
+        """Causes of the numbers as (e, c) zeros and ones."""
         return np.array([[float(own == cause) for cause in self.causes] for own in self.cause_of]).reshape(
             len(self.cause_of), len(self.causes)
         )
 
     @cached_property
     def alike(self) -> Array:
-        """Which of these numbers belong to the same, as (e, e) of zeros and ones."""
+        """Numbers of the same cause, as (e, e) zeros and ones."""
         return np.asarray(self.belongs @ self.belongs.T)
 
     def extended(self, more: Sequence[Unknown]) -> Layout:
-        """Return the layout with more unknowns, independent of those there are, each after its like."""
+        """Return the layout with more unknowns, independent of the others."""
         before = len(self.predicted)
         predicted, read = (tuple(each for each in more if each.read is which) for which in (False, True))
         unknowns = (*self.unknowns[:before], *predicted, *self.unknowns[before:], *read)
@@ -194,7 +192,7 @@ class Layout:
 
     @cached_property
     def joint_steps(self) -> Array:
-        """How much further on than read the joints are by each of the unknowns' numbers that wander, (n, f)."""
+        """Offsets (n, f) of the joints by each of the unknowns' f Gauss-Markov processes."""
         steps = [
             np.zeros((self.kernel.model.joints, each.count)) if each.joint_steps is None else each.joint_steps
             for each in self.unknowns
@@ -202,14 +200,14 @@ class Layout:
         return np.concatenate(steps, axis=1)[:, np.isfinite(self.times)] if self.times.size else np.zeros((0, 0))
 
     def beside(self, state: Array, point: Point) -> Point:
-        """Return the point of a state (s,) at the readings of another: windows that follow each other share these."""
+        """Return the point of a state (s,) at the readings of another point."""
         values = state.copy()
         values[self.readings] = point.readings
         return self.point(values)
 
 
 def near_part(parameters: Array, step: Array) -> float:
-    """Return how much of a step from a point's (u,) parameters is near linear: the body stays much as large."""
+    """Return the part of a step from a point's (u,) parameters over which the prediction is linear."""
     body = slice(BODY.start - LINEAR.start, BODY.stop - LINEAR.start)
     if parameters[body][0] == 0.0:
         return 1.0  # nothing is known of a body that has no mass
@@ -220,7 +218,7 @@ def near_part(parameters: Array, step: Array) -> float:
 
 
 def layout_of(kernel: MomentumKernel, uncertainty: Uncertainty, detector: PlaneDetector) -> Layout:
-    """Return the layout for what is uncertain of a robot, as the motion seen so far depends on it."""
+    """Return the layout for the uncertainty of a robot that moves in a plane or in space."""
     unknowns, known = catalogue(kernel, uncertainty), uncertainty.carried
     if detector.planar:
         seen = tuple(unknown.in_plane(detector) for unknown in unknowns)

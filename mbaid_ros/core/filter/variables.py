@@ -1,4 +1,4 @@
-"""The variables of the filter: all of the state in space, what moves in the plane for a planar robot."""
+"""The scaled variables of the filter: the whole state in space, its part in the plane for a planar motion."""
 
 from __future__ import annotations
 
@@ -8,27 +8,17 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
-from mbaid_ros.core.filter.state import (
-    ANGULAR,
-    BODY,
-    LINEAR,
-    MOMENTUM,
-    POSE,
-    Layout,
-)
+from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR, MOMENTUM, POSE, Layout
 from mbaid_ros.core.geometry import Array, Integers
-from mbaid_ros.core.robot.planar import PlaneDetector
-from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.robot.kernel import unknown_scale
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 
-_ANGLE, _LENGTH = 1e-3, 1e-2  # rad, m: typical sizes of pose errors, which make numbers comparable and decide nothing
-_OPEN_ANGLE, OPEN_LENGTH = 1e-2, 0.1  # rad, m: standard deviations of the first pose's error: no prior, in effect
+_ANGLE, _LENGTH = 1e-3, 1e-2  # rad, m: typical pose errors, which only scale
+_OPEN_ANGLE, OPEN_LENGTH = 1e-2, 0.1  # rad, m: standard deviations of the first pose error: no prior, in effect
 _OPEN = 30.0  # typical sizes: standard deviation of momentum and body: no prior, in effect
-# Standard deviation of a constant force (N) and torque (N m), in typical sizes of the momentum: far above a leak's.
-_FORCE = 1e-3
-# Standard deviation of a mass that is held, relative: near enough to stay there, and loose enough to show where it
-# wants to go.
-_NEAR = 0.1
+_FORCE = 1e-3  # typical momenta: standard deviation of a constant force (N) and torque (N m), far above a leak's
+_NEAR = 0.1  # relative standard deviation of a mass that is held
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,16 +29,15 @@ class Variables:
     ----------
     basis : (s, v) orthonormal columns; fewer than s for a planar motion. Pose errors come first, then the momentum
     scale : (v,) typical size of each variable
-    measured : (k, 6) the combinations of a window's six pose or twist measurements that hold
-    force : (6, f) from independent numbers of unit variance to a constant force and torque that may act
-    mean, factor : (s,), (s, s) of the state when nothing has been measured, of the unknowns as if they were independent
-    known : (e, e) square-root information of the unknowns then
-    typical_momentum : (6,) typical sizes, whatever is known of it
-    walks : (e, w) factor of what the unknowns change by in a second; of no columns where none does
-    renewed : (e, w) factor of what they change by from one motion to the next
-    times : (e,) s, time constants of the unknowns' numbers, inf where they stay; empty where all do
-    left : (v, v + 1) square-root information that the run has left before its target changed, and beside it what that
-        makes of the mean; None where nothing has changed
+    measured : (k, 6) combinations of a window's six pose or twist measurements that hold in the plane
+    force : (6, f) from independent numbers of unit variance to a constant force and torque
+    mean, factor : (s,), (s, s) of the prior of the state, as if the unknowns were independent
+    known : (e, e) square-root information of the unknowns
+    typical_momentum : (6,) typical sizes
+    walks : (e, w) factor of the unknowns' random walks, per square root of a second; of no columns where there is none
+    renewed : (e, w) factor of the unknowns' change from one motion to the next
+    times : (e,) s, time constants of the unknowns' Gauss-Markov processes, inf of constants; empty where all are
+    left : (v, v + 1) square-root information left by the run before the target changed, and z; else None
     """
 
     basis: Array
@@ -66,43 +55,43 @@ class Variables:
 
     @property
     def typical_mass(self) -> float:
-        """Kg; a momentum of typical size is its at 1 m/s."""
+        """Mass whose momentum at 1 m/s is of typical size, kg."""
         return float(self.typical_momentum[0])
 
     @property
     def poses(self) -> int:
-        """How many variables are those of the pose error."""
+        """Number p of variables of the pose error."""
         return len(self.measured)
 
     @cached_property
     def head(self) -> int:
-        """How many are those of pose error and momentum: as many of either."""
+        """Number of variables of pose error and momentum, p of either."""
         return 2 * self.poses
 
     @property
     def own(self) -> int:
-        """How many are those of pose error, momentum and target body; the others are the unknowns themselves."""
+        """Number of variables of pose error, momentum and body; the others are the unknowns themselves."""
         return self.basis.shape[1] - (len(self.basis) - BODY.stop)
 
     @property
     def body(self) -> slice:
-        """Places of those of the target body."""
+        """Slice of the b variables of the body."""
         return slice(self.head, self.own)
 
     @cached_property
     def wandering(self) -> Integers:
-        """Places of those that forget what they were."""
+        """Indices of Gauss-Markov processes."""
         return len(self.scale) - len(self.times) + np.flatnonzero(np.isfinite(self.times))
 
     @cached_property
     def lasting(self) -> Integers | slice:
-        """Places of all others but the pose error."""
+        """Indices of all others but the pose error."""
         if not self.times.size:
             return slice(self.poses, None)
         return np.setdiff1d(np.arange(self.poses, len(self.scale)), self.wandering)
 
     def kept(self, length: float) -> Array:
-        """Return what part of each of those that forget is left after a length in s, (f,)."""
+        """Return the autocorrelation (f,) of the Gauss-Markov processes after a length in s."""
         return np.exp(-length / self.times[np.isfinite(self.times)])
 
     @cached_property
@@ -111,18 +100,18 @@ class Variables:
         return self.basis * self.scale
 
     def rows(self, of_state: Array) -> Array:
-        """Return (..., s) rows of the state as (..., v) rows of the variables: those of unknowns are both."""
+        """Return (..., s) rows of the state as (..., v) rows of the variables."""
         moving = of_state[..., : BODY.stop] @ self.spread[: BODY.stop, : self.own]
         return np.concatenate((moving, of_state[..., BODY.stop :]), axis=-1)
 
     def of_state(self, columns: Array) -> Array:
-        """Return (v, m) columns of the variables as (s, m) of the state, where unknowns are both."""
+        """Return (v, m) columns of the variables as (s, m) columns of the state."""
         moving = self.spread[: BODY.stop, : self.own] @ columns[: self.own]
         return np.concatenate((moving, columns[self.own :]))
 
     @cached_property
     def open(self) -> Array:
-        """Standard deviations of momentum and body of which nothing is known, in their places of the state, (s,)."""
+        """Standard deviations of an unknown momentum and body, (s,); zero elsewhere."""
         sizes = _OPEN * np.sqrt(np.add.reduce(self.spread**2, axis=1))
         return np.where(np.isin(np.arange(len(sizes)), np.r_[MOMENTUM, BODY]), sizes, 0.0)
 
@@ -133,7 +122,7 @@ class Variables:
 
     @cached_property
     def outside(self) -> Array:
-        """The (s, s) covariance of what the variables leave out."""
+        """The (s, s) covariance of the state outside the variables."""
         outside = np.eye(len(self.basis)) - self.basis @ self.basis.T
         return np.asarray(outside @ self.factor @ self.factor.T @ outside.T)
 
@@ -142,10 +131,10 @@ class Variables:
 
         Parameters
         ----------
-        root : (w, w + 2) as of `Belief`, of what is left of the run before; of w > v variables the last are a force's,
-            which is another one then
-        mean : (s,) that it leads to
-        exchanged : whether nothing is known of the target's mass
+        root : (w, w + 2) as of `SquareRootInformation`, of the run before; of w > v variables the last are a force's,
+            which is eliminated
+        mean : (s,) of that
+        exchanged : whether the target's mass is unknown
         """
         expected = np.where(np.arange(len(mean)) < BODY.stop, 0.0, mean)
         expected[BODY.start] = 0.0 if exchanged else mean[BODY.start]
@@ -158,11 +147,9 @@ class Variables:
         return replace(self, mean=expected, left=left)
 
     def prior(self, mass: float | None = None) -> tuple[Array, Array, float]:
-        """Return mean (v,), square-root information (v, v) and log-likelihood before the first measurement.
+        """Return the prior's mean (v,) and square-root information (v, v), near a mass in kg if given.
 
-        Parameters
-        ----------
-        mass : kg that the target body is held near; the log-likelihood is that of such bodies among all
+        Third, the log-likelihood of bodies near that mass among all.
         """
         mean, factor, likelihood = self.mean, self.factor, 0.0
         before = factor[BODY.start, BODY.start]
@@ -175,26 +162,19 @@ class Variables:
             root = np.asarray(np.linalg.qr(both, mode='r'))[: len(self.scale)]
             return np.linalg.solve(root[:, :-1], root[:, -1]), root[:, :-1], likelihood
         if mass is not None:
-            along = factor[:, BODY.start] / before  # what is known of the CoM goes with the mass
+            along = factor[:, BODY.start] / before  # a prior of the CoM goes with the mass
             mean, factor = mean + (mass - mean[BODY.start]) * along, factor.copy()
             factor[:, BODY.start] = deviation * along
-        own = self.own
-        root = np.asarray(np.linalg.qr((self.gather[:own] @ factor).T, mode='r'))  # covariance = root^T root
+        first = self.own
+        root = np.asarray(np.linalg.qr((self.gather[:first] @ factor).T, mode='r'))  # covariance = root^T root
         information = np.eye(len(self.scale))
-        information[:own, :own] = np.linalg.qr(np.linalg.inv(root).T, mode='r')
-        information[own:, own:] = self.known
+        information[:first, :first] = np.linalg.qr(np.linalg.inv(root).T, mode='r')
+        information[first:, first:] = self.known
         return self.gather @ mean, information, likelihood
 
 
 def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty) -> Variables:
-    """Return the filter's variables for the motion seen so far.
-
-    Parameters
-    ----------
-    layout : of the state; of unknowns as the motion depends on them
-    detector : decides whether the motion is planar
-    uncertainty : what is known of target and momentum beforehand
-    """
+    """Return the filter's variables for a motion in a plane or in space, with the priors of target and momentum."""
     typical = _typical(layout, uncertainty)
     sizes = np.ones(layout.size)
     sizes[:3], sizes[3:6] = _ANGLE, _LENGTH
@@ -226,27 +206,24 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
 
 
 def _walks(layout: Layout) -> Array:
-    """Return the (e, w) factor of what the unknowns' independent numbers change by in a second."""
+    """Return the (e, w) factor of the random walks of the unknowns' independent numbers."""
     if not any(unknown.walk.shape[1] for unknown in layout.unknowns):
         return np.zeros((0, 0))
     return np.asarray(block_diag(*(np.linalg.pinv(unknown.factor) @ unknown.walk for unknown in layout.unknowns)))
 
 
 def _renewed(layout: Layout) -> Array:
-    """Return the (e, w) factor of by how much those that every motion has of its own are others than in the last.
+    """Return the (e, w) factor of the change from motion to motion of unknowns that each motion draws anew.
 
-    What wanders is forgotten in between.
+    Gauss-Markov processes are forgotten in between.
     """
-    own = np.repeat([each.of_a_motion for each in layout.unknowns], [each.count for each in layout.unknowns])
+    renewed = np.repeat([each.of_a_motion for each in layout.unknowns], [each.count for each in layout.unknowns])
     forgotten = np.isfinite(layout.times) if layout.times.size else False
-    return np.asarray(np.sqrt(2.0) * np.eye(len(own))[:, own.astype(bool) & ~np.asarray(forgotten)])
+    return np.asarray(np.sqrt(2.0) * np.eye(len(renewed))[:, renewed.astype(bool) & ~np.asarray(forgotten)])
 
 
 def _typical(layout: Layout, uncertainty: Uncertainty) -> Array:
-    """Return the (16,) typical sizes of body and momentum; a target known to be the heavier part sets the momentum's.
-
-    Where the base is the target, what pulls on it is what pulls on nearly all there is.
-    """
+    """Return the (16,) typical sizes of body and momentum: those of the target if it is the heavier part."""
     typical = unknown_scale(layout.kernel)
     mean = np.zeros(10)
     uncertainty.target.apply(mean, np.eye(10))
@@ -264,7 +241,7 @@ def _planar(layout: Layout, detector: PlaneDetector) -> tuple[Array, Array]:
     body = np.eye(10) if plane is None else plane.basis
     basis = np.zeros((layout.size, 6 + body.shape[1] + layout.size - BODY.stop))
     basis[POSE, :3], basis[MOMENTUM, 3:6] = measured.T, rows.T
-    own = slice(6, 6 + body.shape[1])
-    basis[BODY, own] = body
-    basis[BODY.stop :, own.stop :] = np.eye(layout.size - BODY.stop)
+    columns = slice(6, 6 + body.shape[1])
+    basis[BODY, columns] = body
+    basis[BODY.stop :, columns.stop :] = np.eye(layout.size - BODY.stop)
     return basis, measured

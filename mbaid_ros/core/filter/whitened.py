@@ -25,18 +25,15 @@ class WhitenedWindow:
     ----------
     value, rows : (k,), (k, v): value = rows variables + white noise of variance 1
     log_noise : logarithm of the determinant of the noise's covariance
-    transition, drift, process : (p, v), (p,), (p, n): to the p pose errors at the next window's first knot, which are
-        the first variables; what else there is stays, without force. The last is a factor of the covariance of what
-        joint noise adds on the way
-    back : (2 p, 2 p) the inverse of what the transition makes of pose error and momentum
-    shared : (v,) the score that noise makes on average because rows and value share it
-    feigned : (b, b + 1) the information M of the target body that noise in the rows makes, and beside it M times the
-        body that the window is linearised at
-    moved : (6, 6) what the momentum makes of the pose error at the next window's first knot, SI units
-    brought : (p, v) what else the variables make of the momentum on the way
-    inertial, in_base_axes : (p, f) what a constant force and torque makes of the momentum on the way, beside all that
-    stepped : (p, f) how much further the pose errors are at the next window's first knot by each of the unknowns'
-        numbers that wander, when that grows by one
+    transition, drift, process : (p, v), (p,), (p, n): to the p pose errors, the first variables, at the next window's
+        first knot; the last is a factor of the joint noise that accumulates until then
+    back : (2 p, 2 p) inverse of the transition of pose error and momentum
+    shared : (v,) mean score by noise that rows and value share
+    feigned : (b, b + 1) information M of the body by noise in the rows, and M times the body
+    moved : (6, 6) derivative of the next pose error by the momentum, SI units
+    brought : (p, v) change of the momentum until the next window by the variables
+    inertial, in_base_axes : (p, f) change of the momentum by a constant force and torque, as its axes are
+    stepped : (p, f) as of `WindowModel`
     length : s
     places : (k,) of the values among the numbers that a window may measure, as of `Innovations`
     carried : where the twist is integrated, what links it to the windows before and after
@@ -61,17 +58,17 @@ class WhitenedWindow:
     carried: TwistLink | None = None
 
     def push(self, axes: Axes) -> Array:
-        """Return what a constant force and torque in these axes makes of the momentum on the way, (p, f)."""
+        """Return the change of the momentum by a constant force and torque in these axes, (p, f)."""
         return self.in_base_axes if axes == 'body' else self.inertial
 
 
 def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
     """Return B windows in the filter's variables."""
-    told = np.isfinite(windows.pose_covariance)
-    # In a run all windows tell the same parts: pose, orientation alone, or nothing.
-    missing = ~np.diagonal(told, axis1=1, axis2=2).all(axis=0)
+    known = np.isfinite(windows.pose_covariance)
+    # In a run all windows measure the same parts: pose, orientation alone, or nothing.
+    missing = ~np.diagonal(known, axis1=1, axis2=2).all(axis=0)
     select = variables.measured[~np.any(variables.measured[:, missing], axis=1)]
-    covariance = np.where(told, windows.pose_covariance, np.eye(6))
+    covariance = np.where(known, windows.pose_covariance, np.eye(6))
     pose = _whitened(windows.pose_value, windows.pose_rows, covariance, variables, select)
     precision = pose.precision
     weighed = pose.weighed(windows.joints, windows.joints_of_gyro)
@@ -104,8 +101,8 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
         both = np.concatenate((pose.rows[moving], twist.rows), axis=1)
         log_noise = pose.log_noise[moving] + twist.log_noise
         all_places = np.concatenate((places, of_rates))
-        for index, own in zip(moving.tolist(), zip(values, both, log_noise, strict=True), strict=True):
-            measured[index] = (*own, all_places)
+        for index, values_of_window in zip(moving.tolist(), zip(values, both, log_noise, strict=True), strict=True):
+            measured[index] = (*values_of_window, all_places)
     turn = variables.gather[: variables.poses, POSE]
     transition = turn @ variables.rows(windows.transition)
     head: Array = np.tile(np.eye(variables.head), (len(transition), 1, 1))
@@ -139,8 +136,8 @@ class _White:
     Attributes
     ----------
     value, rows, log_noise : (B, k), (B, k, v), (B,) as in `WhitenedWindow`
-    whiten : (B, k, 6) what made them so, of the noise that pose and twist have by the joints
-    whiten_gyro : (B, k, 3) and of what a gyro on a link has more; (B, k, 0) where there is no gyro
+    whiten : (B, k, 6) the whitening matrix for the joints' noise in pose or twist
+    whiten_gyro : (B, k, 3) and for that which a gyro on a link has beside; (B, k, 0) without a gyro
     """
 
     value: Array
@@ -151,14 +148,11 @@ class _White:
 
     @property
     def precision(self) -> Array:
-        """S^-1 of these measurements as the joints' noise is in them, (B, 6, 6)."""
+        """S^-1 of these measurements, for the joints' noise in them, (B, 6, 6)."""
         return np.asarray(np.swapaxes(self.whiten, -1, -2) @ self.whiten)
 
     def weighed(self, joints: Array, of_gyro: Array) -> Array:
-        """Return S^-1 A of the joints' noise A (B, 6, n) in these measurements, whose own covariance was S.
-
-        A gyro has (B, 3, n) more of it, which does not depend on the unknowns.
-        """
+        """Return S^-1 A of the joints' noise A (B, 6, n), beside which a gyro on a link has (B, 3, n)."""
         white = self.whiten @ joints
         if self.whiten_gyro.shape[-1] and of_gyro.any():
             white = white + self.whiten_gyro @ of_gyro
@@ -166,12 +160,9 @@ class _White:
 
 
 def _rates(value: Array, variables: Variables) -> Iterator[tuple[Integers, Array, Integers]]:
-    """Yield which windows have a twist alone, a gyro alone, or both, what of it holds, and the places of that.
+    """Yield the windows with twist alone, gyro alone, or both, the combinations that hold, and their places.
 
-    Parameters
-    ----------
-    value : (B, 6), or with a gyro (B, 9), NaN where it is not measured
-    variables : of the filter
+    A value (B, 6), or with a gyro (B, 9), is NaN where it is not measured.
     """
     poses, known = variables.poses, np.isfinite(value)
     twist, gyro = known[:, :6].all(axis=-1), known[:, 6:].all(axis=-1) & (value.shape[1] > 6)
@@ -192,17 +183,10 @@ def _rates(value: Array, variables: Variables) -> Iterator[tuple[Integers, Array
 
 
 def _whitened(value: Array, rows: Array, covariance: Array, variables: Variables, select: Array) -> _White:
-    """Return measurements (B, k), linear in the state by rows (B, k, s), with noise of a covariance (B, k, k).
-
-    Parameters
-    ----------
-    value, rows, covariance : of the pose, or of the rates: after the twist the angular velocity of a gyro
-    variables : of the filter
-    select : combinations that hold
-    """
+    """Return measurements (B, k), rows (B, k, s), covariance (B, k, k), of combinations that hold, in white noise."""
     factor = np.linalg.cholesky(select @ covariance @ select.T)
     whiten = np.linalg.inv(factor) @ select
-    # The joints' noise is in what the gyro measures as it is in the angular part of the twist.
+    # The joints' noise is in the gyro's angular velocity as it is in that of the twist.
     folded = whiten[..., :6]
     if whiten.shape[-1] > 6:
         folded = np.concatenate((whiten[..., :3] + whiten[..., 6:], whiten[..., 3:6]), axis=-1)
@@ -217,14 +201,7 @@ def _whitened(value: Array, rows: Array, covariance: Array, variables: Variables
 
 
 def _shared(weighed: Array, slope: Array, variables: Variables) -> Array:
-    """Return the (B, v) score that the joints' noise makes by itself: the mean of its product in values and in rows.
-
-    Parameters
-    ----------
-    weighed : (B, 6, n) the joints' noise in the values, as `_White.weighed`
-    slope : (B, 6, 10 + e, n) the same noise in the rows, of the target body and the unknowns
-    variables : of the filter
-    """
+    """Return the (B, v) mean score by the joints' noise in values (B, 6, n) and in rows (B, 6, 10 + e, n)."""
     windows, _, numbers, _ = slope.shape
     by_number = slope.transpose(0, 2, 1, 3).reshape(windows, numbers, -1)
     score = np.zeros((windows, 1, len(variables.basis)))
@@ -233,11 +210,10 @@ def _shared(weighed: Array, slope: Array, variables: Variables) -> Array:
 
 
 def _pushes(windows: WindowModel, variables: Variables) -> tuple[Array, Array]:
-    """Return the (B, p, f) change of the momentum by a force and torque on the base's origin, in inertial and its axes.
+    """Return the (B, p, f) change of the momentum by a constant force and torque, in inertial axes and in the base's.
 
-    Inertial ones act at the run's origin: a tilted table pulls at the common centre of mass, which moves along the pull
-    at most. A window's momentum is that of its middle, so that the change within it cancels in the pose. The force acts
-    from there to the middle of the next window, on a base that is on average where the two meet.
+    Inertial ones act at the run's origin: a tilted table pulls at the common centre of mass. A window's momentum is
+    that of its middle. The force acts from there to the middle of the next window, on a base that is between the two.
     """
     push = np.zeros((len(windows.length), 6, 6))
     push[:, :3, :3] = push[:, 3:, 3:] = windows.rotation
@@ -247,23 +223,15 @@ def _pushes(windows: WindowModel, variables: Variables) -> tuple[Array, Array]:
     return to_momentum @ force, to_momentum @ (push @ force)
 
 
-LINEARISED = 5  # work of linearising a window, where that of one step of the filter is 1
-_MOST = 128  # windows linearised at once: more gain no time, and take memory
-# Windows linearised at once, at least, where as many are to come: the others cost little more than the first.
-_FEWEST = 8
+LINEARISED = 5  # work of linearising a window, in steps of the filter
+_FEWEST, _MOST = 8, 128  # windows linearised at once: fewer waste the first's overhead, more gain no time
 
 
 class LinearisationCache:
-    """Windows as the filter takes them, each linearised when it is asked for, or earlier together with another.
+    """Linearises windows, and keeps those that are to come.
 
-    One numpy call costs much the same for one window as for ten. So where several windows are known to come, they are
-    linearised together at the point at which the first one is asked for. That is in vain where the point moves before
-    their turn: there are no more than it has served so far, or the one before did.
-
-    Parameters
-    ----------
-    layout : of the state
-    variables : of the filter
+    One numpy call costs much the same for one window as for ten. So windows that are known to come are linearised with
+    the first one: at most as many as the present point has served so far, or the one before, as it may move.
     """
 
     def __init__(self, layout: Layout, variables: Variables) -> None:
@@ -273,15 +241,14 @@ class LinearisationCache:
         self._turn: dict[Window, int] = {}
         self._made: dict[Window, WhitenedWindow] = {}
         self._point: Point | None = None
-        self._served = 0  # windows by this point
-        self._likely = 0  # by the one before
+        self._served = 0  # windows at this point
+        self._likely = 0  # and at the one before
 
     def expect(self, windows: Sequence[Window]) -> None:
-        """Take the windows that are going to be asked for, in the order of their turn."""
-        if windows is not self._coming:
-            self._coming = windows
-            self._turn = {window: turn for turn, window in enumerate(windows)}
-            self._made.clear()
+        """Take the windows that are going to come, in order."""
+        self._coming = windows
+        self._turn = {window: turn for turn, window in enumerate(windows)}
+        self._made.clear()
 
     def whitened(self, window: Window, point: Point) -> WhitenedWindow:
         """Return a window, linearised at a point."""
@@ -295,14 +262,14 @@ class LinearisationCache:
         return self._made.pop(window)
 
     def all_whitened(self, stacks: Sequence[Stack], point: Point) -> list[tuple[Window, WhitenedWindow]]:
-        """Return stacked windows in their order before they were stacked, each as it is and linearised."""
+        """Return stacked windows in their order before they were stacked, as they are and linearised."""
         models = window_models(self._layout, stacks, point)
         placed = dict(pair for stack in stacks for pair in zip(stack.places, stack.windows, strict=True))
         windows = [placed[place] for place in sorted(placed)]
         return list(zip(windows, prepared(models, self._variables), strict=True))
 
     def _next(self, window: Window) -> Sequence[Window]:
-        """Return a window and those that come after it, as many as the point is likely to serve."""
+        """Return a window and those after it that the point is likely to serve."""
         turn = self._turn.get(window)
         if turn is None:
             return [window]

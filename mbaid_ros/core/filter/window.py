@@ -1,4 +1,4 @@
-"""An IMU on a link that joints move: it turns as the base does and as the joints between turn it."""
+"""Windows of knots with the noise of their measurements, and stacks of windows of one shape."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from mbaid_ros.core.filter.interpolation import Midpoints, midpoints, with_joints_later
-from mbaid_ros.core.filter.knots import Knots, at_the_base, turned_back
+from mbaid_ros.core.filter.knots import Knots, Midpoints, at_the_base, midpoints, turned_back, with_joints_later
 from mbaid_ros.core.filter.state import ANGULAR_FIRST
 from mbaid_ros.core.geometry import Array, Flags, cross, crossed, rotate_back
 from mbaid_ros.core.robot.kinematics import Kinematics
@@ -19,14 +18,7 @@ from mbaid_ros.core.unknowns.declaration import NominalModel
 
 
 def on_link(middle: Midpoints, kinematics: Kinematics, link: Link) -> Midpoints:
-    """Return a motion with where the IMU's axes are, and how fast each joint turns them.
-
-    Parameters
-    ----------
-    middle : of J - 1 intervals, of one window or several
-    kinematics : of the robot
-    link : that the IMU is on
-    """
+    """Return a motion with the axes of an IMU on a link, and its turn by each joint rate."""
     flat, shape = middle.flat, middle.turn.shape[:-1]
     placed = kinematics.configure(flat.base_rotation, flat.joint_position)
     gain = np.swapaxes(placed.joint_twist[..., 3:] * kinematics.ancestors[link.body][:, None], 1, 2)
@@ -41,11 +33,11 @@ class WindowNoise:
     Attributes
     ----------
     samples : number in the window
-    joint_position : one standard deviation of one sample, rad or m; (n,) where joints differ
+    joint_position : standard deviation of one sample, rad or m; (n,) where joints differ
     pose : (6, 6) mean covariance of one sample, (orientation, position), odometry axes
     twist : (6, 6) of one sample, (angular, linear), base axes
-    gyro : rad/s/sqrt(Hz), density of an IMU's; 0 where there is none
-    correlation_time : s, over which the errors of the poses are correlated; 0 for independent ones
+    gyro : rad/s/sqrt(Hz), density of the gyro's noise; 0 where there is none
+    correlation_time : s, of the errors of the poses; 0 for independent ones
     """
 
     samples: int
@@ -57,7 +49,7 @@ class WindowNoise:
 
 
 def window_noises(windows: Sequence[Samples], noise: SensorNoise, gyro: float = 0.0) -> list[WindowNoise]:
-    """Return the noise of windows' means; a twist's covariance as given, whether or not it is measured."""
+    """Return the noise of windows' means."""
     poses, twists = (
         np.stack([np.add.reduce(each, axis=0) / len(each) for each in covariances])[
             :, ANGULAR_FIRST[:, None], ANGULAR_FIRST
@@ -65,9 +57,9 @@ def window_noises(windows: Sequence[Samples], noise: SensorNoise, gyro: float = 
         for covariances in ([each.pose_covariance for each in windows], [each.twist_covariance for each in windows])
     )
     return [
-        WindowNoise(len(window), own.joint_position, pose, twist, gyro, own.base_correlation_time)
+        WindowNoise(len(window), declared.joint_position, pose, twist, gyro, declared.base_correlation_time)
         for window, pose, twist in zip(windows, poses, twists, strict=True)
-        for own in [noise.found_in(window)]
+        for declared in [noise.found_in(window)]
     ]
 
 
@@ -99,7 +91,7 @@ class Window:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """What windows of one stack have in common: the number of knots, and which intervals are their own."""
+        """Number of knots, and first and last own interval: the same in a stack."""
         return len(self.knots), self.inside.start, self.inside.stop
 
     @property
@@ -110,7 +102,7 @@ class Window:
 
 @lru_cache(maxsize=256)
 def without_twist(window: Window) -> Window:
-    """Return a window of poses alone, the same one whenever it is asked for."""
+    """Return a window of poses alone; the same object whenever it is asked for."""
     nothing = np.full_like(window.knots.base_twist, np.nan)
     return replace(window, knots=replace(window.knots, base_twist=nothing))
 
@@ -139,11 +131,9 @@ class Stack:
         return midpoints(self.knots, self.windows[0].spacing)
 
     def motion(self, side: NominalModel, imu: Link | None = None) -> tuple[Midpoints, slice]:
-        """Return the motion of a robot whose known side is as given, and the windows' own part.
+        """Return the motion as a nominal model corrects it, with one interval on either side, and the own part.
 
         An IMU may be on a link that joints move (`imu`).
-
-        Of the neighbours' intervals only the next ones are left, which slopes and integrals need.
         """
         middle = self.middle
         if side.gyro.any() and self.knots.course.shape[-1]:
@@ -177,11 +167,10 @@ class Stack:
 
     @cached_property
     def whitening(self) -> Array:
-        """Which share of a pose's change over each window makes the errors of its mean independent, (B, 1).
+        """Share of a pose's change over each window that whitens the errors of its mean when added, (B, 1).
 
-        One number a window for all six of a pose, no matrix that divides by the noise: that share is added to the mean.
-        An autoregression x' = c x + e from knot to knot has the mean of e over m of them, over 1 - c: the mean of x and
-        1 / (m (1 - c)) of what x changes by. 0 where the errors are independent as they are.
+        For an autoregression x' = c x + e from knot to knot, the mean of e over m knots, over 1 - c, is the mean of x
+        and 1 / (m (1 - c)) of its change. 0 where the errors are independent.
         """
         times = np.array([window.noise.correlation_time for window in self.windows])
         step = -np.expm1(-self.windows[0].spacing / np.where(times > 0.0, times, np.inf))
@@ -199,17 +188,17 @@ class Stack:
 
     @cached_property
     def joint_variance(self) -> Array:
-        """Of the joint positions' noise in one sample, (B, 1, 1) rad^2 or m^2; (B, 1, n) where joints differ."""
+        """Variance of the joint positions in one sample, (B, 1, 1) rad^2 or m^2; (B, 1, n) where joints differ."""
         return np.stack([np.atleast_1d(window.noise.joint_position**2) for window in self.windows])[:, None, :]
 
     @cached_property
     def pose_covariance(self) -> Array:
-        """As in WindowNoise, (B, 6, 6)."""
+        """Covariances of one sample, (B, 6, 6)."""
         return np.stack([window.noise.pose for window in self.windows])
 
     @cached_property
     def twist_covariance(self) -> Array:
-        """As in WindowNoise, (B, 6, 6)."""
+        """Covariances of one sample, (B, 6, 6)."""
         return np.stack([window.noise.twist for window in self.windows])
 
     @cached_property
@@ -227,5 +216,5 @@ def stacked(windows: Sequence[Window]) -> list[Stack]:
 
 
 def in_stacks(windows: Sequence[Window], size: int = STACK) -> list[list[Stack]]:
-    """Return windows in order, so many at a time, each part in stacks of one shape."""
+    """Return windows in order, `size` at a time, each part in stacks of one shape."""
     return [stacked(windows[first : first + size]) for first in range(0, len(windows), size)]

@@ -1,4 +1,4 @@
-"""The paper's two forms (eqs. 22 and 25, corrected), as linear equations of (1/m, r_c, I_c).
+"""The paper's two forms (eqs. 22 and 25, corrected), as linear equations of (1/m, r_c, I_c): rows and right sides.
 
 P' and L' are the momentum of the target link: the total minus that of the known bodies. The paper sets the total linear
 momentum to zero. The moment equations are then the same about every fixed point, and here they are written with
@@ -17,12 +17,7 @@ UNKNOWNS = 10  # parameters of the body
 
 
 def linear_rows(states: BodyStates) -> tuple[Array, Array]:
-    """Return the equations of linear momentum: P' (1/m) - [w]x R r_c = v (eq. 21 with B' = [w]x R).
-
-    Returns
-    -------
-    rows (N, 3, 10), right side (N, 3)
-    """
+    """Return P' (1/m) - [w]x R r_c = v (eq. 21 with B' = [w]x R): (N, 3, 10), (N, 3)."""
     linear = -states.known_momentum[:, :3]  # P' = P_0 - P_k with P_0 = 0 (eq. 24)
     rows = np.zeros((len(linear), 3, UNKNOWNS))
     rows[..., 0] = linear
@@ -31,13 +26,9 @@ def linear_rows(states: BodyStates) -> tuple[Array, Array]:
 
 
 def angular_rows(states: BodyStates) -> tuple[Array, Array]:
-    """Return the equations of angular momentum, short of the constant total L_0.
+    """Return -[P']x R r_c + R bracket(R^T w) vec(I_c) = L_0 + (-L_k - r x P'), without L_0: (N, 3, 10), (N, 3).
 
-    -[P']x R r_c + R bracket(R^T w) vec(I_c) = L_0 + (-L_k - r x P')   (eq. 20, with the rotation of the inertia)
-
-    Returns
-    -------
-    rows (N, 3, 10), right side without L_0 (N, 3)
+    Eq. 20, with the rotation of the inertia.
     """
     known = states.known_momentum
     linear = -known[:, :3]
@@ -48,39 +39,19 @@ def angular_rows(states: BodyStates) -> tuple[Array, Array]:
 
 
 def main_form(states: BodyStates, total_angular_momentum: Array) -> tuple[Array, Array]:
-    """Return the paper's main form (eq. 22, corrected).
-
-    Parameters
-    ----------
-    states : BodyStates of N samples
-    total_angular_momentum : (3,) L_0, kg m^2/s, odometry axes
-
-    Returns
-    -------
-    rows (N, 6, 10), right side (N, 6)
-    """
+    """Return the main form (eq. 22, corrected) with L_0 (3,) kg m^2/s, odometry axes: (N, 6, 10), (N, 6)."""
     linear, velocity = linear_rows(states)
     angular, moment = angular_rows(states)
-    return np.concatenate((linear, angular), axis=1), np.concatenate(
-        (velocity, moment + total_angular_momentum), axis=1
-    )
+    right_side = np.concatenate((velocity, moment + total_angular_momentum), axis=1)
+    return np.concatenate((linear, angular), axis=1), right_side
 
 
 def difference_form(
     linear: tuple[Array, Array], angular: tuple[Array, Array], reference: tuple[Array, Array]
 ) -> tuple[Array, Array]:
-    """Return the paper's difference form (eq. 25, corrected): the angular rows minus those of a reference sample.
+    """Return the difference form (eq. 25, corrected): the angular rows minus those of each reference sample.
 
-    The unknown L_0 cancels; the linear rows are not differenced.
-
-    Parameters
-    ----------
-    linear, angular : rows (N, 3, 10) and right sides (N, 3) of the samples
-    reference : the angular rows and right sides of the sample that each one is compared with
-
-    Returns
-    -------
-    rows (N, 6, 10), right side (N, 6)
+    The unknown L_0 cancels; the linear rows are not differenced: (N, 6, 10), (N, 6).
     """
     return (
         np.concatenate((linear[0], angular[0] - reference[0]), axis=1),

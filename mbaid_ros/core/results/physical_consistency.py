@@ -12,8 +12,8 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, unvec, vec
 from mbaid_ros.core.linear_algebra import inverse_factor, is_positive, solve_definite
-from mbaid_ros.core.robot.inertia import pseudo_inertia, standard
-from mbaid_ros.core.robot.planar import Plane
+from mbaid_ros.core.robot.kinematics import Plane
+from mbaid_ros.core.robot.momentum import pseudo_inertia, standard
 
 # Standard deviations of an estimate from the nearest real body, from which it is of none.
 IMPOSSIBLE = 4.0

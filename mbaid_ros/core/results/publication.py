@@ -8,8 +8,13 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical, physical_jacobian, principal, standard
 from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.robot.momentum import (
+    physical,
+    physical_jacobian,
+    principal,
+    standard,
+)
 
 # Relative standard deviation from which a mass may be zero, at two standard deviations.
 _MASS_MAY_VANISH = 0.5

@@ -1,29 +1,25 @@
-"""From joint positions to pinocchio's configuration, in which a joint that turns without limits is (cos, sin)."""
+"""A free-floating robot as arrays, read from its URDF by pinocchio."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pinocchio
 
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array, rotate, skew, unvec, vec
-from mbaid_ros.core.robot.mimic import Transmission, transmission
-from mbaid_ros.core.robot.urdf import Description, Inertial, Limit, read_description
-from mbaid_ros.core.robot.urdf_document import kept_words, on_one_line
+from mbaid_ros.core.robot.urdf import Description, Inertial, Limit, Transmission, read_description, transmission
+from mbaid_ros.core.robot.urdf_document import kept_words, on_one_line, tree_of
 
 
 def configurations(model: RobotModel, parsed: pinocchio.Model, position: Array) -> Array:
-    """Return the configurations (..., nq) of joints at (..., n), the base at the origin.
+    """Return pinocchio's configurations (..., nq) of joints at (..., n) rad or m, the base at the origin.
 
-    Parameters
-    ----------
-    model : RobotModel
-    parsed : the same as `parse` returns it
-    position : (..., n) rad or m
+    `parsed` is the result of `parse` for the same robot; a joint that turns without limits is (cos, sin) there.
     """
     found = np.zeros((*position.shape[:-1], parsed.nq))
     found[..., 6] = 1.0
@@ -35,6 +31,7 @@ def configurations(model: RobotModel, parsed: pinocchio.Model, position: Array) 
     return found
 
 
+_JOINT = 'joint: '  # before the name of a joint in what pinocchio parses
 _COMPLAINTS = 2  # of the parser that an error repeats: where it failed, and in what
 
 
@@ -65,19 +62,17 @@ class RobotModel:
 
     Attributes
     ----------
-    name : the URDF's robot name
-    urdf : the document it came from
+    name, urdf : the URDF's robot name, and the document
     joint_names : names of the n movable joints, in the order of every joint array
     parents : (n,) index of the body that carries joint j
     rotations, positions : (n, 3, 3), (n, 3) m, frame of joint j in its parent body's frame
     axes : (n, 3) unit axis of joint j in its own frame
-    prismatic : (n,) True where joint j slides
-    continuous : (n,) True where joint j turns without limits
-    limits : (n,) how far and how fast each joint may go
+    prismatic, continuous : (n,) True where joint j slides, where it turns without limits
+    limits : (n,) of each joint
     transmission : which joints follow others
     links : every link of the URDF that the floating one carries
-    described_joints : every joint of the URDF, fixed ones among them
-    dropped : what of the URDF is left out, and why, a line each
+    described_joints : every joint of the URDF, fixed ones included
+    dropped : a line, with the reason, for everything of the URDF that is left out
     """
 
     name: str
@@ -107,11 +102,11 @@ class RobotModel:
 
     @cached_property
     def independent_joints(self) -> tuple[str, ...]:
-        """Names of the joints that follow no other: those that sensors have to tell of."""
+        """Names of the joints that follow no other: sensors must measure these."""
         return tuple(self.joint_names[place] for place in self.transmission.independent)
 
     def positions_from(self, known: Mapping[str, float]) -> Array:
-        """Return the (n,) joint positions that measured ones give, by name; NaN for joints that none of these moves."""
+        """Return the (n,) joint positions by measured ones, by name; NaN for joints that none of these moves."""
         measured = [known.get(name, np.nan) for name in self.independent_joints]
         return self.transmission.positions(np.array(measured))
 
@@ -122,33 +117,20 @@ class RobotModel:
         for parent in self.parents:
             depth.append(depth[parent] + 1)
         massive = [link for link in self.links if link.parameters[0] > 0.0] or list(self.links)
-        # Of several that are fixed to each other it is what comes last that is held.
+        # Of several that are fixed to each other the last one holds the debris.
         return max(enumerate(massive), key=lambda place: (depth[place[1].body], place[1].body, place[0]))[1].name
 
     def link(self, name: str) -> Link:
-        """Return the link called `name`.
-
-        Raises
-        ------
-        ModelError
-            The URDF has no such link.
-        """
+        """Return a link by name; ModelError if the URDF has no such link."""
         for link in self.links:
             if link.name == name:
                 return link
         raise ModelError(f"link '{name}' is not in the robot description; links: {listing(x.name for x in self.links)}")
 
     def body_parameters(self, without: str | Collection[str] = ()) -> Array:
-        """Return the standard parameters of the moving bodies, each in its own frame.
+        """Return the (n + 1, 10) standard parameters of the moving bodies, each in its own frame.
 
-        Parameters
-        ----------
-        without : str or collection of str
-            Links to leave out: the unknown ones, whose URDF entries must not enter an estimate.
-
-        Returns
-        -------
-        (n + 1, 10) array
+        `without` names unknown links, whose URDF entries must not enter an estimate.
         """
         omitted = {without} if isinstance(without, str) else set(without)
         parameters = np.zeros((self.joints + 1, 10))
@@ -159,16 +141,12 @@ class RobotModel:
 
 
 def express(parameters: Array, rotation: Array, position: Array) -> Array:
-    """Return standard inertial parameters in another frame.
+    """Return standard parameters (..., 10) (m, h, I_o) in another frame, I_o about its origin.
 
     Parameters
     ----------
-    parameters : (..., 10) (m, h, I_o) in the link's frame
+    parameters : (..., 10) in the link's frame
     rotation, position : (..., 3, 3), (..., 3) m, the link's frame in the new frame
-
-    Returns
-    -------
-    (..., 10) array: (m, h, I_o) in the new frame, I_o about the new origin
     """
     mass = parameters[..., :1]
     moment = rotate(rotation, parameters[..., 1:4])
@@ -185,13 +163,9 @@ def express(parameters: Array, rotation: Array, position: Array) -> Array:
 
 
 def load_model(urdf: str, base_link: str = '') -> RobotModel:
-    """Read a robot from the text of a URDF.
+    """Return the robot of a URDF's text.
 
-    Parameters
-    ----------
-    urdf : str
-    base_link : str
-        Name of the link that floats; empty means the root, or what a root 'world' carries.
+    `base_link` names the link that floats; empty means the root, or the link on a root 'world'.
 
     Raises
     ------
@@ -226,13 +200,7 @@ def load_model(urdf: str, base_link: str = '') -> RobotModel:
 
 
 def parse(urdf: str, base_link: str = '') -> pinocchio.Model:
-    """Return pinocchio's free-flying model of a URDF, without gravity; joints that mimic others move by themselves.
-
-    Raises
-    ------
-    ModelError
-        The document cannot be used.
-    """
+    """Return pinocchio's free-flying model of a URDF, without gravity; mimic joints are independent. Or ModelError."""
     return _built(read_description(urdf, base_link))
 
 
@@ -240,12 +208,30 @@ def _built(description: Description) -> pinocchio.Model:
     complaints: list[str] = []
     try:
         with kept_words(complaints):
-            model = pinocchio.buildModelFromXML(on_one_line(description.text), pinocchio.JointModelFreeFlyer())
+            model = pinocchio.buildModelFromXML(
+                _with_own_joint_names(description.text), pinocchio.JointModelFreeFlyer()
+            )
     except (ValueError, RuntimeError) as error:
-        reason = ' '.join(('; '.join(complaints[:_COMPLAINTS]) or str(error)).split()) or 'no reason given'
+        reason = (
+            ' '.join(('; '.join(complaints[:_COMPLAINTS]) or str(error)).replace(_JOINT, '').split())
+            or 'no reason given'
+        )
         raise ModelError(f'the robot description is not a valid URDF: {reason}') from error
     model.gravity.setZero()
+    for place, name in enumerate(model.names):
+        model.names[place] = name.removeprefix(_JOINT)
     return model
+
+
+def _with_own_joint_names(text: str) -> str:
+    """Return a document whose joints are named as no link is, nor a part that pinocchio adds ('root_joint')."""
+    robot = tree_of(text)
+    for joint in robot.findall('joint'):
+        joint.set('name', _JOINT + joint.get('name', ''))
+        mimic = joint.find('mimic')
+        if mimic is not None:
+            mimic.set('joint', _JOINT + mimic.get('joint', ''))
+    return on_one_line(ET.tostring(robot, encoding='unicode'))
 
 
 def _motion_subspace(joint: pinocchio.JointModel) -> Array:

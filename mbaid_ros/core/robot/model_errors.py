@@ -1,6 +1,6 @@
-"""How a robot may differ from its URDF: bodies, joint zeros, joint placements, and where its odometry is mounted.
+"""How a robot may differ from its URDF: bodies, joint zeros, joint placements, and the mount of its odometry.
 
-The same five blocks are what the simulator draws robots by, and what the estimator has among its unknowns.
+The simulator draws robots by these five blocks, and the estimator has them among its unknowns.
 """
 
 from __future__ import annotations
@@ -12,21 +12,20 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from mbaid_ros.core.geometry import Array, exp, rotate
-from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.model import Link, RobotModel, express
+from mbaid_ros.core.robot.momentum import physical, physical_jacobian
 
 
 @dataclass(frozen=True)
 class ModelErrors:
-    """What a true robot of n joints has more than its URDF says.
+    """The true robot of n joints less its URDF.
 
     Attributes
     ----------
     bodies : (n + 1, 10) standard parameters (m, h, I_o) of each moving body, in its own frame: kg, kg m, kg m^2
     zeros : (n,) true joint position less the measured one, rad or m
     origins : (n, 3) m, displacement of each joint's frame, in that frame
-    tilts : (n, 3) rad, rotation vector that turns each joint's frame, in that frame and normal to the joint's axis;
-        what the joint carries turns along
+    tilts : (n, 3) rad, rotation vector of each joint's frame with its subtree, in that frame, normal to the axis
     mount : (6,) the true base frame in the one that the odometry locates: rotation vector (rad), position (m)
     """
 
@@ -50,13 +49,7 @@ class ModelErrors:
 
 
 def displaced(model: RobotModel, origins: Array, tilts: Array) -> RobotModel:
-    """Return a robot with its joints' frames elsewhere.
-
-    Parameters
-    ----------
-    model : RobotModel
-    origins, tilts : (n, 3), (n, 3) as in ModelErrors
-    """
+    """Return a robot with displaced joints, (n, 3), (n, 3) as in ModelErrors."""
     return replace(
         model,
         positions=model.positions + rotate(model.rotations, origins),
@@ -67,7 +60,7 @@ def displaced(model: RobotModel, origins: Array, tilts: Array) -> RobotModel:
 def with_bodies(model: RobotModel, change: Array, fixed: Sequence[str]) -> RobotModel:
     """Return a robot whose moving bodies differ by (n + 1, 10) standard parameters, each in its own frame.
 
-    Of each body the link that `changing_link` names takes the change; a body without one stays.
+    The `changing_link` of each body takes the change; a body without one stays.
     """
     changed = {}
     for body in np.flatnonzero(np.any(change, axis=1)).tolist():
@@ -97,12 +90,9 @@ _NOTHING = 1e-14
 
 @dataclass(frozen=True)
 class KnownErrors:
-    """Errors of the standard parameters of b known bodies: the factor times e independent numbers of variance one.
+    """Errors of the standard parameters of b known bodies: a factor times e independent numbers of variance one.
 
-    Attributes
-    ----------
-    bodies : (b,) indices of the bodies
-    factor : (10 b, e), each body's rows in its own frame
+    `bodies` are indices; the rows of the factor (10 b, e) are in the bodies' own frames.
     """
 
     bodies: tuple[int, ...] = ()
@@ -120,20 +110,11 @@ class KnownErrors:
 
 
 def relative_factor(parameters: Array, std: float) -> Array:
-    """Return a factor of the covariance of a body's (10,) standard parameters phi, off by a relative size.
+    """Return the lower triangular factor of the covariance of a body's (10,) parameters phi, for a relative std.
 
-    As a whole, all by one factor, and beside that each by itself, relative to its `body_sizes` s: std^2 (phi phi^T +
-    diag(s^2)) (docs/trajectory.md, eq. 12). Were each off by itself alone, the mean of ten would be known better than
-    any: of the base's, in units of which a target is weighed.
-
-    Parameters
-    ----------
-    parameters : (10,)
-    std : relative standard deviation, of either
-
-    Returns
-    -------
-    (10, 10), lower triangular
+    All have one error in common, and each one of its own, relative to its `body_sizes` s: std^2 (phi phi^T + diag(s^2))
+    (docs/trajectory.md, eq. 12). With independent errors alone, the mean of ten would be known better than any: that of
+    the base, in units of which a target is weighed.
     """
     sizes = body_sizes(parameters)
     whole = np.divide(parameters, sizes, out=np.zeros(10), where=sizes > 0.0)  # a point at its joint has mass alone
@@ -141,9 +122,9 @@ def relative_factor(parameters: Array, std: float) -> Array:
 
 
 def body_sizes(parameters: Array) -> Array:
-    """Return what relative errors of a body's (10,) standard parameters are relative to.
+    """Return the reference sizes of relative errors of a body's (10,) standard parameters.
 
-    The mass; the mass times distance of the CoM and radius of gyration together; the mean moment of inertia.
+    The mass; the mass times the larger of CoM distance and radius of gyration; the mean moment of inertia.
     """
     mass, mean = parameters[0], float(parameters[[4, 7, 9]].sum()) / 3.0
     return np.concatenate(([mass], np.full(3, mass * _size(parameters)), np.full(6, mean)))
@@ -159,8 +140,8 @@ def _size(parameters: Array) -> float:
 class BodyDeviations:
     """Standard deviations of one body's mass (relative), CoM (m, each coordinate) and inertia about it (relative).
 
-    That of each element of the inertia is relative to the mean moment, a third of the trace (a `LinkPrior`'s to
-    sqrt(I_ii I_jj)). First moment and inertia go with the mass: what is said of the inertia is at a given one.
+    That of each element of the inertia, at a given mass, is relative to the mean moment, a third of the trace (a
+    `LinkPrior`'s to sqrt(I_ii I_jj)). First moment and inertia scale with the mass.
     """
 
     mass: float
@@ -182,14 +163,7 @@ class BodyDeviations:
 
 
 def declared(known: Array, std: float, own: Mapping[int, BodyDeviations] | None = None) -> KnownErrors:
-    """Return errors of a relative size, each body's by itself (`relative_factor`); of some as they are declared.
-
-    Parameters
-    ----------
-    known : (n + 1, 10) standard parameters of the known bodies
-    std : relative standard deviation; 0 is exact
-    own : of single bodies, by index
-    """
+    """Return independent errors of known bodies (n + 1, 10): `own` by index, others of a relative std (0: exact)."""
     own = own or {}
     factors = {
         int(body): own[body].factor(known[body]) if body in own else relative_factor(known[body], std)
@@ -201,26 +175,16 @@ def declared(known: Array, std: float, own: Mapping[int, BodyDeviations] | None 
 
 
 def calibrated(links: Sequence[Link], covariance: Array, unknown: Sequence[str] = ()) -> KnownErrors:
-    """Return the errors that a calibration has left.
+    """Return the errors after a calibration, by the covariance (10 k, 10 k) of k links' standard parameters.
 
-    Parameters
-    ----------
-    links : k links
-    covariance : (10 k, 10 k) of their standard parameters, each in its own frame
-    unknown : names of those that do not count as known
+    Links in `unknown`, by name, do not count; each link's parameters are in its own frame.
     """
     bodies, carry = to_bodies(links, unknown)
     return KnownErrors(bodies, _factor(carry @ covariance @ carry.T))
 
 
 def to_bodies(links: Sequence[Link], unknown: Sequence[str] = ()) -> tuple[tuple[int, ...], Array]:
-    """Return the b bodies of k links, and the (10 b, 10 k) matrix from the links' standard parameters to theirs.
-
-    Parameters
-    ----------
-    links : k links
-    unknown : names of those that do not count
-    """
+    """Return the b bodies of k links, without `unknown` ones, and the (10 b, 10 k) matrix from links to bodies."""
     known = [(index, link) for index, link in enumerate(links) if link.name not in unknown]
     bodies = tuple(sorted({link.body for _, link in known}))
     matrix = np.zeros((10 * len(bodies), 10 * len(links)))

@@ -1,7 +1,7 @@
-"""An orbit, and the frames that go round with it.
+"""An orbit, frames that turn with it, and its effect on the momentum.
 
-The frame that falls along and does not turn has the axes that the frame of the odometry has at the epoch. Up is away
-from the centre; the orbit turns about its normal, at the mean motion where it is circular.
+The falling frame does not turn, and has the axes of the odometry's frame at the epoch. Up is away from the centre; the
+orbit turns about its normal, at the mean motion if it is circular.
 """
 
 from __future__ import annotations
@@ -55,10 +55,7 @@ class Orbit:
 
     @staticmethod
     def inertial(mean_motion: float, nadir: Array, normal: Array) -> Orbit:
-        """Return the orbit of a frame that does not turn, with (3,) nadir and normal at the epoch in its axes.
-
-        What the nadir has along the normal is taken off.
-        """
+        """Return the orbit of a frame that does not turn, with (3,) nadir, projected, and normal at the epoch."""
         across = normal / np.linalg.norm(normal)
         down = nadir - (nadir @ across) * across
         return Orbit(mean_motion, -down / np.linalg.norm(down), across, turning=False)
@@ -68,7 +65,7 @@ class Orbit:
         return replace(self, eccentricity=eccentricity, anomaly=anomaly)
 
     def swept(self, time: Array) -> Array:
-        """Return the (N,) angles that the direction to the centre has turned by, rad, (N,) s after the epoch."""
+        """Return the (N,) angles by which the direction to the centre has turned, rad, (N,) s after the epoch."""
         passed, e = self.mean_motion * np.asarray(time), self.eccentricity
         if e == 0.0:
             return passed
@@ -86,17 +83,17 @@ class Orbit:
         return np.asarray(self.mean_motion**2 * self._nearness(time) ** 3)
 
     def rate(self, time: Array) -> Array:
-        """Return the (N, 3) angular velocities of what turns with the orbit, rad/s, in the axes of either frame."""
+        """Return the (N, 3) angular velocities of the turning frame, rad/s, in the axes of either frame."""
         pace = self.mean_motion * np.sqrt(1.0 - self.eccentricity**2) * self._nearness(time) ** 2
         return np.asarray(pace[:, None] * self.normal)
 
     def _nearness(self, time: Array) -> Array:
         """Return the (N,) ratios of the semi-major axis to the distance from the centre."""
-        course = self.anomaly + self.swept(time)
-        return np.asarray((1.0 + self.eccentricity * np.cos(course)) / (1.0 - self.eccentricity**2))
+        anomaly = self.anomaly + self.swept(time)
+        return np.asarray((1.0 + self.eccentricity * np.cos(anomaly)) / (1.0 - self.eccentricity**2))
 
     def later(self, time: float) -> Orbit:
-        """Return the same orbit with the epoch at a time (s) of this one; a frame that turns is not asked for here."""
+        """Return the same orbit with the epoch at a time (s) of this one; for a frame that does not turn."""
         begin = np.array([time])
         return replace(self, up=self.upward(begin)[0], anomaly=self.anomaly + float(self.swept(begin)[0]))
 
@@ -116,22 +113,17 @@ class Orbit:
 
 
 def orbit_fixed_frame(rate: float) -> str:
-    """Return that the odometry's frame turns at a rate, rad/s, as those of an orbit do."""
+    """Return the cause in words: the odometry's frame turns at a rate, rad/s, as those of an orbit do."""
     return f'looks like gravity gradient or an orbit-fixed frame at about {rate:.2g} rad/s: set orbit.mean_motion'
 
 
-OF_A_THRUSTER = 5  # numbers that say how it is off its command: scale, turn about three axes, delay
+OF_A_THRUSTER = 5  # errors of a thruster: scale, turn about three axes, delay
 
 
 def momentum_rates(orbit: Orbit, time: Array, configuration: Configuration, base_position: Array) -> Array:
-    """Return how fast (P, L) about the frame's origin change by each body's standard parameters, (N, n + 1, 6, 10).
+    """Return the rate of (P, L) about the frame's origin by each body's standard parameters, (N, n + 1, 6, 10).
 
-    Parameters
-    ----------
-    orbit : Orbit
-    time : (N,) s after the epoch
-    configuration : of all bodies at N instants
-    base_position : (N, 3) m
+    `time` (N,) s after the epoch, `configuration` and `base_position` (N, 3) m at these instants.
     """
     rotation, place = configuration.rotation, base_position[:, None] + configuration.position
     gradient, up = orbit.gradient(time)[:, None], orbit.upward(time)[:, None]
@@ -148,10 +140,7 @@ def momentum_rates(orbit: Orbit, time: Array, configuration: Configuration, base
 
 
 def about(brought: Array, position: Array, numbers: int = 10) -> Array:
-    """Return (N, 60 b) columns of (P, L) about the origin as (N, b, 6, 10) ones about (N, 3) points.
-
-    Of what each has another number of instead of ten standard parameters, likewise.
-    """
+    """Return (N, 6 numbers b) columns of (P, L) about the origin as (N, b, 6, numbers) ones about (N, 3) points."""
     columns = brought.reshape(len(brought), brought.shape[1] // (6 * numbers), 6, numbers).copy()
     if not columns.size:
         return columns
@@ -166,17 +155,14 @@ def of_link(columns: Array, link: Link) -> Array:
 
 
 def of_bodies(columns: Array, parameters: Array) -> Array:
-    """Return the (N, 6) sum over (n + 1, 10) standard parameters of all bodies, each in its own frame."""
+    """Return the (N, 6) sum of columns times (n + 1, 10) standard parameters of all bodies, each in its own frame."""
     return np.asarray(np.einsum('nbij,bj->ni', columns, parameters))
 
 
 def brought(samples: Samples, parameters: Array) -> Array:
-    """Return what thrust and orbit have changed (P, L) by until the last sample, (6,), about the odometry's origin.
+    """Return the change of (P, L) by thrust and orbit until the last sample, (6,), about the odometry's origin.
 
-    Parameters
-    ----------
-    samples : Samples
-    parameters : (n + 1, 10) standard parameters of all bodies, each in its own frame
+    `parameters` (n + 1, 10) are the standard ones of all bodies, each in its own frame.
     """
     impulse = samples.impulse[-1]
     if not samples.tide.shape[1]:

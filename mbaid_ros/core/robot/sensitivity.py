@@ -1,7 +1,7 @@
-"""How the momentum changes with each measured quantity: exact derivatives, linear in the unknown parameters.
+"""Exact derivatives of the momentum by each measured quantity, linear in the unknown parameters.
 
 With twists and momenta at one common point, moving a subtree by the unit twist S changes its momentum h by S x* h, and
-the twists of its bodies by S x V, less what is held fixed.
+the twists of its bodies by S x V, less the part that is held fixed.
 """
 
 from __future__ import annotations
@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, skew
-from mbaid_ros.core.robot.inertia import pseudo_inertia
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import Configuration
-from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
+from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, pseudo_inertia, regressor
 
 
 @dataclass(frozen=True)
@@ -35,13 +34,7 @@ class Sensitivity:
 
 
 def sensitivity(kernel: MomentumKernel, states: BodyStates) -> Sensitivity:
-    """Return the derivatives of the momentum by the measurements.
-
-    Parameters
-    ----------
-    kernel : MomentumKernel
-    states : BodyStates of N samples
-    """
+    """Return the derivatives of the momentum by the measurements, at N states."""
     members, owner, twists = _moving(kernel, states)
     joint_twist = states.configuration.joint_twist
     parts = []
@@ -81,10 +74,9 @@ def sensitivity_to_joints(kernel: MomentumKernel, states: BodyStates) -> tuple[A
 
 
 def _moving(kernel: MomentumKernel, states: BodyStates) -> tuple[Array, Array, Array]:
-    """Return which bodies each joint moves, and (last) the base, (n + 1, n + 1); whose twists follow; these twists.
+    """Return the bodies moved by each joint, and (last) the base, (n + 1, n + 1); the mover of each twist; the twists.
 
-    The (N, 2 n + 6, 6) twists are those of the joints' children that their turning changes, the joints' own and the
-    base's unit twists.
+    The (N, 2 n + 6, 6) twists: the changes of the joints' children by turning, the joints' own, the base's unit twists.
     """
     ancestors = kernel.kinematics.ancestors  # (bodies, joints)
     joint_twist = states.configuration.joint_twist
@@ -104,8 +96,8 @@ def _assembled(joint_twist: Array, moved: Array, momenta: Array) -> Array:
     Parameters
     ----------
     joint_twist : (N, n, 6) S_j
-    moved : (N, c, 2 n + 6, 6) momentum of what moves at the twists S_j x V_j, S_j and the base's unit twists
-    momenta : (N, c, n + 1, 6) momentum of what joint j moves, and (last) of everything
+    moved : (N, c, 2 n + 6, 6) momentum of the subtrees at the twists S_j x V_j, S_j and the base's unit twists
+    momenta : (N, c, n + 1, 6) momentum of the subtree of joint j, and (last) of everything
     """
     joints = joint_twist.shape[1]
     moved, momenta = np.moveaxis(moved, 1, -1), np.moveaxis(momenta, 1, -1)  # as they are multiplied: (N, ..., 6, c)
@@ -118,24 +110,15 @@ def _assembled(joint_twist: Array, moved: Array, momenta: Array) -> Array:
 
 def motion_cross(left: Array, right: Array) -> Array:
     """Return the twist S x V, for (..., 6) twists (u, w)."""
-    return np.concatenate(
-        (
-            cross(left[..., 3:], right[..., :3]) + cross(left[..., :3], right[..., 3:]),
-            cross(left[..., 3:], right[..., 3:]),
-        ),
-        axis=-1,
-    )
+    linear = cross(left[..., 3:], right[..., :3]) + cross(left[..., :3], right[..., 3:])
+    return np.concatenate((linear, cross(left[..., 3:], right[..., 3:])), axis=-1)
 
 
 def force_cross(twist: Array, momentum_vector: Array) -> Array:
     """Return S x* h, for (..., 6) twists (u, w) and momenta (P, L)."""
-    return np.concatenate(
-        (
-            cross(twist[..., 3:], momentum_vector[..., :3]),
-            cross(twist[..., 3:], momentum_vector[..., 3:]) + cross(twist[..., :3], momentum_vector[..., :3]),
-        ),
-        axis=-1,
-    )
+    linear, angular = momentum_vector[..., :3], momentum_vector[..., 3:]
+    moment = cross(twist[..., 3:], angular) + cross(twist[..., :3], linear)
+    return np.concatenate((cross(twist[..., 3:], linear), moment), axis=-1)
 
 
 def _force_matrix(twist: Array) -> Array:
@@ -160,7 +143,7 @@ _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # the cyclic neighbours
 
 
 def mobility_and_momentum(parameters: Array, configuration: Configuration, body_twist: Array) -> tuple[Array, Array]:
-    """Return the inverse of the locked inertia and the momentum of all bodies, about the base's origin, odometry axes.
+    """Return the inverse of the locked inertia (N, 6, 6) and the momentum (N, 6) of all bodies about the base's origin.
 
     A point y of a body is at x = P (y, 1) and moves with v = V (y, 1), for P = (R, r) and V = [w]x P + (0, u). With the
     body's pseudo-inertia J, the integral of (y, 1) (y, 1)^T over its mass, those of x x^T, x v^T, x and v are
@@ -172,15 +155,10 @@ def mobility_and_momentum(parameters: Array, configuration: Configuration, body_
     configuration : of N instants
     body_twist : (N, b, 6) (u, w) at the base's origin
 
-    Returns
-    -------
-    (N, 6, 6) M^-1 with twist = M^-1 momentum for a robot that moves as one body, and the (N, 6) momentum (P, L) at the
-    twists
-
     Raises
     ------
     LinAlgError
-        All mass lies on a line, and M has no inverse.
+        All mass lies on a line, and the locked inertia has no inverse.
     """
     count, bodies = configuration.position.shape[:2]
     place = np.concatenate((configuration.rotation, configuration.position[..., None]), axis=-1)
@@ -203,11 +181,6 @@ def _mobility(mass: float, first: Array, second: Array) -> Array:
     """Return M^-1 (N, 6, 6) of a mass, the integrals (N, 3) of x and (N, 3, 3) of x x^T over it.
 
     With c the centre of mass and K the inverse of the inertia about it, w = K (L - c x P) and u = P / m + c x w.
-
-    Raises
-    ------
-    LinAlgError
-        There is no K: all mass lies on a line.
     """
     centre = first / mass
     about = second - mass * centre[:, :, None] * centre[:, None]

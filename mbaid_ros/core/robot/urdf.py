@@ -1,4 +1,4 @@
-"""The tree of links and joints, and which link of it floats."""
+"""A robot description: the tree of links and joints, the link that floats, and all numbers of the document."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
+import numpy as np
+import numpy.typing as npt
+
 from mbaid_ros import limits
 from mbaid_ros.core.errors import ModelError, listing
-from mbaid_ros.core.robot.mimic import Mimic
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.urdf_document import (
     names_of,
     number,
@@ -21,19 +24,84 @@ from mbaid_ros.core.robot.urdf_document import (
     triple,
 )
 
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint that follows another (URDF's <mimic>): q = multiplier * q of the other + offset (rad or m)."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Transmission:
+    """How the n joints of a robot follow k independent ones.
+
+    Attributes
+    ----------
+    independent : (k,) indices of these among all joints
+    driver : (n,) index among the independent joints of the one that moves each joint
+    multiplier, offset : (n,) 1 and 0 for an independent joint; offset in rad or m
+    """
+
+    independent: npt.NDArray[np.intp]
+    driver: npt.NDArray[np.intp]
+    multiplier: Array
+    offset: Array
+
+    @property
+    def direct(self) -> bool:
+        """Whether every joint is independent."""
+        return len(self.independent) == len(self.driver)
+
+    def positions(self, values: Array) -> Array:
+        """Return the positions (..., n) of all joints at those (..., k) of the independent ones."""
+        return values if self.direct else values[..., self.driver] * self.multiplier + self.offset
+
+    def rates(self, values: Array) -> Array:
+        """Return the rates (..., n) of all joints at those (..., k) of the independent ones."""
+        return values if self.direct else values[..., self.driver] * self.multiplier
+
+
+def transmission(joints: Sequence[str], mimics: Mapping[str, Mimic]) -> Transmission:
+    """Return how n joints, by name, follow each other; ModelError if one follows itself, or one that does not move."""
+    independent = [place for place, name in enumerate(joints) if name not in mimics]
+    place = {joints[index]: k for k, index in enumerate(independent)}
+    driver, multiplier, offset = [], [], []
+    for name in joints:
+        leader, gain, shift = _traced(name, mimics, place)
+        driver.append(place[leader])
+        multiplier.append(gain)
+        offset.append(shift)
+    return Transmission(
+        np.array(independent, dtype=np.intp), np.array(driver, dtype=np.intp), np.array(multiplier), np.array(offset)
+    )
+
+
+def _traced(name: str, mimics: Mapping[str, Mimic], independent: Mapping[str, int]) -> tuple[str, float, float]:
+    """Return the independent joint that moves a joint in the end, the multiplier and the offset."""
+    leader, gain, shift = name, 1.0, 0.0
+    for _ in range(len(mimics) + 1):
+        if leader in independent:
+            return leader, gain, shift
+        if leader not in mimics:
+            raise ModelError(
+                f"joint '{name}' mimics '{leader[:60]}', which is no joint that moves; accepted: a revolute, "
+                'continuous or prismatic joint'
+            )
+        step = mimics[leader]
+        leader, gain, shift = step.joint, gain * step.multiplier, shift + gain * step.offset
+    raise ModelError(f"joint '{name}' mimics joints that mimic it; accepted: one that moves by itself")
+
+
 GROUND = 'world'  # the root that URDF has by custom for what the robot stands on
 _LOOSE = ('floating', 'planar')  # joints that a robot floats on
 
 
 @dataclass(frozen=True)
 class Branch:
-    """The joint that carries a link.
-
-    Attributes
-    ----------
-    joint, kind : its name and type
-    parent : name of the link that it is on
-    """
+    """The joint that carries a link: its name and type, and the name of the parent link."""
 
     joint: str
     kind: str
@@ -41,7 +109,7 @@ class Branch:
 
 
 def read_tree(robot: ET.Element, links: Sequence[str]) -> tuple[dict[str, Branch], list[str]]:
-    """Return what carries each link that is carried, and what is wrong with the joints' ends."""
+    """Return the branch of each carried link, and the problems with the joints' ends."""
     known, branches, problems = set(links), dict[str, Branch](), list[str]()
     for joint in robot.findall('joint'):
         name = joint.get('name', '')
@@ -58,19 +126,16 @@ def read_tree(robot: ET.Element, links: Sequence[str]) -> tuple[dict[str, Branch
 
 
 def floating_link(links: Sequence[str], branches: Mapping[str, Branch], massive: set[str], wanted: str) -> str:
-    """Return the link that floats: the one that is wanted, or else the root, or what a ground without mass carries.
+    """Return the link that floats: the wanted one, or else the root, or the link on a ground without mass.
+
+    ModelError if there is no such link, no tree, or nothing that floats.
 
     Parameters
     ----------
     links : names, in the order of the document
-    branches : what carries each link
+    branches : the joint that carries each link
     massive : names of the links that have mass
-    wanted : name of a link; empty where none is
-
-    Raises
-    ------
-    ModelError
-        There is no such link, no tree, or nothing that floats.
+    wanted : name of a link; empty for none
     """
     roots = [name for name in links if name not in branches]
     tied = set(links).difference(*(carried(root, branches) for root in roots))
@@ -102,7 +167,7 @@ def carried(base: str, branches: Mapping[str, Branch]) -> set[str]:
 
 
 def _off_the_ground(root: str, branches: Mapping[str, Branch], massive: set[str]) -> str:
-    """Return the root, or the link that it carries where the root is the ground that the robot floats over."""
+    """Return the root, or the link that it carries if the root is the ground that the robot floats over."""
     on = {child: branch for child, branch in branches.items() if branch.parent == root}
     loose = root not in massive and len(on) == 1 and next(iter(on.values())).kind in _LOOSE
     if root != GROUND and not loose:
@@ -135,7 +200,7 @@ class Inertial:
 
 @dataclass(frozen=True)
 class Limit:
-    """How far (rad or m), how fast (rad/s or m/s) and how hard (N m or N) a joint may go; infinite where not said."""
+    """Range (rad or m), largest rate (rad/s or m/s) and effort (N m or N) of a joint; infinite where not given."""
 
     lower: float = -math.inf
     upper: float = math.inf
@@ -145,17 +210,16 @@ class Limit:
 
 @dataclass(frozen=True)
 class Description:
-    """A robot that floats, as its document says.
+    """A robot that floats, as described by its document.
 
     Attributes
     ----------
-    text : the document without what is above the link that floats and without massless <inertial>s, as it was written
-        where there is nothing of both
+    text : the document without links that the floating one does not carry and without massless <inertial>s
     base_link : the link that floats
-    inertials : by link; links without mass are not in it
-    joints : names of all joints of the document, fixed ones and those left out among them
-    mimics, limits : by joint; those that have none are not in it
-    dropped : what is left out, and why, a line each
+    inertials : by link, of those with mass
+    joints : names of all joints of the document, fixed and dropped ones included
+    mimics, limits : by joint, of those that have one
+    dropped : a line, with the reason, for everything that is left out
     """
 
     text: str
@@ -168,20 +232,15 @@ class Description:
 
 
 def read_description(text: str, base_link: str = '') -> Description:
-    """Return what a URDF says of a robot.
+    """Return the description of a robot by the text of its URDF.
 
-    Parameters
-    ----------
-    text : str
-        The URDF document.
-    base_link : str
-        Name of the link that floats; empty means the root, or what a root 'world' carries.
+    `base_link` names the link that floats; empty means the root, or the link on a root 'world'.
 
     Raises
     ------
     ModelError
         The document is not XML, not a robot, not a tree, tied to the ground, or has joints or masses that cannot be
-        used; the message has all of these.
+        used; the message lists all problems.
     """
     robot = parse_document(text)
     links = names_of(robot, 'link')
@@ -211,16 +270,15 @@ def read_description(text: str, base_link: str = '') -> Description:
 
 
 def _refuse_all(problems: list[str]) -> None:
-    """Refuse a document for all that is wrong with it, in one line."""
-    if len(problems) > 1:
-        refuse(f'the robot description has {len(problems)} problems: {"; ".join(problems)}')
+    """Refuse a document with all its problems in one line."""
     if problems:
-        refuse(problems[0])
+        count = f'the robot description has {len(problems)} problems: ' if len(problems) > 1 else ''
+        refuse(count + '; '.join(problems))
 
 
 @contextmanager
 def _noted(problems: list[str]) -> Iterator[None]:
-    """Add what is wrong within the block to a list, and go on behind it."""
+    """Add a ModelError within the block to a list, and continue behind it."""
     try:
         yield
     except ModelError as error:
@@ -233,7 +291,7 @@ def _claims_mass(link: ET.Element) -> bool:
 
 
 def _cut_off(robot: ET.Element, base: str, branches: dict[str, Branch]) -> tuple[str, ...]:
-    """Take all that the floating link does not carry out of a document; return what that is."""
+    """Remove everything that the floating link does not carry from a document; return a line about it."""
     kept = carried(base, branches)
     links = [link for link in robot.findall('link') if link.get('name', '') not in kept]
     if not links:
@@ -246,7 +304,7 @@ def _cut_off(robot: ET.Element, base: str, branches: dict[str, Branch]) -> tuple
 
 
 def _inertials(robot: ET.Element, problems: list[str]) -> tuple[dict[str, Inertial], bool]:
-    """Return the inertials of the links that have mass, and whether there were others, which are taken out."""
+    """Return the inertials of the links that have mass, and whether others were removed."""
     inertials, massless = {}, False
     for link in robot.findall('link'):
         element = link.find('inertial')
@@ -263,7 +321,7 @@ def _inertials(robot: ET.Element, problems: list[str]) -> tuple[dict[str, Inerti
 
 
 def _inertial(name: str, inertial: ET.Element) -> Inertial | None:
-    """Return an <inertial>, None where its mass is zero: a frame, which many write so."""
+    """Return an <inertial>, None if its mass is zero: many describe frames so."""
     what = f"link '{name}' has"
     mass = quantity(what, inertial.find('mass'), 'value', 'mass')
     if mass < 0.0:
@@ -281,7 +339,7 @@ def _inertial(name: str, inertial: ET.Element) -> Inertial | None:
 
 
 def _joints(robot: ET.Element, problems: list[str]) -> tuple[dict[str, Mimic], dict[str, Limit]]:
-    """Return what joints follow, and their limits."""
+    """Return the mimics and limits of the joints."""
     mimics, bounds = {}, {}
     for joint in robot.findall('joint'):
         name, kind = joint.get('name', ''), joint.get('type', '')
@@ -312,7 +370,7 @@ def _check_kind(joint: ET.Element, name: str, kind: str) -> None:
 
 
 def _check_placement(joint: ET.Element, what: str, kind: str) -> None:
-    """Check the numbers that pinocchio's parser would refuse without a word on where they stand."""
+    """Check the numbers that pinocchio's parser would refuse without naming the joint."""
     for key in ('xyz', 'rpy'):
         triple(f'{what} origin', joint.find('origin'), key)
     if kind != 'fixed' and not any(triple(f'{what} axis', joint.find('axis'), 'xyz', '1 0 0')):
@@ -320,7 +378,7 @@ def _check_placement(joint: ET.Element, what: str, kind: str) -> None:
 
 
 def _limit(joint: ET.Element, what: str, kind: str) -> Limit:
-    """Return a joint's limits; where lower is not below upper, or others not above 0, they are not meant."""
+    """Return a joint's limits; ignore ranges with lower >= upper, and rates and efforts <= 0."""
     limit = joint.find('limit')
     if kind in {'revolute', 'prismatic'}:
         for key in ('effort', 'velocity'):

@@ -20,18 +20,9 @@ _SAME = 1e-12
 
 
 def change_inertial(urdf: str, link: str, parameters: Array) -> str:
-    """Return a URDF in which one link has the given inertia, written into the attributes that were there.
+    """Return a URDF in which one link has (10,) parameters (m, r_c, I_c), written into the existing attributes.
 
-    Layout, comments and the orientation of the <origin> stay. An <inertial> that lacks a value is written anew.
-
-    Parameters
-    ----------
-    urdf : str
-        A robot description that `load_model` accepts.
-    link : str
-        Name of the link.
-    parameters : (10,) array
-        Mass, centre of mass in the link's frame, inertia about it in the link's axes: kg, m, kg m^2.
+    Layout, comments and the orientation of the <origin> stay. An <inertial> that lacks a value is replaced.
 
     Raises
     ------
@@ -44,16 +35,9 @@ def change_inertial(urdf: str, link: str, parameters: Array) -> str:
 
 
 def displace_joint(urdf: str, joint: str, origin: Array, tilt: Array) -> str:
-    """Return a URDF in which one joint's frame is elsewhere; its <axis> stays, in a frame that is turned.
+    """Return a URDF in which one joint's frame is displaced: origin (3,) m and rotation vector (3,) rad, in that frame.
 
-    Parameters
-    ----------
-    urdf : str
-        A robot description that `load_model` accepts.
-    joint : str
-        Name of the joint.
-    origin, tilt : (3,), (3,) arrays
-        Displacement of the frame (m) and rotation vector that turns it (rad), in that frame.
+    The <axis> stays as it is, in the turned frame.
 
     Raises
     ------
@@ -72,7 +56,7 @@ def displace_joint(urdf: str, joint: str, origin: Array, tilt: Array) -> str:
 
 
 def joints_moved(urdf: str, before: RobotModel, after: RobotModel) -> str:
-    """Return a URDF of one robot with the joints' frames of another that differs from it in these."""
+    """Return the URDF of one robot with the joints' frames of another."""
     back = np.swapaxes(before.rotations, -1, -2)
     origins, tilts = rotate(back, after.positions - before.positions), log(back @ after.rotations)
     for name, origin, tilt in zip(before.joint_names, origins, tilts, strict=True):
@@ -82,7 +66,7 @@ def joints_moved(urdf: str, before: RobotModel, after: RobotModel) -> str:
 
 
 def _with_values(text: str, parameters: Array) -> str:
-    """Return an <inertial> with other values; empty where it lacks one."""
+    """Return an <inertial> with other values; empty if it lacks one."""
     rpy = _value(text, 'origin', 'rpy')
     values = [float(each) for each in rpy[2].split()] if rpy else [0.0, 0.0, 0.0]
     rotation = pinocchio.rpy.rpyToMatrix(*values)
@@ -101,14 +85,14 @@ def _with_values(text: str, parameters: Array) -> str:
 
 
 def _value(text: str, tag: str, attribute: str) -> tuple[int, int, str] | None:
-    """Return where an attribute's value begins and ends, and the value; None where no such attribute is."""
+    """Return begin, end and text of an attribute's value; None without such an attribute."""
     bare = _COMMENT.sub(lambda found: ' ' * len(found[0]), text)
     found = re.search(rf'<{tag}\s(?:[^>]*\s)?{attribute}\s*=\s*(["\'])(.*?)\1', bare, re.DOTALL)
     return (found.start(2), found.end(2), found[2]) if found else None
 
 
 def _written(numbers: Array, old: str, size: float) -> str:
-    """Return an attribute's value with other numbers; those that are the same stay as they were written."""
+    """Return an attribute's value with other numbers; equal ones stay as they were written."""
     new = iter(numbers.tolist())
 
     def number(found: re.Match[str]) -> str:
@@ -127,18 +111,9 @@ _INERTIAL = """\
 
 
 def replace_inertial(urdf: str, link: str, parameters: Array) -> str:
-    """Return a URDF in which one link has the given inertia.
+    """Return a URDF in which one link's <inertial> is replaced, or added, by (10,) parameters (m, r_c, I_c).
 
-    Only the link's <inertial> is replaced (or added): comments, extensions and layout of the rest stay.
-
-    Parameters
-    ----------
-    urdf : str
-        A robot description that `load_model` accepts.
-    link : str
-        Name of the link.
-    parameters : (10,) array
-        Mass, centre of mass in the link's frame, inertia about it in the link's axes: kg, m, kg m^2.
+    r_c is in the link's frame, I_c about it in the link's axes; the rest of the document stays.
 
     Raises
     ------
@@ -163,9 +138,7 @@ def replace_inertial(urdf: str, link: str, parameters: Array) -> str:
 
 
 def part_text(urdf: str, name: str, kind: str = 'link', part: str = 'inertial') -> tuple[int, str]:
-    """Return where in a URDF a link's <inertial>, or a joint's <origin>, begins, or could, and its text.
-
-    That is empty where the link or joint has none.
+    """Return where a link's <inertial>, or a joint's <origin>, begins or could begin, and its text, empty for none.
 
     Raises
     ------
@@ -184,14 +157,14 @@ def _joined(document: bytes, start: int, text: str, end: int) -> str:
 
 
 def _indent(document: bytes, position: int) -> str:
-    """Return the white space that a line begins with, if nothing else stands before the position."""
+    """Return the white space at the beginning of a line, if nothing else precedes the position."""
     before = document[document.rfind(b'\n', 0, position) + 1 : position].decode()
     return before if not before.strip() else ''
 
 
 @dataclass
 class _Place:
-    """Byte offsets of a link and of its <inertial>, or of a joint and its <origin>; an end of 0 is not found."""
+    """Byte offsets of a link and its <inertial>, or of a joint and its <origin>; an end of 0 means not found."""
 
     start: int = 0  # of <link ...> or <joint ...>
     content: int = 0  # behind it
@@ -203,9 +176,9 @@ class _Place:
 
 
 def _find(document: bytes, name: str, kind: str, part: str) -> _Place:
-    """Return where a link and its <inertial> stand, or a joint and its <origin>."""
+    """Return the place of a link and its <inertial>, or of a joint and its <origin>."""
     place = _Place()
-    # The text is Unicode already: what its XML declaration says about an encoding no longer holds.
+    # The text is Unicode already: the encoding in its XML declaration no longer holds.
     parser = expat.ParserCreate('utf-8')
 
     def inside() -> bool:

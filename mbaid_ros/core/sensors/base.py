@@ -1,4 +1,4 @@
-"""Samples of joints, with the base between two of its measurements: a cubic that uses the velocities at both ends."""
+"""The base at the joints' stamps (a cubic with the velocities at both ends), frames on it, and its covariances."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, 
 
 
 def at_once(joints: JointStream, base: BaseStream, time: Array, weight: Array) -> Samples:
-    """Return the samples of joints and base that were measured at the same stamps, N of them; time and weight (N,)."""
+    """Return the samples of joints and base at N equal stamps; time and weight (N,)."""
     return Samples(
         time=time,
         joint_position=joints.position,
@@ -35,10 +35,10 @@ def hermite(
     time: Array,
     weight: Array,
 ) -> Samples:
-    """Interpolate pose by cubics that use the velocities at both ends, and velocities linearly.
+    """Interpolate pose by cubics with the velocities at both ends, and velocities linearly.
 
-    The derivative of the pose's cubic would be smoother, but turns position noise into velocity noise. Where a velocity
-    is not given, the pose follows a parabola through the one before: a straight line is off by as much at every time.
+    The derivative of the pose's cubic would be smoother, but turns position noise into velocity noise. Without a
+    velocity the pose follows a parabola through the one before: a straight line has a systematic error.
     """
     left, right = ends
     length = (base.stamp[right] - base.stamp[left]) * 1e-9
@@ -74,11 +74,9 @@ def hermite(
 def _slopes(
     base: BaseStream, ends: tuple[Stamps, Stamps], step: Array, turn: Array, maximum_gap: int
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Return the slopes, at both ends, of the positions and of the rotation vectors from the left sample.
+    """Return the slopes at both ends of the positions and of the rotation vectors from the left sample.
 
-    Parameters
-    ----------
-    step, turn : (N, 3) from the left sample to the right one
+    `step` and `turn` (N, 3) lead from the left sample to the right one.
     """
     left, right = ends
     back = np.swapaxes(base.rotation[left], -1, -2)
@@ -99,12 +97,7 @@ def _slopes(
 
 
 def _parabola(step: Array, before: Array, length: Array, earlier: Array) -> tuple[Array, Array]:
-    """Return the slopes (N, 3) at both ends of steps (N, 3) of what made other steps just before them.
-
-    Parameters
-    ----------
-    length, earlier : (N,) s, how long the steps took, and those before; 0 where there is none
-    """
+    """Return the slopes (N, 3) at both ends of steps (N, 3) after earlier ones; durations (N,) s, 0 for none."""
     h, h_before = length[:, None], earlier[:, None]
     mean = step / np.where(h > 0.0, h, np.inf)
     bend = np.where(h_before > 0.0, mean - before / np.where(h_before > 0.0, h_before, np.inf), 0.0)
@@ -113,13 +106,13 @@ def _parabola(step: Array, before: Array, length: Array, earlier: Array) -> tupl
 
 
 def _given(slopes: tuple[Array, Array], others: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return slopes, and others where they are not given."""
+    """Return slopes, and others in their place where they are not finite."""
     start, end = (np.where(np.isfinite(one), one, other) for one, other in zip(slopes, others, strict=True))
     return start, end
 
 
 def _blended(covariance: Array, ends: tuple[Stamps, Stamps], fraction: Array, weight: Array) -> Array:
-    """Return (N, 6, 6) covariances so far (N, 1) between two of the base's, weighted (N,); in place, they are large."""
+    """Return (N, 6, 6) covariances at fractions (N, 1) between the base's, weighted (N,); in place, they are large."""
     blend = fraction[..., None]
     start, end = (np.take(covariance, places, axis=0) for places in ends)
     start *= 1.0 - blend
@@ -131,13 +124,7 @@ def _blended(covariance: Array, ends: tuple[Stamps, Stamps], fraction: Array, we
 
 @dataclass(frozen=True, eq=False)
 class AttachedFrame:
-    """A frame on the base: a tracking marker, a sensor.
-
-    Attributes
-    ----------
-    rotation : (3, 3), its axes to those of the base link
-    position : (3,) m, its origin in the base link's frame
-    """
+    """A frame on the base (a marker, a sensor): rotation (3, 3) and origin (3,) m in the base link's frame."""
 
     rotation: Array
     position: Array
@@ -148,12 +135,7 @@ class AttachedFrame:
         return bool(np.array_equal(self.rotation, np.eye(3)) and not np.any(self.position))
 
     def to_base(self, measured: BaseStream) -> BaseStream:
-        """Return the pose, twist and covariances of the base link, from those of this frame.
-
-        Parameters
-        ----------
-        measured : pose and twist of this frame's origin; the twist's covariance in this frame's axes
-        """
+        """Return the base link's stream from that of this frame, whose twist covariance is in its own axes."""
         # In products of matrices, batch sizes show in the last bit: here sums over axes do the work.
         rotation = np.einsum('nij,kj->nik', measured.rotation, self.rotation)
         lever = rotate(rotation, self.position)  # from the base's origin to the frame's, odometry axes
@@ -174,13 +156,9 @@ class AttachedFrame:
 
 
 def orientation_only(stamp: Stamps, rotation: Array, covariance: Array | None = None) -> BaseStream:
-    """Return N orientations as those of a base in a frame that stays with the common centre of mass.
+    """Return N orientations (N, 3, 3) as those of a base in a frame that stays with the common centre of mass.
 
-    Parameters
-    ----------
-    stamp : (N,) ns
-    rotation : (N, 3, 3) base link to odometry axes
-    covariance : (N, 3, 3) rad^2, odometry axes; None where the orientation is no measurement either
+    `covariance` (N, 3, 3) rad^2 is in odometry axes; None if the orientation is no measurement either.
     """
     count = len(stamp)
     unknown, pose = np.full((count, 3), np.nan), np.full((count, 6, 6), np.nan)
@@ -190,7 +168,7 @@ def orientation_only(stamp: Stamps, rotation: Array, covariance: Array | None = 
 
 
 def measured_orientation(imu: ImuStream | None) -> BaseStream | None:
-    """Return what an IMU tells of the base's orientation, where it does; None where it does not."""
+    """Return the orientations of the base that an IMU measures; None if it measures none."""
     if imu is None:
         return None
     told = np.isfinite(imu.rotation).all(axis=(1, 2))
@@ -207,13 +185,12 @@ _SMALLEST, _LARGEST = 1e-24, 1e12
 
 
 class Usable(NamedTuple):
-    """A covariance that can weight data.
+    """A covariance (6, 6) that can weight data.
 
     Attributes
     ----------
-    matrix : (6, 6)
     own : whether its linear and its angular block are as given
-    wrong : whether something is given that is not used: zeros are what is not set
+    wrong : whether a given block was not used; zeros mean not set
     """
 
     matrix: Array
@@ -224,8 +201,8 @@ class Usable(NamedTuple):
 def usable_covariance(given: Array, default: Array) -> Usable:
     """Return a covariance that can weight data from one (6, 6) that may be unset.
 
-    A block (linear or angular) that is not finite, symmetric, of a real size and positive definite is replaced by the
-    default's, and the correlation between the two is then left out.
+    A block (linear or angular) that is not finite, symmetric, of a possible size and positive definite is replaced by
+    the default's, without correlation between the two.
     """
     if _is_covariance(given):
         return Usable(given, (True, True), wrong=False)

@@ -25,13 +25,13 @@ _NOWHERE = -1  # place of what has not been found
 
 
 class Gyro:
-    """Adds up what a gyro measures; the result does not depend on how the stream is cut into pieces.
+    """Integrates the rate of a gyro; the result does not depend on how the stream is cut into pieces.
 
     Parameters
     ----------
     maximum_gap : ns, longest time between two measurements that is interpolated
-    largest : rad/s, range of the gyro; 0 where it is not known
-    on_base : whether it turns as the base does; else joints are between
+    largest : rad/s, range of the gyro; 0 if unknown
+    on_base : whether it is fixed to the base; else joints are between
 
     Attributes
     ----------
@@ -43,7 +43,9 @@ class Gyro:
         self.on_base = on_base
         self._maximum_gap = maximum_gap
         self._largest = largest
-        self._kept: tuple[Stamps, Array, Array, Stamps] = _nothing()  # stamps, rates, integrals, parts without a gap
+        none = np.zeros(0, dtype=np.int64)
+        # Stamps, rates, integrals, and numbers of the parts without a gap.
+        self._kept: tuple[Stamps, Array, Array, Stamps] = none, np.zeros((0, 3)), np.zeros((0, 3)), none
         self._parts = 0  # so far
         self._sampled = _NOWHERE  # in which of them the last sample was
         self._last: Array = np.full(3, np.nan)  # reading
@@ -52,7 +54,7 @@ class Gyro:
         self.dropped: Counter[str] = Counter()
 
     def push(self, stream: ImuStream | None) -> None:
-        """Take measurements in the order of their stamps."""
+        """Add measurements in the order of their stamps."""
         if stream is None or not len(stream.stamp):
             return
         first = np.iinfo(np.int64).min if self.newest is None else self.newest
@@ -68,10 +70,7 @@ class Gyro:
             self.forget_before(np.iinfo(np.int64).min)
 
     def sampled(self, stamps: Stamps) -> Array:
-        """Return the integral at the instants of samples, in order, (N, 3) rad.
-
-        It is NaN in a gap, and where there is none in it, at the first sample after: no difference is taken across.
-        """
+        """Return the integral at samples, in order, (N, 3) rad: NaN in a gap, or else at the first sample after it."""
         turned, part = self.at(stamps)
         if not len(stamps):
             return turned
@@ -81,7 +80,7 @@ class Gyro:
         return np.where(across[:, None], np.nan, turned)
 
     def at(self, stamps: Stamps) -> tuple[Array, Stamps]:
-        """Return the integral at instants (N, 3), rad, and in which part without a gap each is; NaN, -1 in a gap."""
+        """Return the integral at instants (N, 3), rad, and the number of their part without a gap; NaN, -1 in a gap."""
         known, rate, turned, parts = self._kept
         if not len(known):
             return np.full((len(stamps), 3), np.nan), np.full(len(stamps), _NOWHERE)
@@ -94,7 +93,7 @@ class Gyro:
         return np.where(inside[:, None], value, np.nan), np.where(inside, parts[left], _NOWHERE)
 
     def forget_before(self, stamp: int) -> None:
-        """Forget what no instant from a stamp on needs."""
+        """Drop readings that no instant from a stamp on needs."""
         known = self._kept[0]
         surplus = int(np.searchsorted(known, stamp, side='right')) - 1
         surplus = min(max(surplus, len(known) - LARGEST_BACKLOG), len(known) - 1)  # what comes is added to the last
@@ -103,7 +102,7 @@ class Gyro:
             self._kept = stamps[surplus:], rate[surplus:], turned[surplus:], parts[surplus:]
 
     def _add_up(self, stream: ImuStream, lost: Flags) -> None:
-        """Add measurements; from one to the next the rate changes evenly. Those that are lost make a gap."""
+        """Integrate measurements (trapezoid); lost ones make a gap."""
         good = ~lost
         if not np.any(good):
             self._parts += 1
@@ -116,7 +115,7 @@ class Gyro:
             apart = np.diff(np.concatenate((old[0], stamp)))
             steps = 0.5e-9 * apart[:, None] * (np.concatenate((old[1], rate[:-1])) + rate)
             gap |= apart > self._maximum_gap
-            # One after the other, from where it was: the same sums however the stream is cut.
+            # One after the other, from the last sum: the same sums however the stream is cut.
             turned = np.cumsum(np.concatenate((old[2], steps)), axis=0)[1:]
         else:
             apart = np.diff(stamp)
@@ -124,14 +123,13 @@ class Gyro:
             steps = 0.5e-9 * apart[:, None] * (rate[:-1] + rate[1:])
             turned = np.cumsum(np.concatenate((np.zeros((1, 3)), steps)), axis=0)
         parts = self._parts + np.cumsum(gap)
-        # Lost ones after the last good one part it from what will come.
-        self._parts = int(parts[-1]) + int(bool(lost[-1]))
+        self._parts = int(parts[-1]) + int(bool(lost[-1]))  # lost ones at the end part it from the next ones
         kept = zip(self._kept, (stamp, rate, turned, parts), strict=True)
         stamps, rates, sums, numbers = (np.concatenate(pair) for pair in kept)
         self._kept = stamps, rates, sums, numbers
 
     def _at_the_end(self, rate: Array) -> Flags:
-        """Return which readings are at the end of the gyro's range, (N,): how fast it turned then nobody knows."""
+        """Return which readings are at the end of the gyro's range, or stuck, (N,)."""
         if self._largest > 0.0:
             return np.asarray(np.any(np.abs(rate) >= self._largest * (1.0 - 1e-6), axis=1))
         same = rate == np.concatenate((self._last[None], rate[:-1]))
@@ -144,31 +142,24 @@ class Gyro:
         return np.asarray(np.any((alike >= _STUCK - 1) & (np.abs(rate) > _FAST), axis=1))
 
 
-def _nothing() -> tuple[Stamps, Array, Array, Stamps]:
-    none = np.zeros(0, dtype=np.int64)
-    return none, np.zeros((0, 3)), np.zeros((0, 3)), none
-
-
 _ONCE_MORE = 256  # rotations, after which rounding is taken off: it has grown to some 1e-14 by then
 
 
 class DeadReckoning:
-    """Turns along; the result does not depend on how the stream is cut into pieces."""
+    """Integrates an orientation; the result does not depend on how the stream is cut into pieces."""
 
     def __init__(self) -> None:
         self._last: tuple[int, Array, Array] | None = None  # stamp, rate, orientation
         self._count = 0
 
     def push(self, imu: ImuStream | None) -> BaseStream | None:
-        """Take measurements in the order of their stamps, and return the base's at each, in space without a place."""
+        """Add measurements in the order of their stamps; return the orientation of the base at each."""
         if imu is None or not len(imu.stamp):
             return None
-        rotations = []
-        for stamp, rate in zip(imu.stamp.tolist(), imu.angular_velocity, strict=True):
-            rotations.append(self._turned(stamp, rate))
-        return orientation_only(imu.stamp, np.array(rotations))
+        readings = zip(imu.stamp.tolist(), imu.angular_velocity, strict=True)
+        return orientation_only(imu.stamp, np.array([self._integrated(*reading) for reading in readings]))
 
-    def _turned(self, stamp: int, rate: Array) -> Array:
+    def _integrated(self, stamp: int, rate: Array) -> Array:
         """Return the orientation at the next measurement: with a rate that changes evenly, to fourth order."""
         if self._last is None:
             rotation: Array = np.eye(3)

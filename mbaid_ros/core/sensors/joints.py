@@ -1,7 +1,8 @@
-"""Joint measurements from messages that each hold all joints, or only some: to one stream of all.
+"""Joint measurements from messages that each hold all joints, or only some, merged to one stream.
 
-Publishers that each know a part of the joints stamp their messages at different times. The messages that hold the first
-joints set the stamps; the others are interpolated to them, over no gap longer than is allowed.
+Publishers of some joints stamp their messages at different times. The messages with the first joints set the stamps;
+the others are interpolated to them, over no gap longer than allowed. A message with all joints counts as one of each
+part, once the parts together hold all of them.
 """
 
 from __future__ import annotations
@@ -21,6 +22,11 @@ PARTNER_GAP = 'gap in the messages with the other joints'
 OFTEN = 'more often than the messages with the other joints'
 REDUNDANT = 'joints that other messages hold, too'
 
+# Standard deviations that a part changes by from one message to the next while it rests: a message of joints at rest
+# may serve several times, as nothing of it is interpolated.
+_STILL = 6.0
+_AT_REST = 10  # times the longest interpolated interval, that such messages may be apart
+
 Joints = tuple[int, ...]  # indices in the model
 
 
@@ -34,7 +40,7 @@ class _Part:
         self._last: Array | None = None
         self._turns = np.zeros(len(joints))
         self.waiting: JointStream | None = None
-        self.own: list[int] = []  # columns of the joints that this part is asked for
+        self.own: list[int] = []  # columns of the joints that this part is used for
 
     def push(self, stream: JointStream) -> JointStream | None:
         """Return the measurements that are in order now, unwrapped."""
@@ -51,23 +57,28 @@ class _Part:
 
 
 class JointMerge:
-    """Turns what each kind of message holds into one stream of all joints.
+    """Merges messages by the joints they hold into one stream of all joints.
 
     Parameters
     ----------
     turning : (n,) True for joints that turn
     maximum_gap, reorder_limit : ns, longest interpolated interval, and longest wait for late messages
-    beside : how many of the n, the last ones, are no joints: they never set the stamps, and may come less often
-
-    Attributes
-    ----------
-    dropped : measurements that were not used, by cause
+    beside : number of the last of n that are no joints: they never set the stamps, and may come less often
+    noise : rad or m, standard deviation of a joint position
     """
 
-    def __init__(self, turning: npt.NDArray[np.bool_], maximum_gap: int, reorder_limit: int, beside: int = 0) -> None:
+    def __init__(
+        self,
+        turning: npt.NDArray[np.bool_],
+        maximum_gap: int,
+        reorder_limit: int,
+        beside: int = 0,
+        noise: float = 0.0,
+    ) -> None:
         self._turning = turning
         self._joints = len(turning) - beside
         self._maximum_gap = maximum_gap
+        self._noise = noise
         self._reorder_limit = reorder_limit
         self._whole = _Part(tuple(range(len(turning))), turning, reorder_limit)
         self._parts: dict[Joints, _Part] = {}
@@ -81,7 +92,7 @@ class JointMerge:
 
     @property
     def hold(self) -> int:
-        """Longest time that measurements are held back now, ns."""
+        """Longest time for which measurements wait now, ns."""
         return max(part.reorder.hold for part in self._all())
 
     @property
@@ -91,42 +102,58 @@ class JointMerge:
 
     @property
     def missing(self) -> Joints:
-        """Joints that no message has held."""
+        """Joints that were in no message."""
         seen = {int(joint) for part in self._parts.values() for joint in part.joints}
         return tuple(joint for joint in range(len(self._turning)) if joint not in seen)
 
     @property
     def newest(self) -> dict[Joints, int]:
-        """Latest stamp (ns) of each kind of message that holds a part."""
-        return {
-            joints: int(part.waiting.stamp[-1])
-            for joints, part in self._parts.items()
-            if part.waiting is not None and len(part.waiting.stamp)
-        }
+        """Latest stamp (ns) of each kind of message with some of the joints."""
+        waiting = ((joints, part.waiting) for joints, part in self._parts.items())
+        return {joints: int(each.stamp[-1]) for joints, each in waiting if each is not None and len(each.stamp)}
 
     def push(self, streams: dict[Joints, JointStream]) -> JointStream | None:
-        """Take measurements by the joints they hold, in the order of arrival; return those of all joints."""
+        """Add measurements by their joints, in the order of arrival; return those of all joints."""
         whole = streams.get(tuple(range(len(self._turning))))
-        for joints, stream in streams.items():
-            if stream is not whole:
-                self._take(joints, stream)
-        merged = self._merge() if self._parts and not self.missing else None
-        complete = self._whole.push(whole) if whole is not None else None
-        if merged is None or complete is None:
-            return merged if complete is None else complete
-        return JointStream.concatenate((merged, complete))
+        some = {joints: stream for joints, stream in streams.items() if stream is not whole}
+        for joints in some:
+            self._expect(joints)
+        if whole is not None and self._parts and not self.missing:
+            for joints in self._parts:
+                own = JointStream(whole.stamp, whole.position[:, joints], whole.velocity[:, joints])
+                both = JointStream.concatenate((some[joints], own)) if joints in some else own
+                some[joints] = both[np.argsort(both.stamp, kind='stable')]
+        for joints, stream in some.items():
+            self._take(joints, stream)
+        if not self._parts or self.missing:
+            complete = None if whole is None else self._whole.push(whole)
+            if complete is not None:
+                self._forget_until(int(complete.stamp[-1]))
+            return complete
+        return self._merge()
+
+    def _forget_until(self, stamp: int) -> None:
+        """Drop the parts up to a message that holds all joints: they add nothing to it."""
+        for part in self._parts.values():
+            if part.waiting is not None:
+                count = int(np.searchsorted(part.waiting.stamp, stamp, side='right'))
+                self._own[REDUNDANT] += count
+                part.waiting = part.waiting[count:]
 
     def _all(self) -> list[_Part]:
         return [self._whole, *self._parts.values()]
 
-    def _take(self, joints: Joints, stream: JointStream) -> None:
-        if joints not in self._parts:
-            new = [joint for joint in self.missing if joint in joints]
-            if not new:
-                self._own[REDUNDANT] += len(stream.stamp)
-                return
+    def _expect(self, joints: Joints) -> None:
+        """Make a part of what messages hold, where no other part has all of it."""
+        new = [joint for joint in self.missing if joint in joints]
+        if joints not in self._parts and new:
             part = self._parts[joints] = _Part(joints, self._turning, self._reorder_limit)
             part.own = [joints.index(joint) for joint in new]
+
+    def _take(self, joints: Joints, stream: JointStream) -> None:
+        if joints not in self._parts:
+            self._own[REDUNDANT] += len(stream.stamp)
+            return
         part = self._parts[joints]
         ordered = part.push(stream)
         if ordered is None:
@@ -151,7 +178,8 @@ class JointMerge:
         lead, leader.waiting = leader.waiting[:ready], leader.waiting[ready:]
         once = [not self._is_beside(part) for part in others]
         stamps = [stream.stamp for stream in streams if stream is not None]
-        chosen = lead.stamp[self._usable(lead.stamp, stamps, once)]
+        still = [self._still(stream) for stream in streams if stream is not None]
+        chosen = lead.stamp[self._usable(lead.stamp, stamps, once, still)]
         merged = self._interpolated(lead[np.isin(lead.stamp, chosen)], leader, others) if len(chosen) else None
         for part in others:
             if part.waiting is not None:
@@ -164,8 +192,15 @@ class JointMerge:
         """Tell whether a part holds no joint."""
         return bool(np.all(part.joints[part.own] >= self._joints))
 
-    def _usable(self, stamps: Stamps, others: list[Stamps], once: list[bool]) -> npt.NDArray[np.bool_]:
-        """Return which stamps every other part brackets closely, joints each time with a message not used before.
+    def _still(self, stream: JointStream) -> npt.NDArray[np.bool_]:
+        """Return for each message of a part, (N,), whether its joints are where they were in the one before."""
+        step = np.diff(stream.position, axis=0, prepend=stream.position[:1])
+        return np.asarray(np.all(np.abs(step) <= _STILL * self._noise, axis=1))
+
+    def _usable(
+        self, stamps: Stamps, others: list[Stamps], once: list[bool], still: list[npt.NDArray[np.bool_]]
+    ) -> npt.NDArray[np.bool_]:
+        """Return which stamps every other part brackets closely, with a new message each time if its joints move.
 
         Otherwise the same error of one message would count as that of many.
         """
@@ -174,13 +209,17 @@ class JointMerge:
         left = [np.where(same, place, place - 1) for same, place in zip(exact, right, strict=True)]
         early = np.any([place < 0 for place in left], axis=0)
         gaps = [other[end] - other[np.maximum(start, 0)] for other, end, start in zip(others, right, left, strict=True)]
-        apart = ~early & (np.max(gaps, axis=0) > self._maximum_gap)
+        longest = [np.where(rest[end], _AT_REST, 1) * self._maximum_gap for rest, end in zip(still, right, strict=True)]
+        apart = ~early & np.any([gap > most for gap, most in zip(gaps, longest, strict=True)], axis=0)
         self._own[NO_PARTNER] += int(np.sum(early))
         self._own[PARTNER_GAP] += int(np.sum(apart))
         usable: npt.NDArray[np.bool_] = ~early & ~apart
         for index in np.flatnonzero(usable):
             used = [int(other[end[index]]) for other, end, new in zip(others, right, once, strict=True) if new]
-            if self._used is not None and any(now <= before for now, before in zip(used, self._used, strict=True)):
+            moving = [not rest[end[index]] for rest, end, new in zip(still, right, once, strict=True) if new]
+            if self._used is not None and any(
+                now <= before and moves for now, before, moves in zip(used, self._used, moving, strict=True)
+            ):
                 usable[index] = False
                 self._own[OFTEN] += 1
             else:
@@ -194,11 +233,9 @@ class JointMerge:
         velocity[:, leader.joints[leader.own]] = lead.velocity[:, leader.own]
         for part in others:
             if part.waiting is not None:
-                at, rate = interpolate(part.waiting, lead.stamp)
-                position[:, part.joints[part.own]], velocity[:, part.joints[part.own]] = (
-                    at[:, part.own],
-                    rate[:, part.own],
-                )
+                places, rates = interpolate(part.waiting, lead.stamp)
+                position[:, part.joints[part.own]] = places[:, part.own]
+                velocity[:, part.joints[part.own]] = rates[:, part.own]
         return JointStream(lead.stamp, position, velocity)
 
 

@@ -1,13 +1,15 @@
-"""How noisy the sensors have turned out to be, beside what was declared of them."""
+"""Noise levels of the sensors: declared ones beside those estimated from the data, and windows that carry them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise, Stamps
+from mbaid_ros.core.sensors.noise import NoiseLevels
 
 CHANNELS = (
     'joint_position',
@@ -31,10 +33,10 @@ class SensorLevels:
 
     Attributes
     ----------
-    declared, found : (6,) of CHANNELS, SI; NaN where nobody has declared anything, where it is not found
-    assumed : (6,) what is taken for it where it is neither, and there are readings
-    correlation_time : s, over which the errors of the base's poses are taken to be correlated; 0 for independent ones
-    used : (6,) whether what was found is used, and not what was declared
+    declared, found : (6,) of CHANNELS, SI; NaN if undeclared, if not estimated
+    assumed : (6,) used for readings that have neither
+    correlation_time : s, of the errors of the base's poses; 0 for independent ones
+    used : (6,) whether the estimated level is used instead of the declared one
     """
 
     declared: Array
@@ -45,9 +47,9 @@ class SensorLevels:
 
     @property
     def warning(self) -> str:
-        """What leads to wrong numbers, whatever the innovations say: joints that are far better than declared.
+        """A sentence if joints are far better than declared, else empty.
 
-        Their noise is in the coefficients of the equations. What it adds there on average is taken off.
+        The filter subtracts the expected bias of their noise in the coefficients; too much of it biases estimates.
         """
         declared, found = float(self.declared[0]), max(float(self.found[0]), float(TYPICAL[0]))
         if self.used[0] or not declared > _FAR_TOO_LARGE * found:
@@ -58,7 +60,7 @@ class SensorLevels:
         )
 
     def shown(self) -> list[tuple[str, str, str]]:
-        """Return name and unit of each sensor, and what is declared and found of it, that first which counts."""
+        """Return name and unit of each sensor, and its declared and found level, the one in use first."""
         each = zip(CHANNELS, UNITS, self.declared, self.found, self.assumed, self.used, strict=True)
         rows = []
         for name, unit, declared, found, assumed, used in each:
@@ -69,7 +71,7 @@ class SensorLevels:
         return rows
 
     def told(self) -> list[str]:
-        """Return in words what a user should know: of each sensor that is not as declared, a line."""
+        """Return a line for each sensor that is not as declared."""
         lines = []
         each = zip(CHANNELS, UNITS, self.declared, self.found, self.used, strict=True)
         for name, unit, declared, found, used in each:
@@ -89,9 +91,116 @@ class SensorLevels:
         return lines
 
     def _undeclared(self, known: Array) -> list[str]:
-        """Return what is known (6,) of sensors of which nobody has declared anything."""
+        """Return known levels (6,) of undeclared sensors in words."""
         return [
             f'{name.replace("_", " ")} ({value:.2g} {unit})'
             for name, unit, declared, value in zip(CHANNELS, UNITS, self.declared, known, strict=True)
             if np.isnan(declared) and not np.isnan(value)
         ]
+
+
+# Part of a servicer's usual sensor noise, below which no level counts: a model is off by more than by that.
+_LEAST = 1.0 / 30.0
+# Of poses without a twist, undeclared: spacing (s) up to which differences tell their noise, poses that takes, lost
+# ones included, and how many times as noisy as usual they count until then.
+_SLOWEST, _FIRST, _AT_FIRST = 0.2, 40, 100.0
+_NEVER = np.iinfo(np.int64).max
+
+
+class FoundNoise:
+    """Estimates the noise levels of the sensors and applies them to windows.
+
+    Parameters
+    ----------
+    noise : as declared; that of the base serves messages without a covariance
+    joints : number
+    undeclared : (6,) which CHANNELS are undeclared: their estimated level is used until a message declares one
+    estimate : whether estimated levels replace all declared ones
+    """
+
+    def __init__(
+        self, noise: SensorNoise, joints: int, undeclared: Flags | None = None, *, estimate: bool = False
+    ) -> None:
+        self._noise = noise
+        self._estimate = estimate
+        self._undeclared = np.zeros(len(CHANNELS), dtype=bool) if undeclared is None else undeclared
+        self._declared_from: Stamps = np.full(len(CHANNELS), _NEVER)  # by messages, ns
+        self._levels = NoiseLevels(noise, joints)
+
+    @property
+    def joint_position(self) -> float:
+        """Declared standard deviation of a joint position, rad or m."""
+        return self._noise.joint_position
+
+    def take(self, joints: JointStream | None, base: BaseStream | None) -> None:
+        """Add readings in the order of their stamps, without repeated poses and outliers."""
+        self._levels.take(joints, base)
+        if base is not None and len(base.stamp):
+            first = np.where(base.declared, base.stamp[:, None], _NEVER).min(axis=0)
+            self._declared_from[2:] = np.minimum(self._declared_from[2:], first)
+
+    def applied(self, window: Samples, origin: int) -> tuple[Samples, SensorLevels]:
+        """Return the next window with its noise, and the levels until its end; `origin` is the stamp at time 0, ns."""
+        end = origin + round(float(window.time[-1]) * 1e9)
+        undeclared = self._undeclared & (self._declared_from > end)
+        used = undeclared | self._estimate
+        spacing = float(np.median(window.apart))
+        levels = self._levels.until(end, spacing, free=bool(used[2:4].all()))
+        declared = self._declared(window)
+        found = np.maximum(levels.factor * declared, _LEAST * TYPICAL)
+        factor = np.where(np.isnan(found) | ~used, 1.0, found / declared)
+        if window.missing_rates[1] and spacing <= _SLOWEST and window.time[-1] < _FIRST * spacing:
+            # With poses alone a window of far too much weight is never made up for; one of hardly any is no loss. A
+            # twist informs as much, and poses that stay exact would never count.
+            factor[2:4] = np.where(np.isnan(found) & undeclared, _AT_FIRST, factor)[2:4]
+        time = self._noise.base_correlation_time or levels.correlation_time
+        noise = np.array([*(factor[:2] * declared[:2]), time])
+        return replace(
+            window,
+            pose_covariance=_scaled(window.pose_covariance, factor[2:4], _slower(window.apart, time)),
+            twist_covariance=_scaled(window.twist_covariance, factor[4:], np.ones(len(window))),
+            noise=np.repeat(noise[None], len(window), axis=0),
+        ), SensorLevels(
+            declared=np.where(undeclared, np.nan, declared),
+            found=found,
+            assumed=np.where(undeclared & np.isnan(found) & _read(window), factor * declared, np.nan),
+            correlation_time=time,
+            used=used & ~np.isnan(found),
+        )
+
+    def _declared(self, window: Samples) -> Array:
+        """Return the (6,) declared standard deviations of single readings in a window."""
+        spacing = float(np.median(np.diff(window.time))) if len(window) > 1 else 0.0
+        # Samples between two poses have the noise that they share as if it were each one's own.
+        shared = max(float(np.median(window.apart)) / spacing, 1.0) if spacing > 0.0 else 1.0
+        base = [
+            np.sqrt(np.mean(np.diagonal(each, axis1=1, axis2=2).reshape(-1, 2, 3), axis=(0, 2)) / shared)
+            for each in (window.pose_covariance, window.twist_covariance)
+        ]
+        return np.concatenate(([self._noise.joint_position, self._noise.joint_velocity], *base))
+
+
+def _read(window: Samples) -> Flags:
+    """Return which of CHANNELS (6,) a window has readings of; poses are read where their covariance is finite."""
+    pose = np.split(np.diagonal(window.pose_covariance, axis1=1, axis2=2), 2, axis=1)
+    twist = window.base_linear_velocity, window.base_angular_velocity
+    return np.array([bool(np.isfinite(x).any()) for x in (window.joint_position, window.joint_velocity, *pose, *twist)])
+
+
+def _scaled(covariance: Array, factor: Array, weight: Array) -> Array:
+    """Return covariances (N, 6, 6) times weights (N,), standard deviations of their two blocks times factors (2,)."""
+    if np.all(factor == 1.0) and np.all(weight == 1.0):
+        return covariance
+    size = np.repeat(factor, 3)
+    return weight[:, None, None] * covariance * (size * size[:, None])
+
+
+def _slower(apart: Array, time: float) -> Array:
+    """Return the variance of slow means of correlated poses over that of independent ones, (N,).
+
+    An autoregression of first order with correlation c between neighbours has (1 + c) / (1 - c). `apart` (N,) s is the
+    time between poses, 0 if unknown; `time` (s) that of the correlation.
+    """
+    if time <= 0.0:
+        return np.ones(len(apart))
+    return np.where(apart > 0.0, 1.0 / np.tanh(np.where(apart > 0.0, 0.5 * apart / time, 1.0)), 1.0)

@@ -1,8 +1,8 @@
-"""Differences of readings that hold no motion, counted by their size.
+"""Noise levels from differences of readings, which hold no motion.
 
-In a divided difference of seven readings there is no polynomial of fifth degree: it is a combination of their errors,
-and with weights whose squares add up to one it varies as a single error does, if these are independent. Counts of sizes
-add up to the same however the readings are cut into calls.
+A divided difference of seven readings contains no polynomial of fifth degree: it is a combination of their errors. With
+weights whose squares add up to one it varies as a single error does, if these are independent. Counts of sizes add up
+to the same however the readings are cut into calls.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Integers
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise, Stamps
-from mbaid_ros.core.sensors.levels import CHANNELS
 
 # Of the differences: polynomials of fifth degree are not in them, which is what motion looks like over seven
 # readings.
@@ -35,20 +34,36 @@ _SQUARES = np.exp2(_LOWEST + _PLACE // _PARTS) * (1.0 + (_PLACE % _PARTS + 0.5) 
 # ones clipped so.
 _CLIPPED, _OF_NORMAL = 4.0, 0.920542
 _ROUNDS = 8  # of clipping and taking the mean again: each leaves a part of what the one before has left
+# Readings from one that is taken to the next: by octaves, up to where motion shows at a hundred hertz.
+_STRIDES = (1, 2, 4, 8, 16, 32)
+_FEWEST = 60  # differences that tell a level, to a sixth of it
+_ANEW = 1.25  # times as many differences, at which levels are worked out again: nothing changes before
+_SHORTEST = 3  # strides over which noise has to grow to count as correlated, where its size does not tell that
+# Variance of neighbours' differences over that declared, below which it tells by itself that noise is correlated.
+_SMALL = 0.25
+_INDEPENDENT = 0.3  # of the differences: as many independent ones tell as much, as neighbours share readings
+_NO_FIT = 25.0  # mean normalised square of what a correlation leaves of the variances, from which none explains them
+# Times the variance grows from one stride to the next: by correlated noise, and by more than any noise: motion.
+_GROWS, _NO_NOISE = 1.4, 2.3
+_TIMES = np.geomspace(0.01, 10.0, 121)  # s, among which that of the correlation is looked for
+# Correlations of errors that are (0 ... 6) strides apart make that of the variance of a difference.
+_PRODUCTS = np.array(
+    [np.sum(BINOMIAL[lag:] * BINOMIAL[: len(BINOMIAL) - lag]) * (2.0 if lag else 1.0) for lag in range(7)]
+)
 
 
 class Differences:
-    """Differences of one stream's readings, of neighbouring ones and of ones further apart.
+    """Histograms of one stream's differences, of neighbouring readings and of ones further apart.
 
     Parameters
     ----------
     columns : of each kind of reading
-    strides : of each kind, readings from one that is taken to the next
+    strides : of each kind, readings from one in a difference to the next
 
     Attributes
     ----------
     kinds : (kind, stride) of each row of the counts
-    counts : (rows, bins) of what `count` was told to
+    counts : (rows, bins) up to the stamp of the latest `count`
     """
 
     def __init__(self, columns: tuple[slice, ...], strides: tuple[tuple[int, ...], ...]) -> None:
@@ -59,25 +74,24 @@ class Differences:
         self._values: Array = np.zeros((0, max(each.stop for each in columns)))
         self._sizes: Array = np.zeros((0, len(columns)))
         self._seen = 0  # readings before these
-        self._waiting: list[tuple[Stamps, Array, Array]] = []  # readings that have not been looked at
-        self._told: list[tuple[Stamps, Integers]] = []  # what is not counted: when it was known, rows and bins
+        self._waiting: list[tuple[Stamps, Array, Array]] = []  # readings without differences yet
+        self._uncounted: list[tuple[Stamps, Integers]] = []  # stamps of differences, and their rows and bins
         self.counts: Integers = np.zeros((len(self.kinds), _BINS), dtype=np.int64)
 
-    def take(self, stamp: Stamps, values: Array, sizes: Array) -> None:
-        """Take readings in the order of their stamps.
+    def add(self, stamp: Stamps, values: Array, sizes: Array) -> None:
+        """Add readings in the order of their stamps.
 
         Parameters
         ----------
         stamp : (N,) ns
         values : (N, w) of all kinds, side by side; nine columns are a rotation matrix
-        sizes : (N, kinds) of the errors, as declared
+        sizes : (N, kinds) declared standard deviations
         """
         self._waiting.append((stamp, values, sizes))
         if sum(len(each) for each, _, _ in self._waiting) >= _AT_ONCE:
-            self._look()
+            self._take_differences()
 
-    def _look(self) -> None:
-        """Make the differences of the readings that wait."""
+    def _take_differences(self) -> None:
         if not self._waiting:
             return
         new, kept = len(self._stamp), (self._stamp, self._values, self._sizes)
@@ -86,27 +100,27 @@ class Differences:
         found = [self._differences(row, kind, stride, new) for row, (kind, stride) in enumerate(self.kinds)]
         when, code = (np.concatenate(parts) for parts in zip(*found, strict=True))
         order = np.argsort(when, kind='stable')
-        self._told.append((when[order], code[order]))
+        self._uncounted.append((when[order], code[order]))
         first = max(len(self._stamp) - self._kept, 0)
         self._stamp, self._values, self._sizes = self._stamp[first:], self._values[first:], self._sizes[first:]
         self._seen += first
 
     def count(self, stamp: int) -> None:
-        """Count what was known by a stamp, ns."""
-        self._look()
-        while self._told:
-            when, code = self._told[0]
+        """Count the differences up to a stamp, ns."""
+        self._take_differences()
+        while self._uncounted:
+            when, code = self._uncounted[0]
             end = int(np.searchsorted(when, stamp, side='right'))
             self.counts += np.bincount(code[:end], minlength=self.counts.size).reshape(self.counts.shape)
             if end < len(when):
-                self._told[0] = when[end:], code[end:]
+                self._uncounted[0] = when[end:], code[end:]
                 return
-            del self._told[0]
+            del self._uncounted[0]
 
     def _differences(self, row: int, kind: int, stride: int, new: int) -> tuple[Stamps, Integers]:
-        """Return when differences that end with a new reading were known, (K,) ns, and where they are counted."""
+        """Return the stamps of differences that end with a new reading, (K,) ns, and where they are counted."""
         last = np.arange(new, len(self._stamp))
-        # Of each stride, those that lie closer than it tell the same once more; later on, a quarter tells enough.
+        # Differences closer than their stride repeat each other; later on, a quarter is enough.
         number = self._seen + last
         last = last[(last >= ORDER * stride) & (number % stride == 0) & ((number < _ALL) | (number // 16 % 4 == 0))]
         places = last[:, None] - stride * np.arange(ORDER, -1, -1)
@@ -160,37 +174,19 @@ def _weights(stamp: Stamps) -> Array:
 
 
 def _turns(difference: Array, rotation: Array) -> Array:
-    """Return the (K, 3) small rotations that differences (K, 9) of matrices have beside one of them, (K, 9)."""
+    """Return the (K, 3) small rotations in differences (K, 9) of matrices near rotations (K, 9)."""
     matrix = difference.reshape(-1, 3, 3) @ np.swapaxes(rotation.reshape(-1, 3, 3), -1, -2)
     return 0.5 * (matrix - np.swapaxes(matrix, -1, -2))[:, [2, 0, 1], [1, 2, 0]]
 
 
-# Readings from one that is taken to the next: by octaves, up to where motion shows at a hundred hertz.
-_STRIDES = (1, 2, 4, 8, 16, 32)
-_FEWEST = 60  # differences that tell a level, to a sixth of it
-_ANEW = 1.25  # times as many differences, at which levels are worked out again: nothing changes before
-_SHORTEST = 3  # strides over which noise has to grow to count as correlated, where its size does not tell that
-# Variance of neighbours' differences over that declared, below which it tells by itself that noise is correlated.
-_SMALL = 0.25
-_INDEPENDENT = 0.3  # of the differences: as many independent ones tell as much, as neighbours share readings
-_NO_FIT = 25.0  # mean normalised square of what a correlation leaves of the variances, from which none explains them
-# Times the variance grows from one stride to the next: by correlated noise, and by more than any noise: motion.
-_GROWS, _NO_NOISE = 1.4, 2.3
-_TIMES = np.geomspace(0.01, 10.0, 121)  # s, among which that of the correlation is looked for
-# Correlations of errors that are (0 ... 6) strides apart make that of the variance of a difference.
-_PRODUCTS = np.array(
-    [np.sum(BINOMIAL[lag:] * BINOMIAL[: len(BINOMIAL) - lag]) * (2.0 if lag else 1.0) for lag in range(7)]
-)
-
-
 @dataclass(frozen=True)
 class Levels:
-    """What readings until some time say.
+    """The noise of all readings until some time.
 
     Attributes
     ----------
-    factor : (6,) of CHANNELS, how many times as noisy as declared; NaN where too few readings tell
-    correlation_time : s, over which the errors of poses are correlated; 0 where they are not
+    factor : (6,) of CHANNELS, standard deviation over the declared one; NaN for too few readings
+    correlation_time : s, over which the errors of poses are correlated; 0 for white noise
     """
 
     factor: Array
@@ -198,11 +194,11 @@ class Levels:
 
 
 class NoiseLevels:
-    """Finds levels by differences of readings; the same however the streams are cut.
+    """Estimates noise levels from differences of readings, the same however the streams are cut.
 
     Parameters
     ----------
-    noise : of the joints, as declared; that of the base is in its readings
+    noise : of the joints, as declared; the readings hold that of the base
     joints : number
     """
 
@@ -213,53 +209,52 @@ class NoiseLevels:
         columns = slice(0, 3), slice(3, 12), slice(12, 15), slice(15, 18)
         self._base = Differences(columns, (_STRIDES, _STRIDES, (1,), (1,)))
         self._counted, self._free = 0, False
-        self._levels = Levels(np.full(len(CHANNELS), np.nan), 0.0)
+        self._levels = Levels(np.full(6, np.nan), 0.0)
 
     def take(self, joints: JointStream | None, base: BaseStream | None) -> None:
-        """Take readings of each kind in the order of their stamps."""
+        """Add readings of each kind in the order of their stamps."""
         if joints is not None and len(joints.stamp):
             values = np.concatenate((joints.position, joints.velocity), axis=1)
-            self._joints.take(joints.stamp, values, np.repeat(self._noise[None], len(values), axis=0))
+            self._joints.add(joints.stamp, values, np.repeat(self._noise[None], len(values), axis=0))
         if base is not None and len(base.stamp):
             parts = base.position, base.rotation.reshape(-1, 9), base.linear_velocity, base.angular_velocity
             sizes = [
                 np.sqrt(np.mean(np.diagonal(each, axis1=1, axis2=2).reshape(-1, 2, 3), axis=2))
                 for each in (base.pose_covariance, base.twist_covariance)
             ]
-            self._base.take(base.stamp, np.concatenate(parts, axis=1), np.concatenate(sizes, axis=1))
+            self._base.add(base.stamp, np.concatenate(parts, axis=1), np.concatenate(sizes, axis=1))
 
     def until(self, stamp: int, spacing: float, *, free: bool) -> Levels:
-        """Return what the readings until a stamp say, no earlier than that of the call before.
+        """Return the levels of the readings until a stamp, no earlier than that of the call before.
 
         Parameters
         ----------
         stamp : ns
         spacing : s, between poses
-        free : whether levels of poses are found; else they are as declared, and only how they are correlated is found
+        free : whether levels of poses are estimated; else they are as declared, and only their correlation is estimated
         """
         self._joints.count(stamp)
         self._base.count(stamp)
         total = int(self._joints.counts.sum() + self._base.counts.sum())
         if total > _ANEW * self._counted or free is not self._free:
             self._counted, self._free = total, free
-            self._levels = self._found(spacing, free=free)
+            self._levels = self._estimated(spacing, free=free)
         return self._levels
 
-    def _found(self, spacing: float, *, free: bool) -> Levels:
-        """Return the levels that the counts come to."""
+    def _estimated(self, spacing: float, *, free: bool) -> Levels:
+        """Return the levels by the present counts."""
         joints, base = variances(self._joints.counts), variances(self._base.counts)
         counts = np.concatenate((self._joints.counts, self._base.counts)).sum(axis=1)
         count = len(_STRIDES)
-        poses, told = base[: 2 * count].reshape(2, count), counts[2 : 2 + 2 * count].reshape(2, count)
+        poses, numbers = base[: 2 * count].reshape(2, count), counts[2 : 2 + 2 * count].reshape(2, count)
         variance = np.concatenate((joints, poses[:, 0], base[2 * count :]))
-        enough = np.concatenate((counts[:2], told[:, 0], counts[2 + 2 * count :])) >= _FEWEST
-        time, noise = _correlated(poses, told, spacing, self._time, free=free)
-        variance[2:4] = noise
+        enough = np.concatenate((counts[:2], numbers[:, 0], counts[2 + 2 * count :])) >= _FEWEST
+        time, variance[2:4] = _correlated(poses, numbers, spacing, self._time, free=free)
         return Levels(np.sqrt(np.where(enough, variance, np.nan)), time)
 
 
 def _correlated(variance: Array, counts: Array, spacing: float, time: float, *, free: bool) -> tuple[float, Array]:
-    """Return over what time (s) the errors of poses are correlated, 0 if none is found, and their (2,) variance.
+    """Return the correlation time (s) of the errors of poses, 0 if none is found, and their (2,) variance.
 
     The variance is NaN where they are not independent, and no time explains them.
 
@@ -267,8 +262,8 @@ def _correlated(variance: Array, counts: Array, spacing: float, time: float, *, 
     ----------
     variance, counts : (2, strides) of the differences of positions and orientations
     spacing : s, between poses
-    time : s, that is given; 0 where it is to be found
-    free : whether the variance of a single error is not known to be 1
+    time : s, if declared; 0 where it is to be estimated
+    free : whether the variance of a single error is unknown; else it is 1
     """
     white, unclear = (0.0, variance[:, 0]), (0.0, np.full(2, np.nan))
     if np.any(counts[:, 0] < _FEWEST) or np.any(variance[:, 0] <= 0.0):
@@ -276,7 +271,7 @@ def _correlated(variance: Array, counts: Array, spacing: float, time: float, *, 
     relative = np.sqrt(2.0 / (_INDEPENDENT * np.maximum(counts, 1)))  # standard deviation of each
     growth = np.diff(np.log(np.maximum(variance, 1e-300)), axis=1)
     known = np.all(counts[:, 1:] >= _FEWEST, axis=0)
-    # Errors of the size declared that hardly change are correlated, unless those further apart say that they are small.
+    # Errors of the declared size that hardly change are correlated, unless those further apart are small, too.
     small = bool(np.all(variance[:, 0] < _SMALL))
     doubt = (-1.0 if small else 3.0) * float(np.mean(relative[:, 1]))
     if not time and not small and not (free and known[0]):

@@ -1,22 +1,28 @@
-"""Single poses far from those before and after: left out, for one of them can spoil a whole run.
+"""Readings that tell nothing new, or nothing true: repeated ones and single outliers, whatever the sensor.
 
-A pose is suspicious if it is not where the two before it lead to. Suspicious ones wait until the motion after them is
-known; those far from a parabola through what is around them are outliers. Where no parabola holds all around, the base
-has jumped, or what is known of its pose has, and nothing is left out. Nothing waits while nothing is suspicious.
+A reading is suspicious if it is not where the two before it lead to. Suspicious ones wait until the motion after them
+is known; those far from a parabola through their neighbours are outliers. If no parabola fits the neighbours, the
+sensor has jumped, and nothing is dropped. Nothing waits while nothing is suspicious. The result does not depend on how
+the stream is cut into calls.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, Flags, log
-from mbaid_ros.core.samples import BaseStream
+from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream
 
 OUTLIER = 'pose far from those before and after'
+JOINT_OUTLIER = 'joint position far from those before and after'
+REPEATED_POSE = 'pose repeated'
+STILL = 1_000_000_000  # ns that the same pose has to last to be that of a base at rest
 
 _FAR = 7.0  # standard deviations that no noise reaches: of a vector, one in 10^10
 _AROUND = 4.0  # times the largest misfit of what is around: a motion that begins or ends is no outlier
@@ -26,14 +32,72 @@ _LONGEST = 40  # suspicious poses in a row: more are no outliers, and nothing wa
 _BLOCK = 64  # misfits that tell the scale of the next as many
 _FEW = 6  # misfits that tell no scale yet
 _UNDERSTATED = 10.0  # times as large as declared noise may be, as long as too few tell
-_QUARTILE = 1.10  # a quarter of the vectors of three independent numbers of unit variance are shorter
+# A quarter of the vectors of three independent numbers of unit variance are shorter, and of single numbers smaller.
+_QUARTILE_OF_THREE, _QUARTILE_OF_ONE = 1.10, 0.319
+
+Stream = TypeVar('Stream', BaseStream, JointStream, ImuStream)
+
+
+class Channels(NamedTuple):
+    """Channels of one kind: a position, an orientation, each joint.
+
+    Attributes
+    ----------
+    values : from N readings to (N, c, w) numbers of c channels, which move along straight lines for a moment
+    size : length of a change of a channel's numbers, per unit of the quantity
+    declared : from N readings to the (N, c) standard deviations of the quantity
+    local : from N readings to (N, c, k) coordinates about the first one
+    quartile : lower quartile of a channel's error, in its standard deviations
+    """
+
+    values: Callable[[Any], Array]
+    size: float
+    declared: Callable[[Any], Array]
+    local: Callable[[Any], Array]
+    quartile: float = _QUARTILE_OF_THREE
+
+
+def _pose_std(base: BaseStream, block: int) -> Array:
+    """Return the (N, 1) mean standard deviation of a block of the poses' covariance."""
+    variance = np.diagonal(base.pose_covariance, axis1=1, axis2=2).reshape(-1, 2, 3)
+    return np.asarray(np.sqrt(np.mean(variance, axis=2))[:, block, None])
+
+
+POSE = (
+    Channels(
+        lambda base: base.position[:, None],
+        1.0,
+        lambda base: _pose_std(base, 0),
+        lambda base: (base.position - base.position[0])[:, None],
+    ),
+    # A turn's length is that of the change of the matrix over the square root of two.
+    Channels(
+        lambda base: base.rotation.reshape(-1, 1, 9),
+        np.sqrt(2.0),
+        lambda base: _pose_std(base, 1),
+        lambda base: log(base.rotation[0].T @ base.rotation)[:, None],
+    ),
+)
+
+
+def joint_channels(noise: float) -> tuple[Channels, ...]:
+    """Return the joints' positions as channels, of a declared standard deviation in rad or m."""
+    return (
+        Channels(
+            lambda joints: joints.position[:, :, None],
+            1.0,
+            lambda joints: np.full(joints.position.shape, noise),
+            lambda joints: (joints.position - joints.position[0])[:, :, None],
+            _QUARTILE_OF_ONE,
+        ),
+    )
 
 
 @dataclass(frozen=True)
-class _Looked(ArrayRecord):
-    """Odometry that has been looked at: whether it is suspicious, and the scale (N, 2) of position and orientation."""
+class _Judged(ArrayRecord):
+    """Readings with whether each is suspicious (N,), and the scale (N, c) of its channels."""
 
-    base: BaseStream
+    readings: Any
     suspicious: Flags
     scale: Array
 
@@ -41,70 +105,82 @@ class _Looked(ArrayRecord):
         return len(self.suspicious)
 
 
-class Outliers:
-    """Lets poses pass, in order, but for those that are single outliers; the same however the stream is cut.
+class Outliers(Generic[Stream]):
+    """Passes readings on, in order, without single outliers.
 
     Parameters
     ----------
-    maximum_gap : ns, between poses that tell of each other
+    maximum_gap : ns, between readings that are compared
+    channels : of the stream
+    cause : under which readings are counted
 
     Attributes
     ----------
-    dropped : measurements that did not pass
+    dropped : readings that were not passed on
+    by_channel : how often each channel of one of these was far, by its number
     """
 
-    def __init__(self, maximum_gap: int) -> None:
+    def __init__(self, maximum_gap: int, channels: Sequence[Channels] = POSE, cause: str = OUTLIER) -> None:
         self._near = min(maximum_gap, _NEAR)
-        self._reach = _BEFORE * self._near
-        self._scale = _Scale()
-        self._last: BaseStream | None = None  # the latest two
-        self._passed: _Looked | None = None  # the latest that have passed
-        self._waiting: _Looked | None = None  # from a suspicious one on
+        self._channels = channels
+        self._cause = cause
+        self._scale: _Scale | None = None
+        self.by_channel: Counter[int] = Counter()
+        self._last: Stream | None = None  # the latest two
+        self._passed: _Judged | None = None  # the latest that were passed on
+        self._waiting: _Judged | None = None  # from a suspicious one on
         self.dropped: Counter[str] = Counter()
 
-    def push(self, base: BaseStream | None) -> BaseStream | None:
-        """Take measurements in the order of their stamps and return those that pass, None if there are none."""
-        if base is None or not len(base.stamp):
+    @property
+    def waiting_since(self) -> int | None:
+        """Stamp (ns) of the first reading that waits; None if none does."""
+        return None if self._waiting is None else int(self._waiting.readings.stamp[0])
+
+    def push(self, stream: Stream | None) -> Stream | None:
+        """Add readings in the order of their stamps; return those passed on, None if there are none."""
+        if stream is None or not len(stream.stamp):
             return None
-        looked = self._look(base)
-        if self._waiting is None and not np.any(looked.suspicious):
-            self._passed = looked[-_BEFORE:] if len(looked) >= _BEFORE else _last([self._passed, looked])
-            return base
-        joined = _joined([self._passed, self._waiting, looked])
+        judged = self._judge(stream)
+        if self._waiting is None and not np.any(judged.suspicious):
+            self._passed = (judged if len(judged) >= _BEFORE else _joined([self._passed, judged]))[-_BEFORE:]
+            return stream
+        joined = _joined([self._passed, self._waiting, judged])
         begin = 0 if self._passed is None else len(self._passed)
         passing, end = self._decide(joined, begin)
-        self.dropped[OUTLIER] += end - begin - (len(passing) - begin)
+        self.dropped[self._cause] += end - len(passing)
         self._waiting = joined[end:] if end < len(joined) else None
         self._passed = joined[np.array(passing[-_BEFORE:], dtype=np.intp)]
-        return joined.base[np.array(passing[begin:], dtype=np.intp)] if len(passing) > begin else None
+        return joined.readings[np.array(passing[begin:], dtype=np.intp)] if len(passing) > begin else None
 
-    def _look(self, base: BaseStream) -> _Looked:
-        """Return measurements with how far they are from where the two before lead to."""
-        joined = base if self._last is None else BaseStream.concatenate((self._last, base))
-        misfit: Array = np.zeros((len(joined.stamp), 2))
+    def _judge(self, stream: Stream) -> _Judged:
+        """Return readings with their distance from where the two before lead to, compared with its scale."""
+        joined = stream if self._last is None else stream.concatenate((self._last, stream))
         step = np.diff(joined.stamp)
         first, second = step[:-1], step[1:]
-        ratio = (second / first)[:, None]
+        ratio = (second / first)[:, None, None]
         noise = np.sqrt(1.0 + (1.0 + ratio[:, 0]) ** 2 + ratio[:, 0] ** 2)
-        near = np.maximum(first, second) <= self._near
-        # A turn's length is that of the change of the matrix over the square root of two.
-        for column, values, size in ((0, joined.position, 1.0), (1, joined.rotation.reshape(-1, 9), np.sqrt(2.0))):
-            change = np.diff(values, axis=0)
-            away = np.sqrt(np.sum((change[1:] - ratio * change[:-1]) ** 2, axis=1))
-            misfit[2:, column] = np.where(near, away / (size * noise), 0.0)
-        misfit = misfit[len(joined.stamp) - len(base.stamp) :]
+        near = (np.maximum(first, second) <= self._near)[:, None]
+        columns = []
+        for channels in self._channels:
+            change = np.diff(channels.values(joined), axis=0)
+            away = np.sqrt(np.sum((change[1:] - ratio * change[:-1]) ** 2, axis=2))
+            columns.append(np.where(near, away / (channels.size * noise), 0.0))
+        after_two = np.concatenate(columns, axis=1)
+        misfit = np.concatenate((np.zeros((2, after_two.shape[1])), after_two))[-len(stream.stamp) :]
         self._last = joined[-2:]
-        variance = np.diagonal(base.pose_covariance, axis1=1, axis2=2).reshape(-1, 2, 3)
-        declared = np.sqrt(np.mean(variance, axis=2))
-        scale = np.maximum(declared, self._scale.of(misfit, declared))
-        return _Looked(base, np.any(misfit > _FAR * scale, axis=1), scale)
+        declared = np.concatenate([channels.declared(stream) for channels in self._channels], axis=1)
+        if self._scale is None:
+            parts = zip(self._channels, columns, strict=True)
+            self._scale = _Scale(np.concatenate([np.full(part.shape[1], one.quartile) for one, part in parts]))
+        scale = np.maximum(declared, self._scale.update(misfit, declared))
+        return _Judged(stream, np.any(misfit > _FAR * scale, axis=1), scale)
 
-    def _decide(self, looked: _Looked, begin: int) -> tuple[list[int], int]:
-        """Return which measurements pass, with those before `begin`, and where those begin that have to wait."""
-        passing = list(range(begin))
-        suspicious = [*(begin + np.flatnonzero(looked.suspicious[begin:])).tolist(), len(looked) + _LONGEST]
-        place = begin
-        while suspicious[0] < len(looked):
+    def _decide(self, judged: _Judged, begin: int) -> tuple[list[int], int]:
+        """Return the readings that pass, with those before `begin`, and the first one that has to wait."""
+        passing: list[int] = list(range(begin))
+        suspicious = [*(begin + np.flatnonzero(judged.suspicious[begin:])).tolist(), len(judged) + _LONGEST]
+        place: int = begin
+        while suspicious[0] < len(judged):
             start = suspicious[0]
             passing += range(place, start)
             last = start
@@ -114,60 +190,65 @@ class Outliers:
             if suspicious[0] <= last + _AFTER:
                 place = suspicious[0]
                 passing += range(start, place)
-            elif last + _AFTER >= len(looked):
+            elif last + _AFTER >= len(judged):
                 return passing, start
             else:
                 around = [*passing[-_BEFORE:], *range(place, place + _AFTER)]
-                far = self._far(looked, around, range(start, place))
+                far = self._far(judged, around, range(start, place))
                 passing += (index for index, out in zip(range(start, place), far, strict=True) if not out)
-        passing += range(place, len(looked))
-        return passing, len(looked)
+        passing += range(place, len(judged))
+        return passing, len(judged)
 
-    def _far(self, looked: _Looked, around: list[int], members: range) -> Flags:
-        """Return which of some poses are far from a parabola through others around them."""
-        stamp = looked.base.stamp
+    def _far(self, judged: _Judged, around: list[int], members: range) -> Flags:
+        """Return which of some readings are far from a parabola through others around them."""
+        stamp = judged.readings.stamp
         ends = np.clip(around, members[0], members[-1])
-        near = np.array(around)[np.abs(stamp[around] - stamp[ends]) <= self._reach]
+        near = np.array(around)[np.abs(stamp[around] - stamp[ends]) <= _BEFORE * self._near]
         if np.sum(near < members[0]) < 2 or np.sum(near > members[-1]) < 2:
             return np.zeros(len(members), dtype=bool)
-        base = looked.base[near[0] : near[-1] + 1]
+        readings = judged.readings[near[0] : near[-1] + 1]
         near, own = near - near[0], np.array(members) - near[0]
-        powers = ((base.stamp - base.stamp[own[0]]) * 1e-9)[:, None] ** np.arange(3)
+        powers = ((readings.stamp - readings.stamp[own[0]]) * 1e-9)[:, None] ** np.arange(3)
         solve = np.linalg.pinv(powers[near])
         spread = np.sqrt(1.0 + np.sum((powers[own] @ solve) ** 2, axis=1))
-        far: Flags = np.zeros(len(own), dtype=bool)
-        turn = log(base.rotation[0].T @ base.rotation)
-        for column, values in enumerate((base.position - base.position[0], turn)):
-            left = np.sqrt(np.sum((values - powers @ (solve @ values[near])) ** 2, axis=1))
-            limit = max(_FAR * float(looked.scale[members[0], column]), _AROUND * float(np.max(left[near])))
-            far |= left[own] > limit * spread
-        return far
+        columns = []
+        for channels in self._channels:
+            values = channels.local(readings)
+            fitted = np.tensordot(powers @ solve, values[near], axes=1)
+            columns.append(np.sqrt(np.sum((values - fitted) ** 2, axis=2)))
+        left = np.concatenate(columns, axis=1)
+        limit = np.maximum(_FAR * judged.scale[members[0]], _AROUND * np.max(left[near], axis=0))
+        each = left[own] > limit * spread[:, None]
+        self.by_channel.update({place: int(count) for place, count in enumerate(each.sum(axis=0)) if count})
+        return np.asarray(np.any(each, axis=1))
 
 
 class _Scale:
-    """The size of misfits as they are, whatever is declared, from the lower quartile of the block before.
+    """The size of c channels' misfits, from the lower quartile of the block before, whatever is declared.
 
     An outlier is in three misfits: the median of a block with many of them would be one of theirs.
     """
 
-    def __init__(self) -> None:
-        self._block: Array = np.zeros((0, 2))  # misfits of the block that is not complete
+    def __init__(self, quartile: Array) -> None:
+        self._quartile = quartile  # (c,) of each channel, in its standard deviations
+        self._block: Array | None = None  # misfits of the block that is not complete
         self._before: Array | None = None  # scale of the one before it
 
-    def of(self, misfit: Array, declared: Array) -> Array:
-        """Return the scale (N, 2) that the next misfits (N, 2) are measured by; the first by what is declared."""
-        known = len(self._block)
-        joined = np.concatenate((self._block, misfit))
+    def update(self, misfit: Array, declared: Array) -> Array:
+        """Return the scale (N, c) for the next misfits (N, c); for the first ones by their declared noise."""
+        known = 0 if self._block is None else len(self._block)
+        joined = misfit if self._block is None else np.concatenate((self._block, misfit))
         complete = len(joined) // _BLOCK
-        blocks = joined[: complete * _BLOCK].reshape(complete, _BLOCK, 2)
-        own = np.sort(blocks, axis=1)[:, _BLOCK // 4] / _QUARTILE
+        blocks = joined[: complete * _BLOCK].reshape(complete, _BLOCK, joined.shape[1])
+        own = np.sort(blocks, axis=1)[:, _BLOCK // 4] / self._quartile
         if self._before is None:  # the first block has none before it: the misfits so far serve, once they are some
             so_far = [joined[min(2, end) : end + 1] for end in range(known, min(len(joined), _BLOCK))]
             first = [
-                np.sort(each, axis=0)[len(each) // 4] / _QUARTILE if len(each) > _FEW else _UNDERSTATED * least
+                np.sort(each, axis=0)[len(each) // 4] / self._quartile if len(each) > _FEW else _UNDERSTATED * least
                 for each, least in zip(so_far, declared, strict=False)
             ]
-            scales = np.concatenate((np.reshape(first, (-1, 2)), np.repeat(own, _BLOCK, axis=0)))[: len(misfit)]
+            initial = np.reshape(first, (-1, joined.shape[1]))
+            scales = np.concatenate((initial, np.repeat(own, _BLOCK, axis=0)))[: len(misfit)]
         else:
             scales = np.repeat(np.concatenate((self._before[None], own)), _BLOCK, axis=0)[known : len(joined)]
         if complete:
@@ -176,77 +257,137 @@ class _Scale:
         return scales
 
 
-def _joined(parts: list[_Looked | None]) -> _Looked:
+def _joined(parts: list[_Judged | None]) -> _Judged:
     given = [part for part in parts if part is not None]
-    return _Looked(
-        BaseStream.concatenate([part.base for part in given]),
-        np.concatenate([part.suspicious for part in given]),
-        np.concatenate([part.scale for part in given]),
-    )
+    readings = given[0].readings.concatenate([part.readings for part in given])
+    suspicious, scale = ([getattr(part, name) for part in given] for name in ('suspicious', 'scale'))
+    return _Judged(readings, np.concatenate(suspicious), np.concatenate(scale))
 
 
-def _last(parts: list[_Looked | None]) -> _Looked:
-    """Return the latest of some measurements, as many as are looked at before suspicious ones."""
-    return _joined(parts)[-_BEFORE:]
-
-
-REPEATED_POSE = 'pose repeated'
-
-STILL = 1_000_000_000  # ns that the same pose has to last to be that of a base at rest
-
-
-class Repeats:
-    """Lets the first of equal poses pass, and the others only if they last; in order, however the stream is cut.
+class Repeats(Generic[Stream]):
+    """Passes the first of equal readings on, in order, and the others only if they last.
 
     Attributes
     ----------
-    dropped : measurements that did not pass
+    dropped : readings that were not passed on
+    """
+
+    def __init__(self, channels: Sequence[Channels] = POSE) -> None:
+        self._channels = channels
+        self._last: Stream | None = None  # latest reading
+        self._since = 0  # ns, when its value came
+        self._waiting: Stream | None = None  # those with its value, until it is known whether they pass
+        self.dropped: Counter[str] = Counter()
+
+    def push(self, stream: Stream | None) -> Stream | None:
+        """Add readings in the order of their stamps; return those passed on, None if there are none."""
+        if stream is None or not len(stream.stamp):
+            return None
+        new = self._new(stream)
+        if np.all(new) and self._waiting is None:
+            self._last, self._since = stream[-1:], int(stream.stamp[-1])
+            return stream
+        waiting = 0 if self._waiting is None else len(self._waiting.stamp)
+        joined = stream if self._waiting is None else stream.concatenate((self._waiting, stream))
+        passing, undecided = self._decide(joined, np.concatenate((np.zeros(waiting, dtype=bool), new)))
+        self.dropped[REPEATED_POSE] += int(np.sum(~passing & ~undecided))
+        self._last, self._waiting = stream[-1:], joined[undecided] if np.any(undecided) else None
+        return joined[passing] if np.any(passing) else None
+
+    def _new(self, stream: Stream) -> Flags:
+        """Return which readings differ from the one before, (N,)."""
+        joined = stream.concatenate((stream[:1] if self._last is None else self._last, stream))
+        values = [channel.values(joined) for channel in self._channels]
+        new = np.any([np.any(each[1:] != each[:-1], axis=(1, 2)) for each in values], axis=0)
+        new[0] |= self._last is None
+        return np.asarray(new)
+
+    def _decide(self, stream: Stream, new: Flags) -> tuple[Flags, Flags]:
+        """Return which readings pass, and which have to wait until it is known how long their value lasts.
+
+        `stream` holds those that have waited and the next ones, `new` (N,) which of them differ from the one before.
+        """
+        number = np.cumsum(new)  # of the value, 0 for that of the readings before
+        since = np.concatenate(([self._since], stream.stamp[new]))
+        until = since.copy()
+        until[number] = stream.stamp  # the last assignment stays: the latest stamp
+        lasts = until - since >= STILL
+        self._since = int(since[-1])
+        passing = new | lasts[number]
+        return passing, ~passing & (number == number[-1])
+
+
+JOINTS_HELD = 'joint positions repeated under a new stamp'
+
+_CYCLES = 3  # times that all joints moved at once after a repeat, from which a driver is known to hold readings
+
+
+class HeldJoints:
+    """Drops joint readings that a driver repeats under new stamps while the joints move on.
+
+    All joints that move change at once then. An encoder with coarse steps repeats readings, too, but its joints change
+    at different times: nothing is dropped of it. A reading that lasts is that of joints at rest. The result does not
+    depend on how the stream is cut into calls.
+
+    Attributes
+    ----------
+    dropped : readings that were not passed on
     """
 
     def __init__(self) -> None:
-        self._last: BaseStream | None = None  # latest measurement
-        self._since = 0  # ns, when its pose came
-        self._waiting: BaseStream | None = None  # those with its pose, until it is known whether they pass
+        self._last: JointStream | None = None  # latest reading
+        self._since = 0  # ns, stamp from which on that has been read
+        self._moving: Flags = np.zeros(0, dtype=bool)  # joints that have changed
+        self._cycles = 0
+        self._held: bool | None = None  # None while it is not known
+        self._waiting: list[tuple[JointStream, bool]] = []  # with whether each is repeated, until that is known
         self.dropped: Counter[str] = Counter()
 
-    def push(self, base: BaseStream | None) -> BaseStream | None:
-        """Take measurements in the order of their stamps and return those that pass, None if there are none."""
-        if base is None or not len(base.stamp):
-            return None
-        new = self._new(base)
-        if np.all(new) and self._waiting is None:
-            self._last, self._since = base[-1:], int(base.stamp[-1])
-            return base
-        waiting = 0 if self._waiting is None else len(self._waiting.stamp)
-        joined = base if self._waiting is None else BaseStream.concatenate((self._waiting, base))
-        passing, open_ = self._sorted(joined, np.concatenate((np.zeros(waiting, dtype=bool), new)))
-        self.dropped[REPEATED_POSE] += int(np.sum(~passing & ~open_))
-        self._last, self._waiting = base[-1:], joined[open_] if np.any(open_) else None
-        return joined[passing] if np.any(passing) else None
+    @property
+    def waiting_since(self) -> int | None:
+        """Stamp (ns) of the first reading that waits; None if none does."""
+        return int(self._waiting[0][0].stamp[0]) if self._waiting else None
 
-    def _new(self, base: BaseStream) -> Flags:
-        """Return which measurements have another pose than the one before, (N,)."""
-        before = base[:1] if self._last is None else self._last
-        position = np.concatenate((before.position, base.position))
-        rotation = np.concatenate((before.rotation, base.rotation)).reshape(-1, 9)
-        new = np.any(position[1:] != position[:-1], axis=1) | np.any(rotation[1:] != rotation[:-1], axis=1)
+    def push(self, stream: JointStream | None) -> JointStream | None:
+        """Add readings in the order of their stamps; return those passed on, None if there are none."""
+        if stream is None or not len(stream.stamp) or self._held is False:
+            return stream
+        last = stream[:1] if self._last is None else self._last
+        changed = np.diff(np.concatenate((last.position, stream.position)), axis=0) != 0.0
         if self._last is None:
-            new[0] = True
-        return np.asarray(new)
+            changed[0] = True
+            self._since = int(stream.stamp[0])
+            self._moving = np.zeros(stream.position.shape[1], dtype=bool)
+        self._last = stream[-1:]
+        if not self._waiting and np.all(changed):
+            self._moving, self._since = self._moving | changed[-1], int(stream.stamp[-1])
+            return stream
+        passed = [
+            each for place in range(len(changed)) for each in self._decide(stream[place : place + 1], changed[place])
+        ]
+        return stream.concatenate(passed) if passed else None
 
-    def _sorted(self, base: BaseStream, new: Flags) -> tuple[Flags, Flags]:
-        """Return which measurements pass, and which have to wait until it is known how long their pose lasts.
-
-        Parameters
-        ----------
-        base : those that have waited, and those that come
-        new : which have another pose than the one before
-        """
-        pose = np.cumsum(new)  # which one, 0 for that of the measurements before
-        since = np.concatenate(([self._since], base.stamp[new]))
-        until = since.copy()
-        until[pose] = base.stamp  # the last assignment stays: the latest stamp
-        lasts = until - since >= STILL
-        self._since = int(since[-1])
-        passing = new | lasts[pose]
-        return passing, ~passing & (pose == pose[-1])
+    def _decide(self, reading: JointStream, changed: Flags) -> list[JointStream]:
+        """Return the readings that pass once another one (1, n) has come, of which some joints (n,) have changed."""
+        stamp = int(reading.stamp[0])
+        repeated = not np.any(changed)
+        known = self._held is not None
+        if repeated:
+            known |= stamp - self._since >= STILL  # the joints rest
+        else:
+            if np.any(self._moving & ~changed):
+                self._held, known = False, True
+            elif np.sum(changed) < 2:
+                known = True  # one joint by itself: as well one with coarse steps
+            elif self._waiting:
+                self._cycles += 1
+                self._held = True if self._cycles >= _CYCLES else self._held
+                known = self._held is True
+            self._moving, self._since = self._moving | changed, stamp
+        self._waiting.append((reading, repeated and stamp - self._since < STILL))
+        if not known and any(again for _, again in self._waiting):
+            return []
+        waiting, self._waiting = self._waiting, []
+        kept = [each for each, again in waiting if not (again and self._held)]
+        self.dropped[JOINTS_HELD] += len(waiting) - len(kept)
+        return kept

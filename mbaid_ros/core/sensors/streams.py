@@ -1,7 +1,7 @@
-"""The first look at a stream of messages, as they arrive: stamps that jump, and stamps that are not set.
+"""Streams in order: stamps that jump or are not set, late and repeated ones, and windows of samples.
 
-Two consecutive messages have to agree before a jump is believed: a single stamp far from those around it is an error of
-that message. All decisions follow from the order of arrival alone.
+Two consecutive messages have to agree before a jump counts: a single stamp far from its neighbours is an error of that
+message. All decisions follow from the order of arrival alone.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ OTHER_CLOCK = 'stamp from before the other topic jumped back in time'
 
 
 class Gate:
-    """Collects the messages of one stream until they are worked through.
+    """Collects the messages of one stream.
 
     Parameters
     ----------
@@ -47,9 +47,9 @@ class Gate:
         self.dropped: Counter[str] = Counter()
 
     def take(self, stamp: int, message: Any) -> int:
-        """Take a message; return by how much (ns) time has turned out to jump back before it, else 0.
+        """Add a message; return the size (ns) of a jump back in time before it, else 0.
 
-        After a jump back, `messages` holds what came before it; `settle` adds what came after.
+        After a jump back, `messages` holds those before it; `settle` adds those after it.
         """
         newest = self.newest
         if newest is not None and not -self._threshold <= stamp - newest <= self._threshold:
@@ -65,7 +65,7 @@ class Gate:
         return 0
 
     def passes(self, stamp: Stamps) -> bool:
-        """Tell whether messages with these stamps (N,) would all pass, with nothing to be decided about any of them."""
+        """Return whether messages with these stamps (N,) all pass at once."""
         if not len(stamp):
             return True
         if self.newest is None or self._suspect is not None:
@@ -74,13 +74,13 @@ class Gate:
         return bool(np.all(np.abs(steps) <= self._threshold) and np.all(stamp != 0))
 
     def take_regular(self, stamp: Stamps, messages: Sequence[Any]) -> None:
-        """Take messages that would all pass, as `passes` says, with their stamps (N,); some may be together."""
+        """Add messages that all pass according to `passes`, with their stamps (N,); some may be together."""
         if len(stamp):
             self.messages += messages
             self.newest = max(int(self._newest_before(stamp)[-1]), int(stamp[-1]))
 
     def settle(self, message: Any) -> None:
-        """Let the two messages pass that have shown a jump back: the one held, and `message`, which confirmed it."""
+        """Pass the two messages after a jump back: the one held, and `message`, which confirmed it."""
         if self._suspect is not None:
             self.messages += (self._suspect[1], message)
             self._suspect = None
@@ -91,11 +91,11 @@ class Gate:
         return messages
 
     def _newest_before(self, stamp: Stamps) -> Stamps:
-        """Return the latest stamp before each of the messages with some stamps, if all pass."""
+        """Return the latest stamp before each of some messages that all pass."""
         return np.maximum.accumulate(np.concatenate((np.array([self.newest], dtype=np.int64), stamp[:-1])))
 
     def _far(self, stamp: int, message: Any, newest: int) -> int:
-        """Take a message whose stamp is far from the newest."""
+        """Add a message whose stamp is far from the newest."""
         if stamp == 0:
             self.dropped[ZERO_STAMP] += 1
             return 0
@@ -136,16 +136,16 @@ Stream = TypeVar('Stream', JointStream, BaseStream, ImuStream)
 class Reorder(Generic[Stream]):
     """Puts one stream in order; the result does not depend on how it is cut into calls.
 
-    Nothing is held back until a stamp comes late for the first time. That one is lost; from then on measurements wait
-    as long as it was late, and half as much again.
+    Nothing waits until a stamp comes late for the first time. That one is lost; from then on measurements wait as long
+    as it was late, and half as much again.
 
     Parameters
     ----------
-    limit : ns, longest time that a measurement may be held back for others
+    limit : ns, longest time that a measurement may wait for others
 
     Attributes
     ----------
-    hold : ns, time that measurements are held back now
+    hold : ns, time that measurements wait now
     """
 
     def __init__(self, limit: int) -> None:
@@ -157,7 +157,7 @@ class Reorder(Generic[Stream]):
         self.dropped: Counter[str] = Counter()
 
     def push(self, stream: Stream | None) -> Stream | None:
-        """Take measurements and return those that are released, in order, None if there are none."""
+        """Add measurements; return those released, in order, None if there are none."""
         if stream is None or not len(stream.stamp):
             return None
         if self.hold == 0 and self._in_order(stream.stamp):
@@ -174,7 +174,7 @@ class Reorder(Generic[Stream]):
         return bool(after and np.all(stamp[1:] > stamp[:-1]))
 
     def _sort(self, stamps: list[int], held: int) -> tuple[list[int], list[int]]:
-        """Return where the measurements that are released stand, in order, and those that wait on."""
+        """Return the indices of the measurements released, in order, and of those that wait on."""
         waiting = [(stamp, index) for index, stamp in enumerate(stamps[:held])]
         released: list[int] = []
         for index in range(held, len(stamps)):
@@ -190,7 +190,7 @@ class Reorder(Generic[Stream]):
         return released, [place for _, place in waiting]
 
     def _accepted(self, stamp: int, waiting: list[tuple[int, int]]) -> bool:
-        """Tell whether a stamp is new and not too late; learn from one that is late."""
+        """Return whether a stamp is new and not too late; adapt the waiting time to one that is late."""
         place = bisect_left(waiting, (stamp,))
         if stamp == self._released or (place < len(waiting) and waiting[place][0] == stamp):
             self.dropped[REPEATED] += 1
@@ -205,12 +205,9 @@ class Reorder(Generic[Stream]):
 
 
 class Windows:
-    """Collects samples and releases each window once a later sample has arrived.
+    """Collects samples and releases each window of a length (s) once a later sample has arrived.
 
-    Parameters
-    ----------
-    length : float
-        Length of a window, s; window k holds the samples with k <= time / length < k + 1.
+    Window k holds the samples with k <= time / length < k + 1.
     """
 
     def __init__(self, length: float) -> None:
@@ -218,7 +215,7 @@ class Windows:
         self._parts: list[Samples] = []
 
     def push(self, samples: Samples) -> list[Samples]:
-        """Take samples and return the windows that they close, in order; empty windows are left out."""
+        """Add samples; return the windows that they close, in order, without empty ones."""
         number = self._numbers(samples)
         last = self._numbers(self._parts[-1])[-1] if self._parts else number[0]
         starts = np.flatnonzero(np.diff(number, prepend=last))
@@ -234,7 +231,7 @@ class Windows:
         return closed
 
     def flush(self) -> list[Samples]:
-        """Return the samples of the window that is still open, as a window."""
+        """Return the open window."""
         parts, self._parts = self._parts, []
         return [Samples.concatenate(parts)] if parts else []
 

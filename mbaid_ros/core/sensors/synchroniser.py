@@ -12,9 +12,9 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, exp, log
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, Stamps
 from mbaid_ros.core.sensors.base import at_once, hermite
-from mbaid_ros.core.sensors.found_noise import FoundNoise
 from mbaid_ros.core.sensors.imu import Gyro
-from mbaid_ros.core.sensors.outliers import Outliers, Repeats
+from mbaid_ros.core.sensors.levels import FoundNoise
+from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, HeldJoints, Outliers, Repeats, joint_channels
 
 LARGEST_BACKLOG = 100_000  # measurements of one stream waiting for the other: more are memory without an end
 
@@ -25,6 +25,7 @@ ODOMETRY_GAP = 'gap in the odometry'
 # A gyro that is further behind the joints than that (ns) has stopped: samples wait for it no longer.
 _PATIENCE = 1_000_000_000
 _BEFORE_ALL = np.iinfo(np.int64).min
+_TYPICAL_NOISE = 1e-4  # rad or m, of joint positions of which nothing is declared
 
 Stream = TypeVar('Stream', JointStream, BaseStream)
 
@@ -34,14 +35,10 @@ class Synchroniser:
 
     Parameters
     ----------
-    maximum_gap : float
-        Longest time between two odometry stamps that is interpolated, s.
-    view : callable, optional
-        What takes measurements of the base to an inertial frame, where that of the odometry is none.
-    gyro : Gyro, optional
-        Integrates what an IMU measures, which samples then wait for.
-    noise : FoundNoise, optional
-        Takes the readings that are used.
+    maximum_gap : s, longest time between two odometry stamps that is interpolated
+    view : transforms measurements of the base to an inertial frame, if that of the odometry is none
+    gyro : integrates an IMU's rate; samples then wait for it
+    noise : receives the readings that are used
     """
 
     def __init__(
@@ -60,15 +57,19 @@ class Synchroniser:
         self._origin: int | None = None
         self._previous: int | None = None  # stamp of the last joint measurement that was used
         self._newest: dict[type, int] = {}  # latest stamp of each stream, used up or not
-        self._repeats = Repeats()
-        self._outliers = Outliers(self._maximum_gap)
+        self._repeats = Repeats[BaseStream]()
+        self._outliers = Outliers[BaseStream](self._maximum_gap)
+        self._held = HeldJoints()
+        joints = joint_channels(_TYPICAL_NOISE if noise is None else noise.joint_position)
+        self._joint_outliers = Outliers[JointStream](self._maximum_gap, joints, JOINT_OUTLIER)
         self._dropped: Counter[str] = Counter()
 
     @property
     def dropped(self) -> Counter[str]:
         """Measurements that were not used, by cause."""
         gyro = Counter[str]() if self._gyro is None else self._gyro.dropped
-        return +(self._dropped + self._repeats.dropped + self._outliers.dropped + gyro)
+        gates = (self._repeats, self._outliers, self._held, self._joint_outliers)
+        return +sum((gate.dropped for gate in gates), self._dropped + gyro)
 
     @property
     def origin(self) -> int:
@@ -76,12 +77,11 @@ class Synchroniser:
         return self._origin or 0
 
     def push(self, joints: JointStream | None, base: BaseStream | None, imu: ImuStream | None = None) -> Samples | None:
-        """Take measurements and return the samples that they complete, None if there are none.
+        """Add measurements; return the samples that they complete, None if there are none.
 
-        A stamp that is not after its predecessor in the same stream is dropped and counted; so are repeated poses and
-        outliers.
+        Stamps not after their predecessor in the stream are dropped and counted; so are repeated poses and outliers.
         """
-        joints = self._later(joints)
+        joints = self._joint_outliers.push(self._held.push(self._later(joints)))
         self._joints = self._append(self._joints, joints)
         new = self._repeats.push(self._later(base))  # a pose is repeated in the frame that it is measured in
         if new is not None and self._view is not None:
@@ -102,7 +102,9 @@ class Synchroniser:
         samples = self._interpolate(self._joints[early:ready], self._base) if ready > early else None
         self._joints = self._joints[max(early, ready) :]
         # The last odometry before the next joints is one end of their interval, the one before tells its length.
-        pending = self._joints.stamp[0] if len(self._joints.stamp) else self._newest[JointStream] + 1
+        pending = int(self._joints.stamp[0]) if len(self._joints.stamp) else self._newest[JointStream] + 1
+        held_back = (self._held.waiting_since, self._joint_outliers.waiting_since)
+        pending = min([pending, *(stamp for stamp in held_back if stamp is not None)])
         first = max(int(np.searchsorted(known, pending, side='right')) - 2, 0)
         self._base = self._base[first:]
         if self._gyro is not None:
@@ -110,12 +112,12 @@ class Synchroniser:
         return samples
 
     def _measured_until(self, base: Stamps) -> int:
-        """Return the last stamp of the base (N,) until which all else has been measured, too; before all if none."""
+        """Return the last stamp of the base (N,) up to which the gyro is known, too; the least integer if none."""
         if self._gyro is None:
             return int(base[-1])
         silent = self._newest[JointStream] - _PATIENCE
         newest = silent if self._gyro.newest is None else max(self._gyro.newest, silent)
-        # What is between two of the base needs the gyro until the second.
+        # Samples between two of the base need the gyro until the second.
         place = int(np.searchsorted(base, newest, side='right'))
         return int(base[place - 1]) if place else _BEFORE_ALL
 
@@ -175,10 +177,7 @@ class Synchroniser:
         return replace(samples, base_rotation=self._turned(samples, joints.stamp, base, (left, right)))
 
     def _turned(self, samples: Samples, stamp: Stamps, base: BaseStream, ends: tuple[Stamps, Stamps]) -> Array:
-        """Return the orientations (N, 3, 3) between two of the base, as the gyro has turned in between.
-
-        What it misses of the turn from one to the other, by bias or scale, is spread evenly over the time between.
-        """
+        """Return the orientations (N, 3, 3) between two of the base by the gyro, its error spread evenly in between."""
         assert self._gyro is not None, 'there is an IMU'
         left, right = ends
         (now, at), (begin, first), (end, last) = (

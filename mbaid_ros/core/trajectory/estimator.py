@@ -8,36 +8,30 @@ from functools import partial
 import numpy as np
 
 from mbaid_ros.core.diagnosis.fault_isolation import with_undeclared_orbit
-from mbaid_ros.core.filter.averaging import KnotAveraging, Taken
+from mbaid_ros.core.filter.averaging import Averaged, KnotAveraging
 from mbaid_ros.core.filter.run import FilterRun
-from mbaid_ros.core.filter.settings import TrajectorySettings
-from mbaid_ros.core.filter.state import (
-    BODY,
-    BODY_PLACES,
-    MOMENTUM,
-    Point,
-)
-from mbaid_ros.core.filter.window import Window
-from mbaid_ros.core.geometry import Array, cross
-from mbaid_ros.core.results.estimate import Estimate, Status
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
-from mbaid_ros.core.results.status import contradictions, judge, notes
-from mbaid_ros.core.robot.inertia import standard
+from mbaid_ros.core.results.status import Verdict, contradictions, judge, notes
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.orbit import brought
-from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import End, Posterior, posterior
 from mbaid_ros.core.trajectory.solution import (
+    NoSolution,
     Solved,
     error_budget,
+    estimates,
     forces,
     joint_delay,
     jumps,
+    point_of,
     thrusters,
-    with_linear_momentum_unknown,
 )
-from mbaid_ros.core.trajectory.target_runs import TargetRuns
+from mbaid_ros.core.trajectory.target_runs import TargetRuns, TrajectorySettings
 from mbaid_ros.core.unknowns.catalogue import underestimated_text
 
 _AT_REST = 'no joint has moved yet: joints at rest tell nothing of one body alone'
@@ -45,8 +39,7 @@ _TUMBLING = (
     'no joint has moved yet: how a body tumbles tells its moments of inertia but for a common factor; calibrate gives '
     'their ratios'
 )
-# (body, momentum) of the state.
-_ORDER = np.concatenate((BODY_PLACES, np.arange(MOMENTUM.start, MOMENTUM.stop)))
+_REPORTED = np.concatenate((BODY_PLACES, np.arange(MOMENTUM.start, MOMENTUM.stop)))  # (body, momentum) of the state
 
 
 class TrajectoryEstimator:
@@ -79,56 +72,129 @@ class TrajectoryEstimator:
         windows : list of Samples
         origin : ns, stamp at time 0
         """
-        taken = self._averaging.take(windows)
-        coming = [window for each in taken for window in (each.ready, each.still_open) if window is not None]
-        found = [self._follow(window, each, coming, origin) for window, each in zip(windows, taken, strict=True)]
-        solved = [one for one in found if isinstance(one, Solved)]
+        averaged = self._averaging.take(windows)  # to knots
+        self._runs.expect(
+            [window for each in averaged for window in (each.ready, each.still_open) if window is not None]
+        )
+        outcomes = [self._filter(window, each, origin) for window, each in zip(windows, averaged, strict=True)]
         self._last = windows[-1] if windows else self._last
-        estimates = iter(self._reported(solved))
-        return [
-            next(estimates).after_thrust(self._brought(window, one.mean))
-            if isinstance(one, Solved)
-            else one.after_thrust(window.impulse[-1])
-            for window, one in zip(windows, found, strict=True)
-        ]
+        return estimates(outcomes, self._reporting, self.method, located=self._settings.located)
 
-    def _brought(self, window: Samples, state: Array) -> Array:
-        """Return what thrust and orbit have changed the momentum by until the end of a window, (6,)."""
+    def _filter(self, window: Samples, knots: Averaged, origin: int) -> Solved | NoSolution:
+        """Filter one window, and return the solution by then, or why there is none."""
+        while self.work_off():
+            pass
+        self._plane.update(window)
+        self._samples += len(window)
+        run = self._runs.present(self._averaging.origin)  # a new one if motion or target have changed
+        ready, still_open = (each and self._runs.used(each) for each in (knots.ready, knots.still_open))
+        # Predict the twist, linearise, update every hypothesis, choose.
+        run.take(ready, still_open, moved=knots.moved)
+        self._runs.isolation.take(ready, window)
+        time = float(window.time[-1])
+        instant = Instant(time, origin + round(time * 1e9), self._samples)
+        if run.started and run.converged:
+            return self._solution(run, instant, window)
+        return self._no_solution(run, instant, window, moved=knots.moved)
+
+    def _solution(self, run: FilterRun, now: Instant, window: Samples) -> Solved:
+        """Judge the solution of the best hypothesis, and return it with its history."""
+        track, layout, origin = run.best, self._runs.layout, self._averaging.origin
+        moments = run.moments()
+        sizes = moments.sizes(layout)
+        verdict = self._with_causes(run, judge(self._runs.evidence(run, sizes, window)))
+        verdict = with_undeclared_orbit(verdict, moments, layout)
+        # Where the data contradict the model, the verdict names what would have to be further off.
+        too_small = [underestimated_text(*each) for each in sizes.sure if verdict.adequate]
+        acting = track.hypothesis.disturbed and track.hypothesis.physical
+        estimated = [f'{track.hypothesis.name}; estimated along, which widens the intervals'] if acting else []
+        x, factor = moments.published(sizes, layout, _REPORTED)
+        covariance = (factor @ factor.T + moments.variables.outside[np.ix_(_REPORTED, _REPORTED)]) * verdict.widening
+        return Solved(
+            solution=Solution(
+                x=x,
+                covariance=covariance,
+                cautious_covariance=covariance,
+                cost=track.belief.nis,
+                redundancy=track.belief.measured,
+                origin=origin,
+                plane=self._plane.plane(self._kernel.target),
+                curvatures=run.curvatures(explained=verdict.adequate),
+                reasons=(*notes((*self._runs.warnings, *too_small, *estimated)), *contradictions(verdict.reasons)),
+            ),
+            instant=now,
+            verdict=verdict,
+            events=(*forces(track, moments), *self._runs.events(moments), *jumps(track, moments, origin)),
+            budget=error_budget(moments, layout, self._settings.uncertainty, sizes),
+            thrusters=thrusters(moments, layout),
+            delay=joint_delay(moments, layout),
+            impulse=self._momentum_change(window, moments.mean),
+        )
+
+    def _with_causes(self, run: FilterRun, verdict: Verdict) -> Verdict:
+        """Return the verdict with the causes that fault isolation has found, and let that follow the run."""
+        isolation = self._runs.isolation
+        isolation.follow(run, suspicious=not verdict.adequate or bool(verdict.causes))
+        if not verdict.adequate and (causes := isolation.causes(run)):
+            return replace(verdict, causes=causes)
+        return verdict
+
+    def _no_solution(self, run: FilterRun, now: Instant, window: Samples, *, moved: bool) -> NoSolution:
+        isolation = self._runs.isolation
+        if run.started:
+            reason = 'the motion so far leads to no solution that stays: more of it is needed'
+        elif moved:
+            doing = 'looking for a start in' if run.searching else 'collecting'
+            reason = f'{doing} the first {self._settings.start} windows'
+        else:
+            reason = _AT_REST if self._settings.located else _TUMBLING
+        if moved:
+            # A run that has lost its solution has not explained what contradicted it.
+            isolation.follow(run, suspicious=run.unexplained or isolation.suspicious)
+        return NoSolution(
+            status='waiting' if moved and not run.started else 'not_identifiable',
+            instant=now,
+            causes=tuple((cause.text, cause.gain) for cause in isolation.causes(run)),
+            events=self._runs.events(None),
+            warnings=(reason, *self._runs.warnings),
+            impulse=window.impulse[-1],
+        )
+
+    def _momentum_change(self, window: Samples, state: Array) -> Array:
+        """Return how thrust and orbit have changed the momentum by the end of a window, (6,)."""
         kernel = self._kernel
         if window.tide.shape[1]:
             kernel = self._runs.layout.point(state).side.kernel
         return brought(window, kernel.with_target(state[BODY]))
 
     def work_off(self) -> bool:
-        """Do a part of what is to be done before the next window; return whether some is left."""
+        """Run a slice of the background work; return whether more is due before the next window."""
         run = self._runs.run
-        return run is not None and (run.work_off() or self._runs.inquiries.work_off())
+        return run is not None and (run.work_off() or self._runs.isolation.work_off())
 
     def knowledge(self) -> Posterior | None:
-        """Return what the run has come to know, for what is to come; None while there is no solution that stays.
-
-        Nor is there any where nothing locates the base: it is not known where that is.
-        """
+        """Return the posterior at the end of the run; None without a solution, or where nothing locates the base."""
         run, last = self._runs.run, self._last
-        if run is None or last is None or not run.started or not run.settled or not self._settings.located:
+        if run is None or last is None or not self.settled or not self._settings.located:
             return None
         moments = run.moments()
-        at_end = End.of(last, self._settings.noise, self._settings.window, self._averaging.origin, self._plane.normal)
-        brought = self._brought(last, moments.mean)
-        return posterior(self._runs.layout, run.best.hypothesis, moments, at_end.after(brought))
+        end = End.of(last, self._settings.noise, self._settings.window, self._averaging.origin, self._plane.normal)
+        end = end.after(self._momentum_change(last, moments.mean))
+        return posterior(self._runs.layout, run.best.hypothesis, moments, end)
 
     @property
     def settled(self) -> bool:
-        """Whether the run has come to a solution that stays."""
-        return self._runs.run is not None and self._runs.run.started and self._runs.run.settled
+        """Whether the run has a solution that has converged."""
+        run = self._runs.run
+        return run is not None and run.started and run.converged
 
     @property
     def disturbed(self) -> bool:
         """Whether the solution explains the data by what acts from outside, or by joints that are stamped late."""
-        if self._runs.run is None or not self._runs.run.started:
+        run = self._runs.run
+        if run is None or not run.started:
             return False
-        best = self._runs.run.best
-        return best.hypothesis.disturbed or len(best.jumps) > 0 or self._runs.run.delayed
+        return run.best.hypothesis.disturbed or len(run.best.jumps) > 0 or run.delayed
 
     @property
     def changed(self) -> bool:
@@ -138,115 +204,9 @@ class TrajectoryEstimator:
     def offer(self, estimate: Estimate) -> None:
         """Take an estimate to start from."""
         if self._runs.run is not None:
-            self._runs.run.offer(partial(self._point_of, estimate))
+            self._runs.run.offer(partial(point_of, estimate, self._runs.layout, self._averaging.origin))
 
     def restart(self) -> None:
-        """Give up the solution and look for a start again."""
+        """Give up the solution and search a start again."""
         if self._runs.run is not None:
             self._runs.run.restart()
-
-    def _point_of(self, estimate: Estimate) -> Point:
-        """Return where an estimate would have windows linearised; what a planar motion leaves open matters nowhere."""
-        body = np.where(estimate.identifiable, estimate.parameters, 0.0)
-        moments = [4, 7, 9]
-        body[moments] = np.where(estimate.identifiable[moments], body[moments], body[moments].max())
-        momentum = np.nan_to_num(estimate.momentum - estimate.impulse)
-        momentum[3:] -= cross(self._averaging.origin, momentum[:3])
-        state = np.concatenate((np.zeros(BODY.stop), self._runs.layout.known.mean))
-        state[MOMENTUM], state[BODY] = momentum, standard(body)
-        return self._runs.layout.point(state)
-
-    def _follow(self, window: Samples, taken: Taken, coming: list[Window], origin: int) -> Solved | Estimate:
-        """Take a window, and return what the run has led to by then: a solution, or an estimate that says why none."""
-        while self.work_off():
-            pass
-        self._plane.update(window)
-        self._samples += len(window)
-        run = self._runs.present(self._averaging.origin)
-        run.expect(self._runs.expected(coming))
-        ready, still_open = (each and self._runs.taken(each) for each in (taken.ready, taken.still_open))
-        run.take(ready, still_open, moved=taken.moved)
-        self._runs.inquiries.take(ready, window)
-        time = float(window.time[-1])
-        instant = Instant(time, origin + round(time * 1e9), self._samples)
-        return self._waiting(run, taken, instant) or self._solved(run, instant, window)
-
-    def _waiting(self, run: FilterRun, taken: Taken, now: Instant) -> Estimate | None:
-        """Return an estimate that says why there is no solution; None where there is one."""
-        status: Status = 'not_identifiable'
-        if not run.started and taken.moved:
-            status = 'waiting'
-            done = 'looking for a start in' if run.searching else 'collecting'
-            warning = f'{done} the first {self._settings.start} windows'
-        elif not run.started:
-            warning = _AT_REST if self._settings.located else _TUMBLING
-        elif not run.settled:
-            warning = 'the motion so far leads to no solution that stays: more of it is needed'
-        else:
-            return None
-        if taken.moved:
-            # What has left its solution for none that stays has not explained what was suspicious about it.
-            inquiries = self._runs.inquiries
-            inquiries.follow(run, suspicious=run.unexplained or inquiries.suspicious)
-        causes = tuple((cause.text, cause.gain) for cause in self._runs.inquiries.causes(run))
-        return Estimate(
-            self.method,
-            status,
-            now.time,
-            now.stamp,
-            samples=now.samples,
-            causes=causes,
-            events=self._runs.past(None),
-            warnings=(warning, *self._runs.notes),
-        )
-
-    def _solved(self, run: FilterRun, now: Instant, latest: Samples) -> Solved:
-        """Return the solution of the best hypothesis, and what its run says beside it."""
-        track, origin = run.best, self._averaging.origin
-        moments = run.moments()
-        layout = self._runs.layout
-        sizes = moments.sizes(layout)
-        judgement = judge(self._runs.evidence(run, sizes, latest))
-        self._runs.inquiries.follow(run, suspicious=not judgement.adequate or bool(judgement.causes))
-        if not judgement.adequate and (causes := self._runs.inquiries.causes(run)):
-            judgement = replace(judgement, causes=causes)
-        judgement = with_undeclared_orbit(judgement, moments, layout)
-        # Where the data contradict the model, the verdict names what would have to be further off.
-        too_small = [underestimated_text(*each) for each in sizes.sure if judgement.adequate]
-        acting = track.hypothesis.disturbed and track.hypothesis.physical
-        estimated = [f'{track.hypothesis.name}; estimated along, which widens the intervals'] if acting else []
-        reasons = (*notes((*self._runs.notes, *too_small, *estimated)), *contradictions(judgement.reasons))
-        numbers, factor = moments.published(sizes, layout, _ORDER)
-        covariance = (factor @ factor.T + moments.variables.outside[np.ix_(_ORDER, _ORDER)]) * judgement.widening
-        solution = Solution(
-            x=numbers,
-            covariance=covariance,
-            cautious_covariance=covariance,
-            cost=track.belief.nis,
-            redundancy=track.belief.measured,
-            origin=origin,
-            plane=self._plane.plane(self._kernel.target),
-            curvatures=run.curvatures(explained=judgement.adequate),
-            reasons=reasons,
-        )
-        found = (*forces(track, moments), *self._runs.past(moments), *jumps(track, moments, origin))
-        return Solved(
-            moments.mean,
-            solution,
-            now,
-            judgement,
-            found,
-            error_budget(moments, layout, self._settings.uncertainty, sizes),
-            thrusters(moments, layout),
-            joint_delay(moments, layout),
-        )
-
-    def _reported(self, solved: list[Solved]) -> list[Estimate]:
-        """Return the estimates of solutions."""
-        if not solved:
-            return []
-        estimates = self._reporting.estimates(
-            self.method, [one.solution for one in solved], [one.instant for one in solved]
-        )
-        completed = [one.completed(estimate) for estimate, one in zip(estimates, solved, strict=True)]
-        return completed if self._settings.located else list(map(with_linear_momentum_unknown, completed))

@@ -1,4 +1,4 @@
-"""What a run has come to know by its end, as a motion to come is planned from."""
+"""The posterior at the end of a run: the start of the next one, and of plans for it."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.sensors.rates import FEWEST, with_rates
 from mbaid_ros.core.unknowns.environment import Hypothesis
 
-FIRST = LINEAR.start  # the pose error before it begins anew with every motion
+FIRST = LINEAR.start  # after the pose error, which each motion draws anew
 
 
 @dataclass(frozen=True, eq=False)
 class Sensing:
-    """How the sensors read, as they did last.
+    """Rate and noise of the sensors at the end of a run.
 
     Attributes
     ----------
     rate : samples a second
-    joint_position : one standard deviation of a sample, rad or m
+    joint_position : standard deviation of a sample, rad or m
     pose, twist : (6, 6) covariances of a sample as in `WindowNoise`; NaN twist where it is not measured
     """
 
@@ -42,17 +42,17 @@ class Sensing:
 
 @dataclass(frozen=True, eq=False)
 class End:
-    """The last sample of a run, and how its sensors read.
+    """The last sample of a run.
 
     Attributes
     ----------
     sensing : Sensing
     time : s since the run's first sample
     joint_position, joint_velocity : (n,) as read
-    stored : (c,) readings of what stores momentum inside bodies
+    stored : (c,) readings of stored momentum
     base_rotation, base_position : (3, 3), (3,) m, of the base, from the run's origin
     origin : (3,) m, the run's, in the odometry frame
-    brought : (6,) what thrust and orbit have changed the momentum by since the run began, L about its origin
+    brought : (6,) change of the momentum by thrust and orbit since the run began, L about its origin
     normal : (3,) of the plane of a planar motion, odometry axes; None in space
     """
 
@@ -69,11 +69,10 @@ class End:
 
     @staticmethod
     def of(window: Samples, noise: SensorNoise, length: float, origin: Array, normal: Array | None) -> End:
-        """Return the end of a run by its last window, of a length in s; origin (3,) m, normal (3,) of planar motion."""
-        of_means = window_noises([window[-1:]], noise)[0]
-        twist = np.full((6, 6), np.nan) if window.missing_rates[1] else of_means.twist
-        joint_position = noise.found_in(window).joint_position
-        sensing = Sensing(len(window) / length, joint_position, of_means.pose, twist)
+        """Return it from the last window of a run, of a length in s; origin (3,) m, normal (3,) of planar motion."""
+        last = window_noises([window[-1:]], noise)[0]
+        twist = np.full((6, 6), np.nan) if window.missing_rates[1] else last.twist
+        sensing = Sensing(len(window) / length, noise.found_in(window).joint_position, last.pose, twist)
         if window.missing_rates[0] and len(window) >= FEWEST:
             window = with_rates(window)
         return End(
@@ -90,10 +89,10 @@ class End:
         )
 
     def after(self, brought: Array) -> End:
-        """Return it with what thrust and orbit have brought, (6,), L about the odometry's origin."""
-        moved = brought.copy()
-        moved[3:] -= cross(self.origin, brought[:3])
-        return replace(self, brought=moved)
+        """Return it with the momentum brought by thrust and orbit, (6,), L about the odometry's origin."""
+        change = brought.copy()
+        change[3:] -= cross(self.origin, brought[:3])
+        return replace(self, brought=change)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,10 +101,10 @@ class Posterior:
 
     Attributes
     ----------
-    layout, variables : what the state is made of
-    hypothesis : of what acts or drifts, the best one
+    layout, variables : of the state
+    hypothesis : the best one
     mean : (s,) of the state
-    triangle : (s - 6, s - 6) upper T with T^T T the covariance of the state without the pose error
+    triangle : (s - 6, s - 6) upper T, T^T T the covariance of the state without the pose error
     end : End
     """
 
@@ -119,26 +118,22 @@ class Posterior:
     @property
     def deviation(self) -> Array:
         """Standard deviations of the state, (s,); zero for the pose error."""
-        own = np.sqrt(np.add.reduce(self.triangle**2, axis=0))
-        return np.concatenate((np.zeros(FIRST), own))
+        return np.concatenate((np.zeros(FIRST), np.sqrt(np.add.reduce(self.triangle**2, axis=0))))
 
     @property
     def state(self) -> Array:
-        """The mean with the momentum as it is now, (s,)."""
+        """The mean with the present momentum, (s,)."""
         state = self.mean.copy()
         state[LINEAR.start : LINEAR.start + 6] += self.end.brought
         return state
 
     @property
     def point(self) -> Point:
-        """Where motions to come are linearised."""
+        """The linearisation point of the next motion."""
         return self.layout.point(self.state, self.deviation)
 
     def drawn(self, count: int, seed: int) -> list[Point]:
-        """Return points of states that may as well be, each with its mirror image; `count` of them.
-
-        Numbers of which hardly anything is known are kept within three times what the mean has, and bodies positive.
-        """
+        """Return `count` points drawn from the posterior, each with its mirror image, of at least half the mass."""
         generator = np.random.default_rng(seed)
         half = generator.standard_normal((-(-count // 2), len(self.triangle)))
         away = np.concatenate((half, -half))[:count] @ self.triangle
@@ -146,7 +141,6 @@ class Posterior:
         mass = LINEAR.start + 6
         for each in away:
             state = mean.copy()
-            # A mass far below what is likely moves the base as no body does that the data speak for.
             least = 0.5 * abs(mean[mass])
             part = min(1.0, least / max(least, -each[mass - FIRST])) if mean[mass] > 0.0 else 0.0
             state[FIRST:] += part * each
@@ -155,9 +149,9 @@ class Posterior:
 
 
 def posterior(layout: Layout, hypothesis: Hypothesis, moments: MeanAndCovariance, end: End) -> Posterior:
-    """Return what a run has come to know, of the moments of its state: as it is published."""
+    """Return the posterior of a run, as published, from the mean and covariance of its state."""
     variables, rows, mean = moments.variables, np.arange(FIRST, layout.size), moments.mean.copy()
     outside = variables.factor - variables.basis @ (variables.basis.T @ variables.factor)
-    mean[rows], own = moments.published(moments.sizes(layout), layout, rows)
-    triangle = np.asarray(np.linalg.qr(np.concatenate((own, outside[rows]), axis=1).T, mode='r'))
+    mean[rows], factor = moments.published(moments.sizes(layout), layout, rows)
+    triangle = np.asarray(np.linalg.qr(np.concatenate((factor, outside[rows]), axis=1).T, mode='r'))
     return Posterior(layout, variables, hypothesis, mean, triangle, end)

@@ -1,16 +1,16 @@
-"""What has happened in a run, as events: forces, jumps of the momentum, a target that has changed."""
+"""The solution of a run after a window: its events, its error budget, and the estimate that is reported of it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.filter.bank import HypothesisFilter
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.prior_scales import PriorScaleFactors
-from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance, PriorScaleFactors
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout, Point
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import (
@@ -18,20 +18,21 @@ from mbaid_ros.core.results.estimate import (
     SYMPTOM,
     Estimate,
     Event,
+    Status,
     Thruster,
     changed_by,
     constant_force,
 )
 from mbaid_ros.core.results.parameters import SENSOR_NOISE, ErrorBudget
-from mbaid_ros.core.results.reporting import Instant, Solution
+from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.results.status import MOST_JUMPS, Verdict
-from mbaid_ros.core.robot.inertia import physical_jacobian
+from mbaid_ros.core.robot.momentum import physical_jacobian, standard
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Thrusters
 from mbaid_ros.core.unknowns.sensors import TimeOffset
 
-_NOTHING = 1e-6  # chance that noise looks like a constant force as large: of one that is less sure nothing is told
-_KNOWN = 0.1  # relative standard deviation of a mass, up to which its centre is a quotient that can be compared
+_NOTHING = 1e-6  # chance that noise looks like a constant force as large: one less sure is not reported
+_KNOWN = 0.1  # relative standard deviation of a mass, up to which its centre of mass can be compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,7 @@ class ChangedTarget:
     time : s since the first sample
     text : what has happened, in words
     exchanged : whether it is another body, not the same elsewhere
-    before : state until then; None where it was not known
+    before : state until then; None where unknown
     """
 
     time: float
@@ -52,7 +53,7 @@ class ChangedTarget:
     before: MeanAndCovariance | None
 
     def event(self, after: MeanAndCovariance | None) -> Event:
-        """Return it as an event, with how much mass and centre of mass have changed, where that is known now."""
+        """Return it as an event, with the change of mass and centre of mass where both states are known."""
         text = self.text
         if self.before is not None and after is not None and _known(self.before) and _known(after):
             then, now = self.before.mean[BODY], after.mean[BODY]
@@ -62,12 +63,12 @@ class ChangedTarget:
 
 
 def _known(moments: MeanAndCovariance) -> bool:
-    """Tell whether the target's mass is known well enough to say where its centre is."""
+    """Tell whether the mass is known well enough for a centre of mass."""
     return bool(moments.deviation[BODY.start] < _KNOWN * moments.mean[BODY.start])
 
 
 def forces(track: HypothesisFilter, moments: MeanAndCovariance) -> tuple[Event, ...]:
-    """Return the constant force and torque (6,), if there is one and it is not nothing."""
+    """Return the constant force and torque as an event, if it is significant."""
     axes = track.hypothesis.force
     if axes == 'none':
         return ()
@@ -79,52 +80,44 @@ def forces(track: HypothesisFilter, moments: MeanAndCovariance) -> tuple[Event, 
 
 
 def jumps(track: HypothesisFilter, moments: MeanAndCovariance, origin: Array) -> tuple[Event, ...]:
-    """Return the jumps of the momentum: what is known of it later less what was before, without a constant force.
-
-    Parameters
-    ----------
-    track, moments : the best hypothesis and its moments at present
-    origin : (3,) m, of the run, in the odometry frame
-    """
+    """Return the jumps of the momentum, without the effect of a constant force; origin (3,) m of the run."""
     levels = [*((jump.before, jump.pushed) for jump in track.jumps), (moments.mean[MOMENTUM], track.pushed)]
-    found, cause = [], PULSE if len(track.jumps) <= MOST_JUMPS else SYMPTOM
+    events, cause = [], PULSE if len(track.jumps) <= MOST_JUMPS else SYMPTOM
     for jump, (after, pushed) in zip(track.jumps, levels[1:], strict=True):
         change = after - jump.before - moments.by_force(pushed - jump.pushed)
         angular = change[3:] + cross(origin, change[:3])
-        found.append(Event(jump.time, 'step', change[:3], angular, cause))
-    return tuple(found)
+        events.append(Event(jump.time, 'step', change[:3], angular, cause))
+    return tuple(events)
 
 
-# Of a variance, by which a difference of shares may be below zero: more says that large numbers have cancelled.
-_ROUNDING = 1e-3
+_ROUNDING = 1e-3  # of a variance: a share further below zero is a difference of large numbers
 
 
 def error_budget(
     moments: MeanAndCovariance, layout: Layout, uncertainty: Uncertainty, sizes: PriorScaleFactors
 ) -> ErrorBudget:
-    """Return the budget of the ten parameters: what no prior contributes is sensor noise. NaN where it is not known.
+    """Return the variance by source of the ten parameters; NaN where unknown. The rest of all priors is sensor noise.
 
     Parameters
     ----------
     moments, layout : of the filter
-    uncertainty : what is known beforehand of target and momentum, whose priors count where they are given
-    sizes : how many times as far off as declared the unknowns' independent numbers are taken to be
+    uncertainty : priors of target and momentum, where they are given
+    sizes : scale factors of the unknowns' priors
     """
     variables = moments.variables
     jacobian, part = physical_jacobian(moments.mean[BODY]), moments.factor_of(variables.spread[BODY])
-    own = jacobian @ moments.amplification(part, BODY_PLACES) @ part
-    errors = moments.contributions(own, layout).T * sizes.each
+    factor = jacobian @ moments.amplification(part, BODY_PLACES) @ part
+    errors = moments.contributions(factor, layout).T * sizes.each
     squares = errors**2
     given = []
     if uncertainty.target.given:
         given.append(('target prior', variables.body))
     if uncertainty.linear_momentum > 0.0:
         given.append(('momentum prior', slice(variables.poses, variables.head)))
-    priors = np.array([_of_a_prior(own, moments, variables, which) for _, which in given]).reshape(-1, len(own))
-    whole = np.sum(own**2, axis=1) + np.sum(moments.by_score(jacobian @ part) ** 2, axis=1)
-    noise = whole - np.sum((errors / sizes.each) ** 2, axis=1) - priors.sum(axis=0)
-    # Where hardly anything is known of a direction, differences of large numbers are left: they tell nothing.
-    noise = np.where(noise < -_ROUNDING * whole, np.nan, np.maximum(noise, 0.0))
+    priors = np.array([_of_a_prior(factor, moments, variables, which) for _, which in given]).reshape(-1, len(factor))
+    total = np.sum(factor**2, axis=1) + np.sum(moments.by_score(jacobian @ part) ** 2, axis=1)
+    noise = total - np.sum((errors / sizes.each) ** 2, axis=1) - priors.sum(axis=0)
+    noise = np.where(noise < -_ROUNDING * total, np.nan, np.maximum(noise, 0.0))
     parts = np.column_stack((noise, squares @ layout.belongs, priors.T))
     names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
     with np.errstate(divide='ignore', invalid='ignore'):
@@ -136,72 +129,122 @@ def error_budget(
 
 
 def _seen(errors: Array, covariance: Array, layout: Layout) -> Array:
-    """Return (m, c) which part of each cause's prior variance the data take off, in the direction that matters.
+    """Return the part (m, c) of each cause's prior variance that the data remove, along the errors (m, e).
 
-    An estimate errs by k sqrt(share) standard deviations if what is declared is k of its own off in that direction, and
-    the data see k^2 times this part of that, as a chi-square: where the part is less than the share the estimate is far
-    off before the data say so.
-
-    Parameters
-    ----------
-    errors : (m, e) of estimates, for each of the unknowns' independent numbers that is one off
-    covariance : (e, e) of these numbers, of unit variance beforehand
-    layout : of the filter
+    A cause that is k of its deviations off shifts an estimate by k sqrt(share) standard deviations, and raises the
+    chi-square by k^2 times this part: where the part is below the share, the data do not warn in time.
     """
     within = layout.alike * covariance  # of numbers of the same cause
     left = ((errors @ within) * errors) @ layout.belongs
     return np.asarray(1.0 - left / np.maximum(errors**2 @ layout.belongs, np.finfo(float).tiny))
 
 
-def _of_a_prior(own: Array, moments: MeanAndCovariance, variables: Variables, which: slice) -> Array:
-    """Return the part (m,) of variances that comes from the prior of some variables, independent of all others.
-
-    In units of its own square root the prior is of unit variance.
-    """
+def _of_a_prior(factor: Array, moments: MeanAndCovariance, variables: Variables, which: slice) -> Array:
+    """Return the part (m,) of variances that comes from the prior of some variables, independent of all others."""
     gather = variables.gather[which]
     root = np.linalg.cholesky(gather @ variables.factor @ variables.factor.T @ gather.T)
-    return np.asarray(np.sum(np.linalg.solve(root, moments.with_variables(own)[which]) ** 2, axis=0))
+    return np.asarray(np.sum(np.linalg.solve(root, moments.with_variables(factor)[which]) ** 2, axis=0))
 
 
 @dataclass(frozen=True)
 class Solved:
-    """Solution of the best hypothesis, and what its run says beside it.
+    """Solution of the best hypothesis after a window, and the history of its run.
 
     Attributes
     ----------
-    mean : of the state
-    solution : body and momentum, as they are reported
+    solution : body and momentum
     instant : when
-    judgement : of the run
+    verdict : on the model
     events : what has acted or changed
     budget : parts of the variance
     thrusters : how far they are off their commands
     delay : value and standard deviation of the joints' delay, s; NaN where it is no unknown
+    impulse : (6,) by which thrust and orbit have changed the momentum since the first sample
     """
 
-    mean: Array
     solution: Solution
     instant: Instant
-    judgement: Verdict
+    verdict: Verdict
     events: tuple[Event, ...]
     budget: ErrorBudget
     thrusters: tuple[Thruster, ...]
     delay: tuple[float, float]
+    impulse: Array
 
     def completed(self, estimate: Estimate) -> Estimate:
-        """Return the estimate of this solution with everything else that its run has found."""
+        """Return the estimate of this solution with the history."""
         known = estimate.identifiable
         shares = np.where(known[:, None], self.budget.shares, np.nan)
         return replace(
             estimate,
             stage='trajectory',
             budget=replace(self.budget, shares=shares) if known.any() else None,
-            causes=tuple((cause.text, cause.gain) for cause in self.judgement.causes),
+            causes=tuple((cause.text, cause.gain) for cause in self.verdict.causes),
             events=self.events,
             thrusters=self.thrusters,
             time_offset=self.delay[0],
             time_offset_std=self.delay[1],
         )
+
+
+@dataclass(frozen=True)
+class NoSolution:
+    """Why there is no solution after a window; attributes as of `Solved`."""
+
+    status: Status
+    instant: Instant
+    causes: tuple[tuple[str, float], ...]
+    events: tuple[Event, ...]
+    warnings: tuple[str, ...]
+    impulse: Array
+
+
+def estimates(
+    outcomes: Sequence[Solved | NoSolution], reporting: Reporting, method: str, *, located: bool
+) -> list[Estimate]:
+    """Return an estimate of each outcome; those of solutions are made together.
+
+    Parameters
+    ----------
+    outcomes, reporting, method : Solved or NoSolution, Reporting, name of the method
+    located : whether anything locates the base: else the frame moves with the common centre of mass
+    """
+    solved = [each for each in outcomes if isinstance(each, Solved)]
+    solutions, instants = [each.solution for each in solved], [each.instant for each in solved]
+    reported = iter(reporting.estimates(method, solutions, instants) if solved else [])
+    made: list[Estimate] = []
+    for each in outcomes:
+        if isinstance(each, Solved):
+            estimate = each.completed(next(reported))
+            estimate = estimate if located else _with_linear_momentum_unknown(estimate)
+        else:
+            estimate = Estimate(
+                method,
+                each.status,
+                each.instant.time,
+                each.instant.stamp,
+                samples=each.instant.samples,
+                causes=each.causes,
+                events=each.events,
+                warnings=each.warnings,
+            )
+        made.append(estimate.after_thrust(each.impulse))
+    return made
+
+
+def point_of(estimate: Estimate, layout: Layout, origin: Array) -> Point:
+    """Return the linearisation point of an estimate, for runs with an origin (3,) m.
+
+    Parameters that a planar motion leaves open do not matter: moments of inertia are the largest known one.
+    """
+    body = np.where(estimate.identifiable, estimate.parameters, 0.0)
+    moments = [4, 7, 9]
+    body[moments] = np.where(estimate.identifiable[moments], body[moments], body[moments].max())
+    momentum = np.nan_to_num(estimate.momentum - estimate.impulse)
+    momentum[3:] -= cross(origin, momentum[:3])
+    state = np.concatenate((np.zeros(BODY.stop), layout.known.mean))
+    state[MOMENTUM], state[BODY] = momentum, standard(body)
+    return layout.point(state)
 
 
 def joint_delay(moments: MeanAndCovariance, layout: Layout) -> tuple[float, float]:
@@ -215,17 +258,17 @@ def joint_delay(moments: MeanAndCovariance, layout: Layout) -> tuple[float, floa
 
 
 def thrusters(moments: MeanAndCovariance, layout: Layout) -> tuple[Thruster, ...]:
-    """Return by how much thrusters have turned out to be off their commands."""
-    found: list[Thruster] = []
+    """Return the estimated deviations of thrusters from their commands."""
+    estimated: list[Thruster] = []
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, Thrusters):
             # Each number of the state is one of these, in units of its prior.
             stds = np.abs(unknown.factor @ _deviation(moments, place))
-            found += Thruster.all_of(unknown.frames, unknown.factor @ moments.mean[place], stds)
-    return tuple(found)
+            estimated += Thruster.all_of(unknown.frames, unknown.factor @ moments.mean[place], stds)
+    return tuple(estimated)
 
 
-def with_linear_momentum_unknown(estimate: Estimate) -> Estimate:
+def _with_linear_momentum_unknown(estimate: Estimate) -> Estimate:
     """Return an estimate of a base that nothing locates: the frame moves with the common centre of mass."""
     momentum, covariance = estimate.momentum.copy(), estimate.momentum_covariance.copy()
     momentum[:3] = covariance[:3] = covariance[:, :3] = np.nan

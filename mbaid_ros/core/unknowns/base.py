@@ -12,9 +12,9 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.momentum import inertia_matrix
 from mbaid_ros.core.robot.orbit import orbit_fixed_frame
-from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.robot.sensitivity import force_cross, motion_cross
 from mbaid_ros.core.unknowns.declaration import Linear, NominalModel, Reading, Unknown, Words, diagonal, twist_in_plane
 

@@ -12,10 +12,10 @@ from scipy.linalg import block_diag
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.model_errors import KnownErrors
 from mbaid_ros.core.robot.momentum import regressor
-from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown, Words, diagonal
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, moved_base
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
-from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples
 
 

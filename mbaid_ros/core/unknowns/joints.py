@@ -14,9 +14,8 @@ from scipy.linalg import block_diag
 
 from mbaid_ros.core.geometry import Array, cross, rotate, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
-from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.kinematics import Kinematics, PlaneDetector
 from mbaid_ros.core.robot.momentum import inertia_matrix
-from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.unknowns.declaration import JointMotion, Linear, NominalModel, Unknown, Words, diagonal
 
 _PLACEMENT_NUMBERS = 6  # numbers a joint: zero (1), origin (3), tilt of the axis (2)

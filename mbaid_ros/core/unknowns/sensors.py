@@ -12,8 +12,8 @@ from typing import ClassVar
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import Link
-from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.unknowns.declaration import Linear, NominalModel, Reading, Unknown, Words, diagonal
 
 BIAS, STRETCH, TURN, CROSS, LATE = GYRO = ('gyro bias', 'gyro scale', 'gyro mount', 'gyro cross-axis', 'gyro delay')

@@ -1,1 +1,1 @@
-"""What the executable `campaign` works with: one run, who makes the runs, where results are kept, their statistics."""
+"""The executable `campaign`: one run, its second motion, the folder of results, their statistics."""

@@ -1,28 +1,34 @@
-"""What the executable `campaign` does with its arguments."""
+"""The executable `campaign`, and its folder: one line a run, kept as it ends, so that a kill loses no result."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Generator, Sequence
+import fcntl
+import json
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
+from types import TracebackType
+from typing import Any
 
 from tqdm import tqdm
 
+from mbaid_ros import limits
 from mbaid_ros.cli import one_line
 from mbaid_ros.config.campaign import Campaign, CampaignRun, load_campaign
-from mbaid_ros.core.errors import MbaidError
-from mbaid_ros.replay.campaigns.cluster import made_on_cluster
-from mbaid_ros.replay.campaigns.folder import RUNS, SUMMARY, CampaignFolder
-from mbaid_ros.replay.campaigns.local import made_here
-from mbaid_ros.replay.campaigns.make import Result, prepare
-from mbaid_ros.replay.campaigns.statistics import as_json, statistics, table
+from mbaid_ros.config.parameters import values_of
+from mbaid_ros.core.errors import DataError, MbaidError, ParameterError
+from mbaid_ros.files import read_json
+from mbaid_ros.replay.campaigns.make import made_here, made_on_cluster, prepare
+from mbaid_ros.replay.campaigns.statistics import FAILED, Result, as_json, statistics, table
 
+CAMPAIGN, RUNS, SUMMARY = 'campaign.json', 'runs.jsonl', 'summary.json'
 FAILED_RUNS = 3
+_SHORT = 60  # characters of a value that an error shows
 
 
 def make_campaign(arguments: argparse.Namespace) -> int:
-    """Do what the arguments ask for and return the exit code."""
+    """Make the runs that are missing, write the statistics, and return the exit code."""
     campaign = load_campaign(arguments.campaign)
     _check(campaign, arguments.campaign)
     output = Path(arguments.output or Path(arguments.campaign).stem)
@@ -47,7 +53,7 @@ def make_campaign(arguments: argparse.Namespace) -> int:
 
 
 def _check(campaign: Campaign, path: str) -> None:
-    """Refuse before the long work what no run of a case can use."""
+    """Refuse, before the long work, parameters that no run of a case can use."""
     case = None
     try:
         for case in campaign.cases:
@@ -60,3 +66,146 @@ def _made(runs: Sequence[CampaignRun], urdf: str, arguments: argparse.Namespace)
     if arguments.scheduler is None:
         return made_here(runs, urdf, arguments.processes)
     return made_on_cluster(runs, urdf, arguments.scheduler)
+
+
+class CampaignFolder:
+    """The results of a campaign's runs by their number, as a context: while it is open, no other process can open it.
+
+    The folder is made where there is none; with `retry_failed`, runs that failed count as not made.
+
+    Raises
+    ------
+    ParameterError
+        The folder holds something else, another campaign, or is in use.
+    DataError
+        The results in it cannot be read.
+    """
+
+    def __init__(self, path: Path, campaign: Campaign, *, retry_failed: bool = False) -> None:
+        self._path = path
+        path.mkdir(parents=True, exist_ok=True)
+        if not (path / CAMPAIGN).exists() and not all(map(_is_left_by_a_kill, path.iterdir())):
+            raise ParameterError(f"--output '{path}' holds something else; accepted: a new folder, or a campaign's")
+        self._file = (path / RUNS).open('a+b')
+        try:
+            self._lock()
+            self._compare(_contents(campaign))
+            self.results = self._read(retry_failed=retry_failed)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> CampaignFolder:
+        """Return the folder."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the file of results, which unlocks the folder."""
+        self._file.close()
+
+    def add(self, result: Result) -> None:
+        """Keep the result of a run: from here on a kill cannot take it away."""
+        self._file.write(_line(result).encode())
+        self._file.flush()
+        self.results[result['run']] = result
+
+    def sort(self) -> None:
+        """Put the results into the order of the runs."""
+        self._replace(RUNS, ''.join(_line(self.results[number]) for number in sorted(self.results)))
+
+    def write_summary(self, summary: Mapping[str, Any]) -> None:
+        """Write the statistics."""
+        self._replace(SUMMARY, _document(summary))
+
+    def _lock(self) -> None:
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise ParameterError(f"--output '{self._path}' is in use by another campaign that runs") from error
+
+    def _compare(self, campaign: dict[str, Any]) -> None:
+        """Keep the contents of the campaign, or compare them with those that were kept."""
+        path, text = self._path / CAMPAIGN, _document(campaign)
+        if not path.exists():
+            self._replace(CAMPAIGN, text)
+            return
+        before = read_json(path, 'campaign', limits.JSON_CHARACTERS, 'accepted: as an earlier run has written it')
+        difference = _difference(before, json.loads(text), '')
+        if difference:
+            raise ParameterError(
+                f"--output '{self._path}' holds another campaign: {difference}; accepted: the same one to go on with, "
+                'or another folder'
+            )
+
+    def _read(self, *, retry_failed: bool) -> dict[int, Result]:
+        """Return the results that are there; a last line that was cut off is dropped."""
+        self._file.seek(0)
+        kept: dict[int, Result] = {}
+        content = self._file.read()
+        whole = content[: content.rfind(b'\n') + 1]
+        for place, line in enumerate(whole.splitlines(), start=1):
+            try:
+                result = json.loads(line)
+                number, has_failed = result['run'], result['status'] == FAILED
+            except (ValueError, KeyError, TypeError, RecursionError) as error:
+                raise DataError(f"'{self._path / RUNS}', line {place}, is no result of a run: {error}") from error
+            if not (has_failed and retry_failed):
+                kept[number] = result
+        self._file.truncate(len(whole))
+        return kept
+
+    def _replace(self, name: str, text: str) -> None:
+        """Write a file so that at every instant it is there as a whole, the old one or the new one."""
+        new = self._path / f'{name}.new'
+        new.write_text(text, encoding='utf-8')
+        new.replace(self._path / name)
+
+
+def _contents(campaign: Campaign) -> dict[str, Any]:
+    """Return everything that decides the results of a campaign."""
+    return {
+        'seeds': list(campaign.seeds),
+        'motions': None if campaign.motions is None else list(campaign.motions),
+        'robots': None if campaign.robots is None else list(campaign.robots),
+        'cases': [
+            {
+                'choices': dict(case.choices),
+                'simulator': values_of(case.simulator),
+                'estimator': values_of(case.estimator),
+                **({'then': case.then} if case.then else {}),
+            }
+            for case in campaign.cases
+        ],
+        'model': campaign.urdf,
+    }
+
+
+def _document(content: Mapping[str, Any]) -> str:
+    return json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + '\n'
+
+
+def _line(result: Result) -> str:
+    return json.dumps(result, allow_nan=False, ensure_ascii=False) + '\n'
+
+
+def _difference(before: Any, now: Any, name: str) -> str:
+    """Return where two JSON values differ first, empty if nowhere."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        pairs: Sequence[tuple[str, Any, Any]] = [
+            (f'{name}.{key}'.lstrip('.'), before.get(key), now.get(key)) for key in dict.fromkeys((*now, *before))
+        ]
+    elif isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        pairs = [(f'{name}[{place}]', old, new) for place, (old, new) in enumerate(zip(before, now, strict=True))]
+    elif before == now:
+        return ''
+    else:
+        texts = [json.dumps(value, ensure_ascii=False) for value in (before, now)]
+        return f'{name} has changed' if max(map(len, texts)) > _SHORT else f'{name} was {texts[0]}, is {texts[1]}'
+    return next(filter(None, (_difference(old, new, where) for where, old, new in pairs)), '')
+
+
+def _is_left_by_a_kill(path: Path) -> bool:
+    """Return whether a file may be left by a campaign that was killed before it had written its contents."""
+    return path.name == f'{CAMPAIGN}.new' or (path.name == RUNS and path.stat().st_size == 0)

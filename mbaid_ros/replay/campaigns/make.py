@@ -1,30 +1,37 @@
-"""One run of a campaign, simulated and identified in memory, and the line that is kept of it."""
+"""One run of a campaign, simulated and identified in memory; many of them on this machine's cores or a cluster."""
 
 from __future__ import annotations
 
-from typing import Any
+import logging
+import sys
+from collections import deque
+from collections.abc import Generator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass
 
 import numpy as np
 
 from mbaid_ros.cli import one_line
-from mbaid_ros.config.campaign import CampaignRun, Case
-from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.config.campaign import PLANNED, CampaignRun, Case
+from mbaid_ros.core.errors import DataError, ParameterError
+from mbaid_ros.core.geometry import Array, Flags, cross
+from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.replay.bag_types import BAG_TYPES
-from mbaid_ros.replay.campaigns.monte_carlo import nees
-from mbaid_ros.replay.campaigns.then import REST, STOP, Then, motion_of
-from mbaid_ros.replay.jsonable import number, numbers, shaped, shaped_std
+from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.planning.planner import Planner
+from mbaid_ros.planning.unplanned import simple_motion
+from mbaid_ros.replay.campaigns.statistics import FAILED, Result, nees
+from mbaid_ros.replay.output import plain, shaped, shaped_std
+from mbaid_ros.replay.run import BAG_TYPES
+from mbaid_ros.replay.workers import ProcessDiedError, Workers
 from mbaid_ros.session import Session
 from mbaid_ros.session.methods import make_reporting
+from mbaid_ros.session.planning import make_planner, plan_settings
 from mbaid_ros.simulated_run import SimulatedRun
 
-FAILED = 'failed'
-
-# What a run leads to: plain numbers, texts, lists and dictionaries, as JSON has them.
-Result = dict[str, Any]
-
 _CHUNK = 10.0  # s of the run that are in memory at once; it does not change the numbers
+STOP, REST = 3.0, 0.5  # s, in which the joints come to rest before a second motion, and rest after it
+_PATIENCE = 10.0  # s for the scheduler to answer
 
 
 def prepare(case: Case, urdf: str) -> tuple[SimulatedRun, Session]:
@@ -45,15 +52,14 @@ def prepare(case: Case, urdf: str) -> tuple[SimulatedRun, Session]:
 
 
 def make(run: CampaignRun, urdf: str) -> Result:
-    """Make a run and return what it leads to; an error of any kind is a result, too, with its reason."""
+    """Make a run and return its result; an error of any kind is a result, too, with its reason."""
     try:
         return _result(run, urdf)
-    except Exception as error:  # noqa: BLE001 - one run of thousands: it is told of, and the others go on
-        return failed(run, f'{type(error).__name__}: {error}')
+    except Exception as error:  # noqa: BLE001 - one run of thousands: its reason is kept, and the others go on
+        return _failed(run, f'{type(error).__name__}: {error}')
 
 
-def failed(run: CampaignRun, reason: str) -> Result:
-    """Return the result of a run that led to nothing."""
+def _failed(run: CampaignRun, reason: str) -> Result:
     return {**_head(run), 'status': FAILED, 'reason': one_line(reason)}
 
 
@@ -74,43 +80,32 @@ def _result(run: CampaignRun, urdf: str) -> Result:
     simulated, session = prepare(run.case, urdf)
     reader = _Reader(simulated, session)
     reader.read(simulated.config.duration)
-    then = _follow(run.case, reader) if run.case.then else None
+    second = _make_second_motion(run.case, reader) if run.case.then else None
     final = reader.last or Estimate(run.case.estimator.method, 'waiting')
     truth = simulated.target_inertia
-    error = (final.parameters - truth) / final.std
     return {
         **_head(run),
         'status': final.status,
-        'truth': shaped(numbers(truth)),
-        'estimate': shaped(numbers(final.parameters)),
+        'truth': shaped(truth),
+        'estimate': shaped(final.parameters),
         'std': shaped_std(final.std),
-        'error': shaped_std(error),
-        'nees': number(nees(final, truth)),
+        'error': shaped_std((final.parameters - truth) / final.std),
+        'nees': plain(nees(final, truth)),
         'samples': final.samples,
         'span_s': final.time,
         'warnings': list(final.warnings),
-        **({} if then is None else {'then': then.told(final, _sizes(session, final))}),
+        **({} if second is None else {'then': second.as_json(final, _sizes(session, final))}),
     }
 
 
 class _Reader:
-    """Hands what the robot's sensors say to the session.
-
-    Parameters
-    ----------
-    simulated : the robot
-    session : Session
-
-    Attributes
-    ----------
-    last : the last estimate, None before the first
-    """
+    """Hands the simulated robot's messages to the session, and keeps the last estimate."""
 
     def __init__(self, simulated: SimulatedRun, session: Session) -> None:
         self.simulated, self.session = simulated, session
         self.last: Estimate | None = None
         self._until = 0.0
-        self._take = {
+        self._add = {
             'joint_states': session.add_joint_state,
             'odom': session.add_odometry,
             'thrust': session.add_thrust,
@@ -123,22 +118,158 @@ class _Reader:
         begin, self._until = self._until, self._until + seconds
         for end in np.minimum(begin + np.arange(1, np.ceil(seconds / _CHUNK) + 1) * _CHUNK, self._until):
             for timed in self.simulated.read(float(end)):
-                self._take[timed.topic](timed.message)
+                self._add[timed.topic](timed.message)
             estimates = self.session.process()
             self.last = estimates[-1] if estimates else self.last
 
 
-def _follow(case: Case, reader: _Reader) -> Then:
-    """Let the motion that follows be made, from where the joints have come to rest."""
+def _make_second_motion(case: Case, reader: _Reader) -> SecondMotion:
+    """Make the motion that follows, from where the joints have come to rest."""
     simulated, session = reader.simulated, reader.session
     simulated.come_to_rest(STOP)
     reader.read(STOP + REST)
-    then = motion_of(case.then, session, simulated, case.simulator.motion.seed)
-    simulated.follow(then.trajectory)
-    reader.read(then.trajectory.duration + REST)
-    return then
+    motion = motion_of(case.then, session, simulated, case.simulator.motion.seed)
+    simulated.follow(motion.trajectory)
+    reader.read(motion.trajectory.duration + REST)
+    return motion
 
 
 def _sizes(session: Session, final: Estimate) -> Array:
-    """Return what standard deviations are relative to, (10,)."""
+    """Return the sizes that standard deviations are relative to, (10,)."""
     return make_reporting(session.config, session.robot.kernel).sizes(final.parameters[None])[0]
+
+
+@dataclass(frozen=True, eq=False)
+class SecondMotion:
+    """A motion and its begin.
+
+    Attributes
+    ----------
+    before : the largest relative standard deviation where it begins
+    base : (2,) rad and m, by which it truly turns and displaces the base from where this would coast
+    asked : (10,) which parameters can be known at all, as in a plane some cannot
+    """
+
+    kind: str
+    trajectory: JointTrajectory
+    before: float
+    base: Array
+    asked: Flags
+
+    def as_json(self, final: Estimate, sizes: Array) -> dict[str, object]:
+        """Return its outcome, by the last estimate and the sizes (10,) that standard deviations are relative to."""
+        after = float(np.max((final.std / sizes)[self.asked]))  # NaN where one of them is not determined
+        turned, displaced = self.base
+        values = {'before': self.before, 'after': after, 'turned': turned, 'displaced': displaced}
+        return {'motion': self.kind, 'seconds': self.trajectory.duration, **plain(values)}
+
+
+def motion_of(kind: str, session: Session, simulated: SimulatedRun, seed: int) -> SecondMotion:
+    """Return the motion that follows.
+
+    Raises
+    ------
+    DataError
+        There is no posterior to begin from.
+    ParameterError
+        No motion is possible.
+    """
+    posterior = session.posterior()
+    if posterior is None:
+        raise DataError('the first motion leads to no solution of method trajectory that another could begin from')
+    planner = make_planner(session.config, posterior)
+    if kind == PLANNED:
+        trajectory = planner.plan().trajectory
+    else:
+        trajectory = simple_motion(kind, planner.motions, plan_settings(session.config).base, seed)
+    asked = planner.information.asked
+    before = float(planner.information.relative[asked].max())
+    return SecondMotion(kind, trajectory, before, _excursion(planner, posterior, simulated, trajectory), asked)
+
+
+def _excursion(planner: Planner, posterior: Posterior, simulated: SimulatedRun, trajectory: JointTrajectory) -> Array:
+    """Return how far the motion turns and displaces the base of the true robot, rad and m."""
+    state, momentum = posterior.state, simulated.momentum.copy()
+    momentum[3:] -= cross(posterior.end.origin, momentum[:3])
+    state[6:12], state[12:22] = momentum, simulated.target.parameters
+    floating = planner.motions.as_if(posterior.layout.point(state, posterior.deviation))
+    return planner.motions.excursion_along(trajectory, floating)[:2]
+
+
+def made_here(runs: Sequence[CampaignRun], urdf: str, processes: int) -> Generator[Result]:
+    """Yield the results of runs as they end, made by so many processes of this machine at the same time."""
+    waiting = deque(runs)
+    while waiting:
+        flying: dict[Future[Result], CampaignRun] = {}
+        try:
+            with Workers(min(processes, len(waiting)), urdf) as workers:
+                while waiting or flying:
+                    while waiting and len(flying) < processes:
+                        flying[workers.submit(_make, waiting[0])] = waiting[0]
+                        waiting.popleft()
+                    for future in wait(flying, return_when=FIRST_COMPLETED).done:
+                        result = future.result()
+                        del flying[future]
+                        yield result
+        except ProcessDiedError:
+            # One of them took its process down, and it is unknown which: each gets one to itself.
+            for run in flying.values():
+                yield _made_alone(run, urdf)
+
+
+def _made_alone(run: CampaignRun, urdf: str) -> Result:
+    try:
+        with Workers(1, urdf) as workers:
+            return workers.submit(_make, run).result()
+    except ProcessDiedError:
+        return _failed(run, 'its process died, among others and alone: it was killed, or memory ran out')
+
+
+def _make(urdf: str, run: CampaignRun) -> Result:
+    return make(run, urdf)
+
+
+def made_on_cluster(runs: Sequence[CampaignRun], urdf: str, scheduler: str) -> Generator[Result]:
+    """Yield the results of runs as they end, made on the Dask cluster whose scheduler has an address.
+
+    Raises
+    ------
+    ParameterError
+        Dask is not installed, or there is no scheduler at the address.
+    DataError
+        The cluster is lost, or cannot run this package.
+    """
+    try:
+        from distributed import Client, KilledWorker, as_completed  # noqa: PLC0415 - optional, and slow to import
+    except ImportError as error:
+        raise ParameterError(
+            '--scheduler needs Dask, which is not installed; accepted after: pip install distributed'
+        ) from error
+    for logger in ('distributed', 'distributed.client'):  # which print tracebacks of a lost connection
+        logging.getLogger(logger).setLevel(logging.CRITICAL)
+    try:
+        client = Client(scheduler, timeout=_PATIENCE, set_as_default=False)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError) as error:
+        raise ParameterError(
+            f"--scheduler '{scheduler}' cannot be reached: {error}; accepted: the address that `dask scheduler` prints"
+        ) from error
+    with client:
+        if not client.scheduler_info()['workers']:
+            print(f"mbaid_ros campaign: waiting for the scheduler '{scheduler}' to get workers", file=sys.stderr)
+        # Impure: what another campaign left on the cluster is not taken for the result of a run.
+        futures = client.map(make, runs, urdf=urdf, pure=False)
+        run_of = dict(zip((future.key for future in futures), runs, strict=True))
+        flying = as_completed(futures, loop=client.loop)  # type: ignore[no-untyped-call]
+        del futures  # the cluster keeps a result as long as its future is held
+        for future in flying:
+            run = run_of.pop(future.key)
+            try:
+                result = future.result()
+            except KilledWorker as error:
+                result = _failed(run, f'the worker that made it died {error.allowed_failures + 1} times')
+            except Exception as error:  # connections, other versions there: each package has its own
+                raise DataError(
+                    f"the cluster of scheduler '{scheduler}' fails: {type(error).__name__}: {error}; what it made is "
+                    'kept, and the same command goes on from there'
+                ) from error
+            yield result

@@ -1,22 +1,118 @@
-"""What the runs of a campaign say together, case by case."""
+"""Statistics of many runs: how large errors are, and whether the reported uncertainties are right."""
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import chdtri, ndtri
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
-from mbaid_ros.replay.campaigns.make import FAILED, Result
-from mbaid_ros.replay.campaigns.monte_carlo import coverage, mean, nees_band, rmse
-from mbaid_ros.replay.campaigns.then import ThenStatistics
-from mbaid_ros.replay.jsonable import number, numbers, shaped, shaped_std
+from mbaid_ros.replay.output import plain, shaped, shaped_std
 
+# The result of a run: plain numbers, texts, lists and dictionaries, as JSON has them.
+Result = dict[str, Any]
+FAILED = 'failed'  # status of a run without a result
+BAND = 0.95
+QUANTILE = float(ndtri(0.5 * (1.0 + BAND)))  # standard deviations either side that hold 95 %
 _REASONS = 5  # failed runs that the text names
+
+
+def mean(values: Array) -> Array:
+    """Return the means over the runs, the first axis, without NaN; NaN where there is nothing else."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', RuntimeWarning)  # a column of nothing but NaN
+        return np.asarray(np.nanmean(values, axis=0)) if len(values) else np.full(values.shape[1:], np.nan)
+
+
+def rmse(error: Array) -> Array:
+    """Return the root mean square over the runs, the first axis, of errors that are no NaN."""
+    return np.sqrt(mean(error**2))
+
+
+def coverage(error: Array, std: Array) -> Array:
+    """Return the share of the runs, the first axis, with the truth within the 95 % interval, where there is one."""
+    known = np.isfinite(error) & np.isfinite(std)
+    return mean(np.where(known, np.abs(error) < QUANTILE * std, np.nan))
+
+
+def nees(estimate: Estimate, truth: Array) -> float:
+    """Return the normalised estimation error squared against the truth (10,), a determined parameter: 1 is expected."""
+    known = np.isfinite(estimate.std) & np.isfinite(estimate.parameters)
+    if not np.any(known):
+        return np.nan
+    deviation = estimate.std[known]
+    error = (estimate.parameters - truth)[known] / deviation
+    correlation = estimate.covariance[np.ix_(known, known)] / deviation / deviation[:, None]
+    return float(error @ np.linalg.solve(correlation, error)) / len(error)
+
+
+def nees_band(freedom: int) -> tuple[float, float]:
+    """Return the interval of 95 % of the mean NEES of right covariances, of so many determined parameters in all."""
+    # chdtri: quantiles of the chi-square distribution from above.
+    tails = (0.5 * (1.0 + BAND), 0.5 * (1.0 - BAND))
+    low, high = (float(chdtri(freedom, tail)) / freedom if freedom else np.nan for tail in tails)
+    return low, high
+
+
+@dataclass(frozen=True)
+class SecondMotionStatistics:
+    """Medians over runs of what second motions improve.
+
+    Attributes
+    ----------
+    seconds : length
+    before, after : largest relative standard deviation where it begins, and in the end; that of the runs in which every
+        parameter is determined then
+    halvings : of that, a minute of the motion
+    turned, displaced : by which it moves the base, rad and m; the most of all runs
+    """
+
+    seconds: float
+    before: float
+    after: float
+    halvings: float
+    turned: float
+    displaced: float
+
+    @staticmethod
+    def from_runs(motions: Sequence[Mapping[str, Any]]) -> SecondMotionStatistics | None:
+        """Return the statistics of the runs' motions; None of none."""
+        if not motions:
+            return None
+        names = ('seconds', 'before', 'after', 'turned', 'displaced')
+        columns = {name: np.array([each[name] for each in motions], dtype=float) for name in names}
+        columns['halvings'] = np.log2(columns['before'] / columns['after']) / columns['seconds'] * 60.0
+        most = {name: float(np.nanmax(columns.pop(name))) for name in ('turned', 'displaced')}
+        return SecondMotionStatistics(**{name: _median(column) for name, column in columns.items()}, **most)
+
+    def as_json(self) -> dict[str, float | None]:
+        """Return them as scripts read them."""
+        return plain(vars(self))
+
+    def __str__(self) -> str:
+        """Return them in a line."""
+        improved = f'from {100.0 * self.before:.3g}'
+        if np.isnan(self.after):
+            improved += ' % to not determined'
+        else:
+            improved += f' to {100.0 * self.after:.3g} %, halved {self.halvings:.1f} times a minute'
+        return (
+            f'then {self.seconds:.1f} s: the least known {improved}; base turned by '
+            f'{np.degrees(self.turned):.2f} deg, displaced by {self.displaced:.3g} m at most'
+        )
+
+
+def _median(values: Array) -> float:
+    """Return the median of finite values; NaN of none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else np.nan
 
 
 @dataclass(frozen=True)
@@ -25,16 +121,15 @@ class CaseStatistics:
 
     Attributes
     ----------
-    name : its choices
-    choices : of each group of the campaign
+    name, choices : of each group of the campaign
     statuses : number of runs that ended with each
     rmse : (10,) root mean square error in the order of PARAMETERS; NaN where no run determined it
     mean_std : (10,) mean of the reported standard deviations
     inside : (10,) share of the runs with the truth inside the reported 95 % interval
     determined : (10,) share of the runs in which the parameter was determined
-    nees : mean over the runs of the squared error in the metric of the covariance, a parameter: 1 is expected
-    nees_band : that 95 % of such means lie in if the covariance is right
-    then : medians of what the motions that follow come to; None where none does
+    nees : mean over the runs of `nees`
+    nees_band : of such means
+    then : of second motions; None where there are none
     """
 
     name: str
@@ -46,7 +141,7 @@ class CaseStatistics:
     determined: Array
     nees: float
     nees_band: tuple[float, float]
-    then: ThenStatistics | None = None
+    then: SecondMotionStatistics | None = None
 
 
 def statistics(results: Sequence[Result]) -> list[CaseStatistics]:
@@ -60,8 +155,10 @@ def statistics(results: Sequence[Result]) -> list[CaseStatistics]:
 
 def _case(name: str, results: Sequence[Result]) -> CaseStatistics:
     made = [result for result in results if result['status'] != FAILED]
-    estimate, truth, std = (np.array([_ten(result[key]) for result in made]).reshape(-1, 10) for key in _VALUES)
-    nees = np.array([result['nees'] for result in made if result['nees'] is not None])
+    estimate, truth, std = (
+        np.array([_ten(result[key]) for result in made]).reshape(-1, 10) for key in ('estimate', 'truth', 'std')
+    )
+    squared = np.array([result['nees'] for result in made if result['nees'] is not None])
     error = estimate - truth
     return CaseStatistics(
         name=name,
@@ -71,13 +168,10 @@ def _case(name: str, results: Sequence[Result]) -> CaseStatistics:
         mean_std=mean(std),
         inside=coverage(error, std),
         determined=mean(np.isfinite(estimate) * 1.0),
-        nees=float(np.mean(nees)) if len(nees) else np.nan,
+        nees=float(np.mean(squared)) if len(squared) else np.nan,
         nees_band=nees_band(int(np.sum(np.isfinite(estimate) & np.isfinite(std)))),
-        then=ThenStatistics.of([result['then'] for result in made if 'then' in result]),
+        then=SecondMotionStatistics.from_runs([result['then'] for result in made if 'then' in result]),
     )
-
-
-_VALUES = ('estimate', 'truth', 'std')
 
 
 def _ten(values: Mapping[str, Any] | None) -> Array:
@@ -89,7 +183,7 @@ def _ten(values: Mapping[str, Any] | None) -> Array:
 
 
 def as_json(cases: Sequence[CaseStatistics], results: Sequence[Result]) -> dict[str, Any]:
-    """Return the statistics as scripts read them; what is not known is None."""
+    """Return the statistics as scripts read them; None for what is not known."""
     return {
         'runs': len(results),
         'inconsistent': _inconsistent(results),
@@ -101,9 +195,9 @@ def as_json(cases: Sequence[CaseStatistics], results: Sequence[Result]) -> dict[
                 'rmse': shaped_std(case.rmse),
                 'mean_std': shaped_std(case.mean_std),
                 'inside_95': shaped_std(case.inside),
-                'determined': shaped(numbers(case.determined)),
-                'nees': number(case.nees),
-                'nees_band_95': [number(limit) for limit in case.nees_band],
+                'determined': shaped(case.determined),
+                'nees': plain(case.nees),
+                'nees_band_95': plain(case.nees_band),
                 **({} if case.then is None else {'then': case.then.as_json()}),
             }
             for case in cases
@@ -135,17 +229,14 @@ def table(cases: Sequence[CaseStatistics], results: Sequence[Result]) -> str:
 
 
 def _row(case: CaseStatistics, index: int) -> str:
-    std, inside = (
-        f'{value:{form}}' if np.isfinite(value) else '-'
-        for value, form in ((case.mean_std[index], '.3g'), (100.0 * case.inside[index], '.1f'))
-    )
+    mean_std, inside = case.mean_std[index], 100.0 * case.inside[index]
+    std = f'{mean_std:.3g}' if np.isfinite(mean_std) else '-'
+    percent = f'{inside:.1f} %' if np.isfinite(inside) else '-'
     share = f'{100.0 * case.determined[index]:.1f} %'
-    percent = f'{inside} %' if inside != '-' else inside
     return f'  {PARAMETERS[index]:6} {case.rmse[index]:>10.3g} {std:>10} {percent:>12} {share:>11}  {UNITS[index]}'
 
 
 def _inconsistent(results: Sequence[Result]) -> int:
-    """Return the number of runs whose data contradict the model."""
     return sum(result['status'] == 'inconsistent' for result in results)
 
 

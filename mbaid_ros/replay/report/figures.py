@@ -1,41 +1,24 @@
-"""The courses of a run: parameters, momentum, residual, identifiability, arrival."""
+"""Curves over a run: parameters, momentum, residual, identifiability, arrival; and several runs side by side."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate, determined
-from mbaid_ros.core.results.parameters import BAND, PARAMETERS, UNITS
-from mbaid_ros.replay.report.canvas import (
-    ALARM,
-    FAINT,
-    FIRST,
-    INK,
-    LINE,
-    PAGE,
-    SECOND,
-    SERIES,
-    THIRD,
-    TRUTH,
-    curve,
-    entitle,
-    legend,
-    new_axes,
-    scale,
-    svg,
-)
+from mbaid_ros.core.results.parameters import BAND, PARAMETERS
+from mbaid_ros.replay.report.markup import SERIES, TIME, Colour, curve, entitle, legend, level, new_axes, scale, svg
+from mbaid_ros.replay.report.sections import SHOWN_UNITS
 from mbaid_ros.replay.results import Run
-from mbaid_ros.replay.truth import Truth
+from mbaid_ros.replay.saved import Truth
 
 _PLOTTED = 800  # points of a curve: more than a screen resolves
-_TIME = 'time [s]'
 _SHORTEST = 1e-9  # s, that a time axis spans
-SHOWN_UNITS = tuple(unit.replace('^2', '\N{SUPERSCRIPT TWO}') for unit in UNITS)
-_STATUS_COLOURS = {'converged': FIRST, 'estimating': FAINT, 'inconsistent': ALARM}
+_STATUS_COLOURS = {'converged': Colour.FIRST, 'estimating': Colour.FAINT, 'inconsistent': Colour.ALARM}
 
 
 def thinned(run: Run) -> Sequence[Estimate]:
@@ -44,56 +27,82 @@ def thinned(run: Run) -> Sequence[Estimate]:
 
 
 def convergence(run: Run, truth: Truth | None, name: str) -> str:
-    """Return the course of each parameter that was ever determined."""
+    """Return the curve of each parameter that was ever determined."""
     history = thinned(run)
     time = _times(history)
     values = np.array([estimate.parameters for estimate in history])
     stds = np.array([estimate.std for estimate in history])
-    shown = [index for index in range(len(PARAMETERS)) if np.any(np.isfinite(values[:, index]))]
-    figure, axes = new_axes(-(-len(shown) // 2), 2, 1.7, sharex=True)
-    for axis, index in zip(axes, shown, strict=False):  # the last row may have places left
+    shown, chart, axes = _parameter_axes(values, 2, 1.7, sharex=True)
+    for axis, index in zip(axes, shown, strict=True):
         value, spread = values[:, index], BAND * stds[:, index]
         curve(axis, time, value, stds[:, index])
         scale(axis, value, value - spread, value + spread)
         if truth is not None:
-            axis.axhline(truth.parameters[index], color=TRUTH, linestyle=':', linewidth=1.3)
+            level(axis, truth.parameters[index])
         _mark_events(axis, run)
         axis.set_xlim(0.0, max(time[-1], _SHORTEST))
         axis.tick_params(labelbottom=True)
+    for axis in axes[-2:]:  # the lowest of each column
+        axis.set_xlabel(TIME, color=Colour.INK, fontsize=8)
+    return svg(chart, f'{name} convergence', 'Course of each parameter with its 95 % band')
+
+
+def comparison(runs: Sequence[Run], truth: Array | None) -> str:
+    """Return the estimates of several runs side by side."""
+    values = np.array([run.final.parameters for run in runs])
+    stds = np.array([run.final.std for run in runs])
+    columns = 2 if np.sum(np.any(np.isfinite(values), axis=0)) <= 4 else 3
+    shown, chart, axes = _parameter_axes(values, columns, 1.6)
+    places = np.arange(1, len(values) + 1)
+    for axis, index in zip(axes, shown, strict=True):
+        bars = BAND * np.nan_to_num(stds[:, index])
+        axis.errorbar(
+            places, values[:, index], bars, fmt='o', markersize=4, color=Colour.FIRST, capsize=3, linewidth=1.2
+        )
+        if truth is not None:
+            level(axis, truth[index])
+        axis.set_xticks(places, [f'({place})' for place in places])
+        axis.set_xlim(0.4, len(values) + 0.6)
+    return svg(chart, 'comparison', 'The estimates of each bag with their 95 % bars')
+
+
+def _parameter_axes(values: Array, columns: int, height: float, **options: bool) -> tuple[list[int], Any, list[Axes]]:
+    """Return the parameters (columns of `values`) that are ever known, and a figure with axes for each."""
+    shown = np.flatnonzero(np.any(np.isfinite(values), axis=0)).tolist()
+    chart, axes = new_axes(-(-len(shown) // columns), columns, height, **options)
+    for axis, index in zip(axes, shown, strict=False):
         entitle(axis, f'{PARAMETERS[index]} [{SHOWN_UNITS[index]}]')
-    for axis in axes[: len(shown)][-2:]:  # the lowest of each column
-        axis.set_xlabel(_TIME, color=INK, fontsize=8)
-    for axis in axes[len(shown) :]:
+    for axis in axes[len(shown) :]:  # the last row may have places left
         axis.remove()
-    return svg(figure, f'{name} convergence', 'Course of each parameter with its 95 % band')
+    return shown, chart, list(axes[: len(shown)])
 
 
 def momentum(run: Run, truth: Truth | None, name: str) -> str:
-    """Return the course of the total momentum and, where the method has it, of the residual."""
+    """Return the total momentum and, where the method has it, the residual over time."""
     history = thinned(run)
     time = _times(history)
     values = np.array([estimate.momentum for estimate in history])
-    variances = np.array([np.diag(estimate.momentum_covariance) for estimate in history])
+    stds = np.sqrt(np.array([np.diag(estimate.momentum_covariance) for estimate in history]))
     residual = np.array([estimate.residual for estimate in history])
     parts: list[tuple[str, slice]] = [('linear [N s]', slice(0, 3)), ('angular [N m s]', slice(3, 6))]
-    # Where nothing was determined, the momentum was not either, whatever its prior says.
+    # Where nothing was determined, the momentum was not either, despite its prior.
     parts = [part for part in parts if run.reached and np.any(np.isfinite(values[:, part[1]]))]
     with_residual = bool(np.any(np.isfinite(residual)))
     if not parts and not with_residual:
         return ''
-    figure, axes = new_axes(len(parts) + with_residual, 1, 2.0, sharex=True)
+    chart, axes = new_axes(len(parts) + with_residual, 1, 2.0, sharex=True)
     for axis, (title, which) in zip(axes, parts, strict=False):
-        _vector(axis, time, values[:, which], np.sqrt(variances[:, which]))
+        _vector(axis, time, values[:, which], stds[:, which])
         if truth is not None:
-            for value in truth.momentum[which][determined(values[-1, which], np.sqrt(variances[-1, which]))]:
-                axis.axhline(value, color=TRUTH, linestyle=':', linewidth=1.0)
+            for value in truth.momentum[which][determined(values[-1, which], stds[-1, which])]:
+                level(axis, value, width=1.0)
         entitle(axis, f'Total momentum, {title}')
         _mark_events(axis, run)
     if with_residual:
         _residual(axes[-1], time, residual, run)
     axes[-1].set_xlim(0.0, max(time[-1], _SHORTEST))
-    axes[-1].set_xlabel(_TIME, color=INK, fontsize=8)
-    return svg(figure, f'{name} momentum', 'Course of the total momentum and of the residual')
+    axes[-1].set_xlabel(TIME, color=Colour.INK, fontsize=8)
+    return svg(chart, f'{name} momentum', 'Course of the total momentum and of the residual')
 
 
 def _vector(axis: Axes, time: Array, values: Array, stds: Array) -> None:
@@ -107,16 +116,16 @@ def _vector(axis: Axes, time: Array, values: Array, stds: Array) -> None:
 
 
 def _residual(axis: Axes, time: Array, residual: Array, run: Run) -> None:
-    axis.plot(time, residual, color=FIRST, linewidth=1.3)
-    axis.axhline(1.0, color=FAINT, linestyle='--', linewidth=1.0)
+    axis.plot(time, residual, color=Colour.FIRST, linewidth=1.3)
+    level(axis, 1.0, Colour.FAINT, '--', 1.0)
     limit = run.settings.get('convergence.largest_residual')
     always = [0.0, 1.0]
     if isinstance(limit, float) and np.nanmax(residual) > 0.5 * limit:
-        axis.axhline(limit, color=SECOND, linestyle='--', linewidth=1.0)
+        level(axis, limit, Colour.SECOND, '--', 1.0)
         always.append(limit)
     scale(axis, residual, always=always)
     axis.set_ylim(bottom=0.0)
-    entitle(axis, 'Residual [\N{GREEK SMALL LETTER SIGMA}]: 1 is as noisy as the noise model says')
+    entitle(axis, 'Residual [\N{GREEK SMALL LETTER SIGMA}]: 1 is as noisy as the noise model')
     _mark_events(axis, run)
 
 
@@ -125,31 +134,27 @@ def identifiability(run: Run, name: str) -> str:
     history = run.history
     edges = np.array([0.0, *(estimate.time for estimate in history)])
     flags = np.array([estimate.identifiable for estimate in history])
-    figure, axes = new_axes(1, 1, 2.6)
-    axis = axes[0]
+    chart, (axis,) = new_axes(1, 1, 2.6)
     rows = len(PARAMETERS)
     for row in range(rows):
-        known = _spans(edges, flags[:, row])
-        axis.broken_barh([(0.0, float(edges[-1]))], (row - 0.36, 0.72), facecolor=LINE)
-        axis.broken_barh(known, (row - 0.36, 0.72), facecolor=FIRST)
+        axis.broken_barh([(0.0, float(edges[-1]))], (row - 0.36, 0.72), facecolor=Colour.LINE)
+        axis.broken_barh(_spans(edges, flags[:, row]), (row - 0.36, 0.72), facecolor=Colour.FIRST)
     statuses = [estimate.status for estimate in history]
     for status in dict.fromkeys(statuses):
-        there = np.array([each == status for each in statuses])
-        spans = _spans(edges, there)
-        axis.broken_barh(spans, (rows - 0.36, 0.72), facecolor=_STATUS_COLOURS.get(status, LINE))
+        spans = _spans(edges, np.array([each == status for each in statuses]))
+        axis.broken_barh(spans, (rows - 0.36, 0.72), facecolor=_STATUS_COLOURS.get(status, Colour.LINE))
         begin, length = max(spans, key=lambda span: span[1])
         if length > 0.14 * edges[-1]:
-            colour = INK if status not in {'converged', 'inconsistent'} else PAGE
-            axis.text(
-                begin + 0.5 * length, rows, status.replace('_', ' '), ha='center', va='center', fontsize=7, color=colour
-            )
+            colour = Colour.INK if status not in {'converged', 'inconsistent'} else Colour.PAGE
+            middle, words = begin + 0.5 * length, status.replace('_', ' ')
+            axis.text(middle, rows, words, ha='center', va='center', fontsize=7, color=colour)
     axis.set_yticks(range(rows + 1), (*PARAMETERS, 'status'))
     axis.set_ylim(rows + 0.6, -0.6)
     axis.set_xlim(0.0, max(float(edges[-1]), _SHORTEST))
     axis.grid(visible=False)
     _mark_events(axis, run, named=False)  # the name would lie on the bars
-    entitle(axis, '', _TIME)
-    return svg(figure, f'{name} identifiability', 'When the data determined which parameter')
+    entitle(axis, '', TIME)
+    return svg(chart, f'{name} identifiability', 'When the data determined which parameter')
 
 
 def _spans(edges: Array, flags: Array) -> list[tuple[float, float]]:
@@ -163,8 +168,7 @@ def arrival(run: Run, name: str) -> str:
     topics = [topic for topic in run.topics if topic.course]
     if not topics:
         return ''
-    figure, axes = new_axes(1, 1, 1.9)
-    axis = axes[0]
+    chart, (axis,) = new_axes(1, 1, 1.9)
     for topic, (colour, line) in zip(topics, SERIES, strict=False):
         time, rate = np.array(topic.course).T
         axis.plot(time, rate, color=colour, linestyle=line, linewidth=1.3, label=_short(topic.topic))
@@ -175,7 +179,7 @@ def arrival(run: Run, name: str) -> str:
     axis.set_ylim(bottom=0.0, top=1.25 * max(min(float(np.max(rate)), 2.0 * float(np.median(rate))) for rate in rates))
     entitle(axis, 'Messages a second [Hz]; shaded: gaps', 'time since the first message [s]')
     legend(axis, 2)
-    return svg(figure, f'{name} arrival', 'Rate of each topic')
+    return svg(chart, f'{name} arrival', 'Rate of each topic')
 
 
 def _short(name: str) -> str:
@@ -187,9 +191,9 @@ def _short(name: str) -> str:
 def _mark_events(axis: Axes, run: Run, *, named: bool = True) -> None:
     """Draw a line where the momentum changed: events, and the capture."""
     marks: list[tuple[float, str, str, str]]
-    marks = [(event.time, event.kind, SECOND, '-.') for event in run.final.events]
+    marks = [(event.time, event.kind, Colour.SECOND, '-.') for event in run.final.events]
     if run.capture is not None:
-        marks.append((run.capture.time, 'capture', THIRD, '-'))
+        marks.append((run.capture.time, 'capture', Colour.THIRD, '-'))
     for time, name, colour, line in marks:
         axis.axvline(time, color=colour, linestyle=line, linewidth=1.2)
         if named:

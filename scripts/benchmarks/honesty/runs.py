@@ -22,13 +22,13 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.two_stage import YOUNG
 from mbaid_ros.outgoing import SensorMessages
-from mbaid_ros.replay.bag_types import BAG_TYPES
-from mbaid_ros.replay.campaigns.monte_carlo import QUANTILE, nees
+from mbaid_ros.replay.campaigns.statistics import QUANTILE, nees
+from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.session import Session
 from mbaid_ros.simulation.simulation import Truth
 

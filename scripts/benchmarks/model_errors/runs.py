@@ -30,14 +30,9 @@ from benchmarks.model_errors.variant import Variant, settings
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.filter.averaging import KnotAveraging
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
-from mbaid_ros.core.filter.square_root import advance, update
-from mbaid_ros.core.filter.state import (
-    BODY,
-    MOMENTUM,
-    Layout,
-    layout_of,
-)
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, update
+from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, layout_of
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.filter.window import Window, stacked
@@ -45,9 +40,9 @@ from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.identifier import Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import BAND, PARAMETERS
-from mbaid_ros.core.robot.inertia import physical_jacobian
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.momentum import physical_jacobian
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.core.unknowns.base import OdometryMount
@@ -55,10 +50,10 @@ from mbaid_ros.core.unknowns.bodies import KnownBodies
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.environment import UNDISTURBED
 from mbaid_ros.core.unknowns.joints import JointPlacements
-from mbaid_ros.replay.campaigns.monte_carlo import mean, nees
+from mbaid_ros.replay.campaigns.statistics import mean, nees
 from mbaid_ros.session import make_estimator
 from mbaid_ros.session.posterior import declared_errors
-from mbaid_ros.session.uncertainty import declared_uncertainty
+from mbaid_ros.session.settings import declared_uncertainty
 from mbaid_ros.simulation.simulation import Truth
 from mbaid_ros.simulation.true_robot import ErrorSizes
 

@@ -15,9 +15,9 @@ from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.core.errors import DataError, ModelError, ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.physical_consistency import is_physical
-from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.momentum import physical, standard
 from mbaid_ros.simulation.motion import Sinusoids, random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from observed import HIGH, MID, drifting, identify, kernel, observe, windows

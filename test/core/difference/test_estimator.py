@@ -13,10 +13,9 @@ from scipy.stats import chi2
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.physical_consistency import is_physical
-from mbaid_ros.core.robot.inertia import standard
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.scale import unknown_scale
+from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.simulation.motion import random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum

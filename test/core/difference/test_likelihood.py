@@ -20,8 +20,7 @@ from linear_problems import (
     with_errors,
 )
 from mbaid_ros.core.difference import errors_in_variables as eiv
-from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.first_solutions import Sums, first_solutions
+from mbaid_ros.core.difference.errors_in_variables import Blocks, Sums, first_solutions
 from mbaid_ros.core.geometry import Array
 
 SEEDS = range(5)

@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from mbaid_ros.core.difference.consider_parameters import ConsiderParameters
 from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.window_rows import window_rows
+from mbaid_ros.core.difference.window_rows import ConsiderParameters, window_rows
 from mbaid_ros.core.geometry import Array, cross, exp
-from mbaid_ros.core.robot.inertia import physical, standard
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model_errors import BodyDeviations, KnownErrors, declared
+from mbaid_ros.core.robot.momentum import physical, standard
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.base import odometry_mount
 from mbaid_ros.core.unknowns.bodies import known_bodies

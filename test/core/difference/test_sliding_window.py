@@ -13,27 +13,22 @@ from linear_problems import (
     EQUATIONS,
     TRUE,
     UNKNOWNS,
-    exact_blocks,
     linear_blocks,
     noise_information,
     noisy_blocks,
-    quadratic,
-    with_errors,
 )
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.conservation import Conservation, momentum_jumps, noise_covariance
-from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation
-from mbaid_ros.core.difference.first_solutions import Sums
-from mbaid_ros.core.difference.marginalised import MarginalisedPrior
-from mbaid_ros.core.difference.sliding_window import SlidingWindow
+from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, Sums
+from mbaid_ros.core.difference.sliding_window import MarginalisedPrior, SlidingWindow
 from mbaid_ros.core.geometry import Array
 
 PRIOR = 1e-6 * np.eye(UNKNOWNS)
 TYPICAL = np.full(UNKNOWNS, 10.0)
 
 
-def slid(blocks: Blocks, length: int, forgetting: float = 1.0) -> SlidingWindow:
-    likelihood = SlidingWindow(PRIOR, length, forgetting, TYPICAL)
+def slid(blocks: Blocks, length: int) -> SlidingWindow:
+    likelihood = SlidingWindow(PRIOR, length, TYPICAL)
     for k in range(len(blocks)):
         likelihood.add(blocks[k : k + 1])
     return likelihood
@@ -93,20 +88,6 @@ def test_the_noise_of_all_windows_is_counted() -> None:
     assert few.noise_information == pytest.approx(whole, rel=0.05, abs=0.05 * np.abs(whole).max())
 
 
-def test_the_estimate_follows_a_change_only_if_it_forgets() -> None:
-    # Steady excitation: the same five windows over and over.
-    five = exact_blocks(5, 6, 0.1, 0.05)
-    before = Blocks.concatenate([five] * 12)
-    other = TRUE + np.array([1.0, 0.5, -0.5, 1.0])
-    moved = Blocks(before.rows, -before.rows @ other, before.noise, before.noise_rows)
-    blocks = with_errors(Blocks.concatenate([before, moved]), np.random.default_rng(6))
-    following, fixed = slid(blocks, 10, 0.8), slid(blocks, 10)
-    # 0.8 a window: all but the last ones are forgotten.
-    recent = eiv.maximum_likelihood(blocks[-5:], other).information
-    assert deviations(following.x - other, recent) < 4.0
-    assert deviations(fixed.x - other, recent) > 20.0
-
-
 def test_an_unidentifiable_direction_stays_at_the_prior() -> None:
     blocks = noisy_blocks(30, 8)
     # The third unknown appears in no equation.
@@ -120,7 +101,7 @@ def test_an_unidentifiable_direction_stays_at_the_prior() -> None:
 def test_a_start_from_few_poor_windows_is_guarded() -> None:
     # Noise as large as the coefficients: single windows say nothing, or anything.
     blocks = noisy_blocks(150, 9, 1.0, 0.5)
-    likelihood = SlidingWindow(PRIOR, 40, 1.0, TYPICAL)
+    likelihood = SlidingWindow(PRIOR, 40, TYPICAL)
     for k in range(len(blocks)):
         linear = likelihood.add(blocks[k : k + 1])
         assert np.isfinite(likelihood.x).all()
@@ -143,10 +124,6 @@ def marginalised_from(seed: int, steps: int = 6) -> MarginalisedPrior:
         linear, own = eiv.maximum_likelihood(blocks, x), noise_information(blocks, x)
         past.add(replace(linear, information=linear.information - own), own, x)
     return past
-
-
-def minimum(past: MarginalisedPrior) -> Array:
-    return np.asarray(np.linalg.solve(past.information, past.right_side))
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -183,60 +160,6 @@ def test_linearised_windows_have_their_cost_and_slope_where_they_were_marginalis
     assert past.gradient(x) == pytest.approx(linear.gradient, rel=1e-8)
 
 
-def marginal(information: Array) -> float:
-    """Return what is known of the last unknown, whatever the others are."""
-    others = information[:-1, :-1]
-    return float(information[-1, -1] - information[-1, :-1] @ np.linalg.solve(others, information[:-1, -1]))
-
-
-def test_what_is_not_excited_is_kept_however_long() -> None:
-    past = marginalised_from(5)
-    best, information, noise = minimum(past), past.information.copy(), past.noise_information.copy()
-    known = marginal(information)
-    # The recent windows know nothing of the last unknown, and something of the others.
-    recent, idle = np.diag([*np.full(UNKNOWNS - 1, 1.0), 0.5]), np.diag([*np.full(UNKNOWNS - 1, 0.1), 1.0])
-    for step in range(2000):
-        past.forget(0.9, recent, idle)
-        if step == 20:
-            assert marginal(past.information) == pytest.approx(known, rel=1e-6)
-            assert minimum(past) == pytest.approx(best, rel=1e-6)
-            assert past.information[0, 0] == pytest.approx(0.9**21 * information[0, 0], rel=1e-6)
-    # Of the others nothing is left after so many steps; of the last unknown everything (but for the floor, which counts
-    # once the others have faded down to it), and its value.
-    assert past.information[-1, -1] == pytest.approx(known, rel=1e-3)
-    assert past.information[:-1, :-1] == pytest.approx(NOTHING[:-1, :-1], abs=1e-9 * known)
-    assert past.right_side[-1] / past.information[-1, -1] == pytest.approx(best[-1], rel=1e-3)
-    # So is what noise had brought of it: else it would pass for signal.
-    apart = np.append(-np.linalg.solve(information[:-1, :-1], information[:-1, -1]), 1.0)
-    assert past.noise_information[-1, -1] == pytest.approx(quadratic(noise, apart), rel=2e-2)
-    assert known == pytest.approx(quadratic(information, apart), rel=1e-9)
-
-
-@pytest.mark.parametrize('seed', range(3))
-def test_forgetting_some_directions_keeps_the_minimum(seed: int) -> None:
-    past = marginalised_from(seed)
-    best, before = minimum(past), past.information.copy()
-    rng = np.random.default_rng(seed)
-    factor = rng.normal(size=(UNKNOWNS, 2))
-    past.forget(0.7, factor @ factor.T, 1e-3 * np.eye(UNKNOWNS))
-    assert past.information == pytest.approx(past.information.T)
-    assert minimum(past) == pytest.approx(best, rel=1e-8)
-    # Less is known than before in two directions, as much in the others.
-    ratio = np.sort(np.linalg.eigvals(np.linalg.solve(before, past.information)).real)
-    assert ratio == pytest.approx([0.7, 0.7, 1.0, 1.0], rel=1e-8)
-
-
-def test_steady_excitation_is_worth_what_the_factor_says() -> None:
-    blocks = linear_blocks(3, 6)
-    linear = eiv.maximum_likelihood(blocks, TRUE)
-    past = MarginalisedPrior(FLOOR)
-    for _ in range(300):
-        past.forget(0.95, 4.0 * linear.information, 1e-6 * np.eye(UNKNOWNS))
-        past.add(linear, NOTHING, TRUE)
-    # 1 + 0.95 + 0.95^2 + ... = 20 windows.
-    assert past.information == pytest.approx(20.0 * linear.information, rel=1e-5)
-
-
 def test_what_is_less_than_the_noise_does_not_count() -> None:
     """Compensated sums may be negative where nothing is excited: no cost may fall without limit there."""
     past = MarginalisedPrior(FLOOR)
@@ -246,18 +169,11 @@ def test_what_is_less_than_the_noise_does_not_count() -> None:
     assert past.information == pytest.approx(np.diag([100.0, 10.0, 0.0, 0.0]), abs=1e-9)
     assert past.right_side == pytest.approx([100.0, 20.0, 0.0, 0.0], abs=1e-9)
     assert past.cost(np.array([1.0, 2.0, 1e9, -1e9])) == past.cost(np.array([1.0, 2.0, 0.0, 0.0]))
-    # It is not forgotten either: with more of it, it counts.
+    # It is not lost either: with more of it, it counts.
     past.add(
         Linearisation(cost=0.0, gradient=-9.5 * best, information=9.5 * np.eye(4), equations=6), NOTHING, NOTHING[0]
     )
     assert np.diag(past.information)[:3] == pytest.approx([109.5, 19.5, 10.0])
-
-
-def test_nothing_marginalised_has_nothing_to_forget() -> None:
-    past = MarginalisedPrior(FLOOR)
-    past.forget(0.5, np.eye(UNKNOWNS), 0.1 * np.eye(UNKNOWNS))
-    assert not past.information.any()
-    assert past.cost(TRUE) == 0.0
 
 
 MOMENTUM = slice(2, UNKNOWNS)
@@ -268,7 +184,7 @@ LOOSE = 1e-6 * np.eye(UNKNOWNS)
 def after_tests(blocks: Blocks, length: int, columns: Array | None = None) -> tuple[SlidingWindow, Conservation]:
     """Return what becomes of all blocks, which are half a second long."""
     columns = np.zeros((len(blocks), EQUATIONS, 0)) if columns is None else columns
-    window = SlidingWindow(LOOSE, length, 1.0, np.full(UNKNOWNS, 10.0), columns.shape[-1])
+    window = SlidingWindow(LOOSE, length, np.full(UNKNOWNS, 10.0), columns.shape[-1])
     test = Conservation(MOMENTUM)
     for k in range(len(blocks)):
         window.add(blocks[k : k + 1], columns[k : k + 1])
@@ -360,7 +276,7 @@ def test_the_falls_are_chi_square_whatever_the_units() -> None:
         size = 10.0 ** rng.uniform(-2.0, 2.0, UNKNOWNS) * 10.0**exponent
         blocks = linear_blocks(30, exponent + 10)
         scaled = Blocks(blocks.rows * size, blocks.offset, blocks.noise, blocks.noise_rows * size)
-        window = SlidingWindow(np.diag(1e-8 * size**2), 50, 1.0, 1e3 / size)
+        window = SlidingWindow(np.diag(1e-8 * size**2), 50, 1e3 / size)
         for k in range(len(scaled)):
             window.add(scaled[k : k + 1])
         found, _ = momentum_jumps(window, MOMENTUM, noise_covariance(window.linear.information))

@@ -11,16 +11,17 @@ import pytest
 from checked import some
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import SENSOR_NOISE
-from mbaid_ros.core.robot.inertia import physical, physical_jacobian
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.momentum import physical, physical_jacobian
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.solution import error_budget
 from mbaid_ros.core.unknowns.bodies import TargetPrior

@@ -11,8 +11,7 @@ from scipy.signal import lfilter
 
 from derivatives import central_difference
 from floating import true_momentum
-from mbaid_ros.core.filter.interpolation import midpoints
-from mbaid_ros.core.filter.knots import BEFORE, Knots
+from mbaid_ros.core.filter.knots import BEFORE, Knots, midpoints
 from mbaid_ros.core.filter.prediction import joint_gains, predict
 from mbaid_ros.core.filter.state import POSE, Layout, Point
 from mbaid_ros.core.filter.window import Stack

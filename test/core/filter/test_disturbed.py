@@ -17,8 +17,8 @@ from floating import DEFAULT, errors, float_freely, follow, make, normalised, pu
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PULSE as PULSE_NAMED
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth
 from observed import HIGH, MID, estimator, kernel, observe, true_body, windows

@@ -17,8 +17,8 @@ from floating import errors, follow, make, normalised, true_momentum, without_ve
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.session.methods import make_estimator

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mbaid_ros.core.filter.interpolation import midpoints
-from mbaid_ros.core.filter.knots import Knots, averages, bridged
+from mbaid_ros.core.filter.knots import Knots, averages, bridged, midpoints
 from mbaid_ros.core.filter.state import near_part
 from mbaid_ros.core.geometry import Array, exp, log
-from mbaid_ros.core.robot.inertia import standard
+from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.core.samples import Samples
 
 COUNT = 12

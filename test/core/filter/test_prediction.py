@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from derivatives import central_difference
-from mbaid_ros.core.filter.interpolation import Midpoints
+from mbaid_ros.core.filter.knots import Midpoints
 from mbaid_ros.core.filter.prediction import Bodies, Prediction, gains_by_unknowns, joint_gains, predict
 from mbaid_ros.core.filter.state import Layout
 from mbaid_ros.core.geometry import Array, cross, exp, skew

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -11,14 +11,14 @@ import pytest
 from checked import some
 from floating import make
 from mbaid_ros.core.filter.bank import HypothesisFilter
-from mbaid_ros.core.filter.batch import SLICE, BackgroundTask, BatchIteration
+from mbaid_ros.core.filter.batch import SLICE, BackgroundTask, BatchIteration, Work
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.initialisation import LinearityCheck
-from mbaid_ros.core.filter.start import MultiStart, Search
+from mbaid_ros.core.filter.initialisation import Initialisation
+from mbaid_ros.core.filter.run import Phase
+from mbaid_ros.core.filter.start import MultiStart, Start
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
 from mbaid_ros.core.filter.window import Window, in_stacks
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.unknowns.environment import UNDISTURBED
 from mbaid_ros.simulation.simulation import Truth
 from observed import HIGH, MID, kernel, observe, windows
@@ -93,11 +93,11 @@ def spied(monkeypatch: pytest.MonkeyPatch, *, failing: bool) -> list[int]:
     lengths: list[int] = []
     search = MultiStart.search
 
-    def spying(self: MultiStart, run: list[Window], points: Sequence[Callable[[], Point | None]]) -> Search:
+    def spying(self: MultiStart, run: list[Window], points: Sequence[Callable[[], Point | None]]) -> Work[Start]:
         lengths.append(len(run))
         return nowhere() if failing else search(self, run, points)
 
-    def nowhere() -> Iterator[int]:
+    def nowhere() -> Work[Start]:
         yield 1
         raise np.linalg.LinAlgError('no start leads to a robot that can be')
 
@@ -124,7 +124,7 @@ def test_a_run_that_is_given_up_is_searched_again_from_as_many_windows_as_the_fi
     following = make(kernel('servicer7'), MID)
     following.update(taken, 0)
     run = some(following._runs.run)
-    run._young.windows, run._young.grown_up = [], True
+    run._initialisation.windows, run.phase = [], Phase.TRACKING
     lengths = spied(monkeypatch, failing=False)
     following.restart()
     for window in taken:
@@ -136,7 +136,7 @@ Found = TypeVar('Found')
 ENOUGH = 10_000  # steps of the filter
 
 
-def returned(bits: Generator[int, None, Found]) -> Found:
+def returned(bits: Work[Found]) -> Found:
     found: list[Found] = []
 
     def whole() -> Iterator[int]:
@@ -147,12 +147,6 @@ def returned(bits: Generator[int, None, Found]) -> Found:
     return found[0]
 
 
-def last(bits: Iterator[int | Curvature]) -> Curvature:
-    *_, found = bits
-    assert isinstance(found, Curvature)
-    return found
-
-
 class Young:
     """A young run of few windows, and passes over it."""
 
@@ -160,14 +154,14 @@ class Young:
         following = make(kernel('servicer7'), HIGH)
         following.update(windows(observe(truth, HIGH, 3))[:16], 0)
         run = some(following._runs.run)
-        self.windows: list[Window] = run._young.windows
-        self.passes: BatchIteration = run._start.passes
+        self.windows: list[Window] = run._initialisation.windows
+        self.passes: BatchIteration = run._initialisation._batch
         self.point = run.point
 
     def passed(self, point: Point) -> tuple[HypothesisFilter, MeanAndCovariance]:
         """Return what all windows lead to, linearised at a point."""
-        passed = returned(self.passes.over(in_stacks(self.windows), point))
-        (track,) = returned(self.passes.run(passed, (self.passes.fresh(UNDISTURBED),)))
+        passed = returned(self.passes.relinearise(in_stacks(self.windows), point))
+        (track,) = returned(self.passes.filter(passed, (self.passes.prior(UNDISTURBED),)))
         return track, MeanAndCovariance.of(track.belief, self.passes.variables)
 
     def at(self, moments: MeanAndCovariance) -> Point:
@@ -188,6 +182,12 @@ def young(servicer: Truth) -> Young:
     return Young(servicer)
 
 
+def taken_over(initialisation: Initialisation, track: HypothesisFilter, point: Point, covariance: Array) -> None:
+    """Have it go on from a search that has led to a hypothesis, with the body's covariance by then."""
+    start = Start((track,), point, accepted=True, covariance=covariance, curvature=None)
+    initialisation.take_over(start, track)
+
+
 def ratio(shift: Array, covariance: Array) -> float:
     return float(np.max(np.abs(shift) / np.sqrt(covariance.diagonal())))
 
@@ -195,17 +195,17 @@ def ratio(shift: Array, covariance: Array) -> float:
 def test_it_is_the_step_of_the_next_pass(young: Young) -> None:
     track, moments = young.passed(young.far())
     _, after = young.passed(young.at(moments))
-    found = last(young.passes.displacement(in_stacks(young.windows), track))
+    found = returned(young.passes.displacement(in_stacks(young.windows), track))
     assert found.shifts[0] == pytest.approx(after.mean[BODY] - moments.mean[BODY], rel=1e-9, abs=1e-12)
 
 
 def test_passes_that_have_come_to_a_point_are_not_displaced_and_one_from_afar_is(young: Young) -> None:
     stacks = in_stacks(young.windows)
     afar, moments = young.passed(young.far())
-    assert last(young.passes.displacement(stacks, afar)).anywhere
+    assert returned(young.passes.displacement(stacks, afar)).anywhere
     for _ in range(4):
         near, moments = young.passed(young.at(moments))
-    found = last(young.passes.displacement(stacks, near))
+    found = returned(young.passes.displacement(stacks, near))
     assert not found.anywhere
     assert ratio(found.shifts[0], found.covariance) < 0.05
 
@@ -213,20 +213,22 @@ def test_passes_that_have_come_to_a_point_are_not_displaced_and_one_from_afar_is
 def test_it_is_asked_once_the_body_is_better_known_and_kept_until_windows_are_linearised_anew(young: Young) -> None:
     track, moments = young.passed(young.far())
     covariance = moments.covariance(BODY_PLACES)
-    linearity = LinearityCheck(young.passes)
     asked = []
     for before in (covariance, 3.0 * covariance):  # no better known than where they were linearised, or better
-        linearity.begin(None, before, track, anew=True)
-        linearity.follow(young.windows, track)
-        linearity.owe(ENOUGH)
-        asked.append(linearity.owing)
+        initialisation = Initialisation(young.passes, (UNDISTURBED,), len(young.windows), ENOUGH)
+        initialisation.windows = list(young.windows)
+        initialisation._searched = len(young.windows)
+        taken_over(initialisation, track, young.point, before)
+        initialisation.check_displacement(track)
+        initialisation.allot()
+        asked.append(initialisation.owing)
     assert asked == [False, True]
-    while linearity.owing:
-        shown = linearity.work_off()
-    assert shown
-    told = [linearity.displaced]
-    linearity.begin(None, 3.0 * covariance, track, anew=False)
-    told.append(linearity.displaced)  # better known by now than where they have been linearised anew: not asked yet
-    linearity.begin(None, covariance, track, anew=False)
-    told.append(linearity.displaced)
-    assert told == [True, True, False]
+    while initialisation.owing:
+        initialisation.work_off(explained=True)
+    assert initialisation._due == len(young.windows)  # a search is due with the next window
+    displaced = [initialisation._displaced]
+    taken_over(initialisation, track, young.point, 3.0 * covariance)
+    displaced.append(initialisation._displaced)  # better known than where they were linearised anew: not checked yet
+    taken_over(initialisation, track, young.point, covariance)
+    displaced.append(initialisation._displaced)
+    assert displaced == [True, True, False]

@@ -9,10 +9,9 @@ import pytest
 
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
-from mbaid_ros.core.paper.rls import RecursiveLeastSquares
+from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings, RecursiveLeastSquares
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import MID, kernel, observe, windows
 

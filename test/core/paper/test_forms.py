@@ -14,8 +14,8 @@ import pytest
 
 from mbaid_ros.core.geometry import Array, bracket, cross, rotate_back, skew
 from mbaid_ros.core.paper import forms
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import BodyStates
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import MID, drifting, kernel, observe
 

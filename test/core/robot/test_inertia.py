@@ -9,7 +9,10 @@ import pytest
 
 from derivatives import central_difference
 from mbaid_ros.core.geometry import Array, exp, skew, unvec, vec
-from mbaid_ros.core.robot.inertia import (
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.model_errors import BodyDeviations, body_sizes, calibrated, declared, relative_factor
+from mbaid_ros.core.robot.momentum import (
     box_sizes,
     ellipsoid_radii,
     physical,
@@ -18,9 +21,6 @@ from mbaid_ros.core.robot.inertia import (
     pseudo_inertia,
     standard,
 )
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.model_errors import BodyDeviations, body_sizes, calibrated, declared, relative_factor
 
 SEEDS = range(5)
 

@@ -12,11 +12,10 @@ import pytest
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.paper.forms import angular_rows, linear_rows
-from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel, MomentumRows, momentum_rows
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import express, load_model
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
-from mbaid_ros.core.robot.momentum_rows import MomentumRows, momentum_rows
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum, sensitivity
 from mbaid_ros.core.samples import Samples
 from peer import Motion, Peer

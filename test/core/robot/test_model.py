@@ -12,9 +12,9 @@ import pytest
 from mbaid_ros.core import geometry
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.inertia import standard
-from mbaid_ros.core.robot.mimic import Mimic, transmission
 from mbaid_ros.core.robot.model import RobotModel, express, load_model, parse
+from mbaid_ros.core.robot.momentum import standard
+from mbaid_ros.core.robot.urdf import Mimic, transmission
 from random_robots import random_inertial, random_urdf
 from simulated import CONFIG, robot
 
@@ -182,3 +182,14 @@ def test_positions_by_name_need_the_drivers_only() -> None:
     assert found[-1] == 0.5 * known[first]
     del known[first]
     assert np.isnan(model.positions_from(known)[[0, -1]]).all()
+
+
+@pytest.mark.parametrize('name', ['root_joint', 'universe', 'base_link', 'link3', 'link7', 'a b', 'j.1/2'])
+def test_any_name_of_a_joint_is_a_name(name: str) -> None:
+    text = (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8')
+    plain, named = load_model(text), load_model(text.replace('"joint4"', f'"{name}"'))
+    assert named.joint_names == tuple(name if each == 'joint4' else each for each in plain.joint_names)
+    assert [link.name for link in named.links] == [link.name for link in plain.links]
+    for one, other in zip(named.links, plain.links, strict=True):
+        assert one.body == other.body
+        assert np.array_equal(one.parameters, other.parameters)

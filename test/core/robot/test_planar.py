@@ -11,8 +11,8 @@ from checked import some
 from mbaid_ros.core.difference.window_rows import subspace, window_rows
 from mbaid_ros.core.geometry import Array, exp, rotate, unvec
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, kernel, observe, windows

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.errors import ModelError
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf import Inertial, read_description
 from mbaid_ros.core.robot.urdf_edit import change_inertial, replace_inertial
 from simulated import CONFIG

@@ -13,7 +13,7 @@ from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.results.evidence import correlation_time_of
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
 from mbaid_ros.core.sensors.base import usable_covariance
-from mbaid_ros.core.sensors.found_noise import FoundNoise
+from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.sensors.noise import Levels, NoiseLevels
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from measured import base_stream, joint_stream

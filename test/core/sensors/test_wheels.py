@@ -104,7 +104,7 @@ def test_they_are_read_as_well_as_joints(run: Truth, method: str, seeds: int) ->
 
 
 def test_a_momentum_that_is_told_serves_as_well(run: Truth) -> None:
-    kernel = bare().storing(Storage.told(bare().model.link('base_link'), 0.0))
+    kernel = bare().storing(Storage.published(bare().model.link('base_link'), 0.0))
     samples = inside(run, 2)
     told = replace(samples, stored=SPIN * samples.stored @ UNIT)
     found = follow(kernel, told, MID)[-1]

@@ -27,8 +27,8 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array, rotate_back, rotation_from_quaternion, unvec
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.session import Session

@@ -12,10 +12,10 @@ from captured import LINK, alone, servicer_motion
 from checked import same
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array, log, rotate_back, rotation_from_quaternion
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.sensors.thrust import Thrust
+from mbaid_ros.core.sensors.external_momentum import Thrust
 from mbaid_ros.simulation.capture import CaptureSimulation, Target
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Motion, Passive

@@ -12,12 +12,12 @@ from checked import some
 from derivatives import central_difference
 from mbaid_ros.core.geometry import Array, exp, log, rotate
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import RobotModel, express, load_model
 from mbaid_ros.core.robot.model_errors import KnownErrors, declared, displaced
 from mbaid_ros.core.robot.orbit import Orbit, momentum_rates, of_bodies
-from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import BaseStream
-from mbaid_ros.core.sensors.orbit_frame import FallingFrame
+from mbaid_ros.core.sensors.external_momentum import FallingFrame
 from mbaid_ros.core.unknowns.bodies import known_bodies, spin_inertias
 from mbaid_ros.core.unknowns.declaration import Reading, Unknown
 from mbaid_ros.core.unknowns.environment import Circle, OrbitShape, gravity, orbit_shape, rate_of

@@ -17,8 +17,8 @@ from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import parse
-from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import JointMotion
 from mbaid_ros.core.unknowns.joints import (

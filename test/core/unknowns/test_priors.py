@@ -9,13 +9,14 @@ import pytest
 from scipy.stats import chi2
 
 from floating import DEFAULT, RATE, make, normalised
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance, SquareRootInformation
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.variables import variables
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.inertia import physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.planar import PlaneDetector
+from mbaid_ros.core.robot.kinematics import PlaneDetector
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.unknowns.base import OdometryMount
 from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import CalibratedSide, Uncertainty, catalogue

@@ -13,8 +13,8 @@ from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model_errors import ModelErrors, declared
-from mbaid_ros.core.robot.planar import PlaneDetector
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.simulation.motion import Sinusoids

@@ -1,0 +1,330 @@
+"""Known changes of the momentum up to each sample: commanded thrust, an orbit's gravity, and stored momentum.
+
+A wrench (F, T) about the origin of a frame with axes R at p changes (P, L) about the odometry origin by (R F, p x R F
++ R T) a second. Each command holds until the next of its frame, or for a while. Between two samples the commands are
+integrated exactly, the pose is that of both on average: its noise averages out.
+"""
+
+from __future__ import annotations
+
+from bisect import insort
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, cross, rotate, skew
+from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, Orbit, momentum_rates
+from mbaid_ros.core.samples import BaseStream, JointStream, Samples
+
+NOT_FINITE_THRUST = 'thrust with a NaN or infinite value'
+UNKNOWN_FRAME = 'thrust in a frame that is no link'
+FAR_THRUST = 'thrust stamped far from the samples'
+LATE_THRUST = 'thrust was told after samples that it acts on had been used: its impulse counts from then on'
+EXACT_THRUST = (
+    'thrust is taken as exactly as commanded: weaker, turned or late, it leaves intervals that are too narrow; give '
+    'thrust.scale_std, thrust.direction_std and thrust.delay_std'
+)
+NOT_FINITE_MOMENTUM = 'stored momentum with a NaN or infinite value'
+OTHER_MOMENTUM_FRAME = 'stored momentum in another frame'
+NOT_ASKED_FOR = 'stored momentum is told, and nobody asks for it: set wheels.momentum_frame'
+
+_FAR = 10_000_000_000  # ns, from the newest sample: a command further away is by another clock
+_REMEMBERED = 4 * _FAR  # ns, for commands that come late
+# Derivatives of a wrench by a thruster's scale, and by its turn about each axis, (4, 6, 6).
+_BY_ERROR = np.zeros((4, 6, 6))
+_BY_ERROR[0] = np.eye(6)
+_BY_ERROR[1:, :3, :3] = _BY_ERROR[1:, 3:, 3:] = skew(np.eye(3))
+
+
+@dataclass(order=True)
+class _Command:
+    """A wrench from a stamp (ns) on."""
+
+    stamp: int
+    wrench: Array = field(compare=False)
+
+
+class _Part(NamedTuple):
+    """A window, and the one before it."""
+
+    before: Samples
+    window: Samples
+
+    @property
+    def end(self) -> float:
+        """Time of the last sample, s."""
+        return float(self.window.time[-1])
+
+    def joined(self) -> Samples:
+        """Return the last sample before the window, and its samples."""
+        return Samples.concatenate([self.before[-1:], self.window])
+
+
+class Thrust:
+    """Integrates commanded thrust to momentum.
+
+    Parameters
+    ----------
+    model : RobotModel
+    hold : ns, longest time that a command counts
+    uncertain : frames of thrusters whose thrust may differ from the command
+
+    Attributes
+    ----------
+    odometry_frame : name of the frame with the inertial axes; empty while unknown
+    brought : (6,) change of (P, L) since the first sample, odometry frame, L about its origin
+    commands : number of those used
+    late : whether one came after samples that it acts on
+    exact : whether one counted as exactly as commanded
+    dropped : commands that were not used, by cause
+    """
+
+    def __init__(self, model: RobotModel, hold: int, uncertain: Sequence[str] = ()) -> None:
+        self._kinematics = Kinematics(model)
+        self._links = {link.name: link for link in model.links}
+        self._hold = hold
+        self._uncertain = {frame: index for index, frame in enumerate(uncertain)}
+        self._columns: Array = np.zeros((len(uncertain), 6, OF_A_THRUSTER))  # derivatives of `brought` by the errors
+        self._commands: dict[str, list[_Command]] = {}
+        self._origin = 0
+        self._past: deque[_Part] = deque()  # windows that were used, of the last seconds
+        self.odometry_frame = ''
+        self.brought: Array = np.zeros(6)
+        self.commands = 0
+        self.late = False
+        self.exact = False
+        self.dropped: Counter[str] = Counter()
+
+    def changes(self, frame: str, stamp: int, wrench: Array, newest: int | None) -> bool:
+        """Tell whether samples up to the newest stamp may depend on when a command came."""
+        earlier = self._commands.get(frame, [])
+        before = earlier[-1] if earlier else _Command(stamp, np.zeros(6))
+        over = newest is not None and newest >= before.stamp + self._hold and bool(np.any(wrench))
+        return over or stamp < before.stamp or not np.array_equal(wrench, before.wrench)
+
+    def command(self, frame: str, stamp: int, wrench: Array, newest: int | None) -> None:
+        """Add a command.
+
+        Parameters
+        ----------
+        frame : a link, or the odometry frame
+        stamp : ns, from when on
+        wrench : (6,) force, N, and torque about the frame's origin, N m, in its axes
+        newest : ns, latest stamp of the other inputs; None before the first
+        """
+        if not np.all(np.isfinite(wrench)):
+            self.dropped[NOT_FINITE_THRUST] += 1
+        elif newest is not None and abs(stamp - newest) > _FAR:
+            self.dropped[FAR_THRUST] += 1
+        elif frame not in self._links and self.odometry_frame not in {'', frame}:
+            self.dropped[UNKNOWN_FRAME] += 1
+        else:
+            self._insert(frame, _Command(stamp, wrench))
+
+    def applied(self, window: Samples, origin: int) -> Samples:
+        """Return the next window with the impulse of thrust until each of its samples; `origin` is ns at time 0."""
+        self._origin = origin
+        part = _Part(self._past[-1].window if self._past else window[:1], window)
+        self._past.append(part)
+        while window.time[-1] - self._past[0].end > _FAR * 1e-9:
+            self._past.popleft()
+        columns = np.tile(self._columns, (len(window), 1, 1, 1))
+        if not self.commands:
+            return replace(window, thrust=columns.reshape(len(window), -1)) if self._uncertain else window
+        joined = part.joined()
+        total = np.tile(self.brought, (len(window), 1))
+        for frame in list(self._commands):
+            if frame not in self._links and frame != self.odometry_frame:
+                self.dropped[UNKNOWN_FRAME] += len(self._commands.pop(frame))
+                continue
+            total += np.cumsum(self._pulses(frame, joined), axis=0)
+            if frame in self._uncertain:
+                columns[:, self._uncertain[frame]] += np.cumsum(self._error_pulses(frame, joined), axis=0)
+            known, oldest = self._commands[frame], origin + round(float(window.time[-1]) * 1e9) - _REMEMBERED
+            while len(known) > 1 and known[1].stamp < oldest:  # nothing depends on it any more
+                del known[0]
+        self.brought, self._columns = total[-1], columns[-1].copy()
+        return replace(window, impulse=total, thrust=columns.reshape(len(window), -1))
+
+    def _insert(self, frame: str, command: _Command) -> None:
+        """Add a command, and the difference that it makes to windows that were used already."""
+        time = (command.stamp - self._origin) * 1e-9
+        missed = [part.joined() for part in self._past if part.end > time]
+
+        def totals() -> tuple[Array, Array]:
+            pulses = (np.sum(self._pulses(frame, part), axis=0) for part in missed)
+            errors = (np.sum(self._error_pulses(frame, part), axis=0) for part in missed)
+            return sum(pulses, np.zeros(6)), sum(errors, np.zeros((6, OF_A_THRUSTER)))
+
+        before, errors_before = totals()
+        insort(self._commands.setdefault(frame, []), command)
+        self.commands += 1
+        self.exact = self.exact or (frame not in self._uncertain and bool(np.any(command.wrench)))
+        after, errors_after = totals()
+        more = after - before
+        self.brought = self.brought + more
+        if frame in self._uncertain:
+            self._columns[self._uncertain[frame]] += errors_after - errors_before
+        self.late = self.late or bool(np.any(more))
+
+    def _pulses(self, frame: str, samples: Samples) -> Array:
+        """Return the changes of (P, L) by the commands of a frame from each of N samples to the next, (N - 1, 6)."""
+        impulses = np.diff(self._impulse(frame, samples.time), axis=0)
+        return np.einsum('nij,nj->ni', self._mean_gain(frame, samples), impulses) if np.any(impulses) else impulses
+
+    def _error_pulses(self, frame: str, samples: Samples) -> Array:
+        """Return the derivatives of `_pulses` by the errors of the thruster: scale, turn, delay, (N - 1, 6, 5)."""
+        impulses = np.diff(self._impulse(frame, samples.time), axis=0)
+        delayed = -np.diff(self._wrench(frame, samples.time), axis=0)  # what begins or ends is missing or left over
+        columns = np.concatenate((np.einsum('kij,nj->nik', _BY_ERROR, impulses), delayed[..., None]), axis=2)
+        return self._mean_gain(frame, samples) @ columns if np.any(columns) else columns
+
+    def _wrench(self, frame: str, time: Array) -> Array:
+        """Return the commanded wrench (N, 6) of a frame just before N times, s."""
+        start, length, wrenches = self._schedule(frame)
+        return np.asarray(((time[:, None] > start) & (time[:, None] <= start + length)) @ wrenches)
+
+    def _impulse(self, frame: str, time: Array) -> Array:
+        """Return the impulses (N, 6), in the frame's axes, of its commands from the first sample until N times, s."""
+        start, length, wrenches = self._schedule(frame)
+        # What acted before the first sample is in the momentum that the run begins with.
+        passed = np.clip(time[:, None] - start, 0.0, length) - np.clip(-start, 0.0, length)
+        return np.asarray(passed @ wrenches)
+
+    def _schedule(self, frame: str) -> tuple[Array, Array, Array]:
+        """Return when the commands of a frame begin, s, how long each of them holds, s, and their wrenches (c, 6)."""
+        commands = self._commands.get(frame, [])
+        start = np.array([command.stamp - self._origin for command in commands]) * 1e-9
+        length = np.minimum(np.diff(start, append=np.inf), self._hold * 1e-9)
+        return start, length, np.array([command.wrench for command in commands]).reshape(-1, 6)
+
+    def _mean_gain(self, frame: str, samples: Samples) -> Array:
+        """Return d(P, L)/dt by a wrench in a frame, mean over each of N samples and the next, (N - 1, 6, 6)."""
+        gain = np.zeros((len(samples), 6, 6))
+        gain[:] = np.eye(6)
+        link = self._links.get(frame)
+        if link is not None:
+            configuration = self._kinematics.configure(samples.base_rotation, samples.joint_position)
+            rotation, position = configuration.link(link)
+            gain[:, :3, :3] = gain[:, 3:, 3:] = rotation
+            gain[:, 3:, :3] = skew(samples.base_position + position) @ rotation
+        return np.asarray(0.5 * (gain[1:] + gain[:-1]))
+
+
+class FallingFrame:
+    """Transforms odometry from a frame that turns with an orbit to one that falls and does not turn; adds the tide.
+
+    Parameters
+    ----------
+    orbit : Orbit
+    model : RobotModel
+    relative_twist : whether a measured twist is relative to the frame of the odometry
+    epoch : ns, stamp at which the axes of odometry and falling frame agree; None for the first stamp
+
+    Attributes
+    ----------
+    epoch : as given, or found
+    """
+
+    def __init__(self, orbit: Orbit, model: RobotModel, *, relative_twist: bool, epoch: int | None = None) -> None:
+        self._orbit = orbit
+        self._kinematics = Kinematics(model)
+        self._relative = relative_twist
+        self.epoch = epoch
+        self._before: tuple[float, Array] | None = None  # time of the last sample, and its rates
+        self._total: Array = np.zeros(0)
+
+    def falling(self, measured: BaseStream) -> BaseStream:
+        """Return measurements in the frame of the odometry as seen from the falling one."""
+        if not self._orbit.turning:
+            return measured
+        if self.epoch is None:
+            self.epoch = int(measured.stamp[0])
+        passed = (measured.stamp - self.epoch) * 1e-9
+        turn, rate = self._orbit.turned(passed), self._orbit.rate(passed)
+        linear, angular = measured.linear_velocity, measured.angular_velocity
+        if self._relative:
+            linear = linear + cross(rate, measured.position)
+            angular = angular + rate
+        axes = np.zeros((len(turn), 6, 6))
+        axes[:, :3, :3] = axes[:, 3:, 3:] = turn
+        return replace(
+            measured,
+            position=rotate(turn, measured.position),
+            rotation=turn @ measured.rotation,
+            linear_velocity=rotate(turn, linear),
+            angular_velocity=rotate(turn, angular),
+            pose_covariance=axes @ measured.pose_covariance @ np.swapaxes(axes, -1, -2),
+        )
+
+    def applied(self, window: Samples, origin: int) -> Samples:
+        """Return the next window with the tide until each of its samples; `origin` is the stamp at time 0, ns."""
+        if self.epoch is None:
+            self.epoch = origin
+        placed = self._kinematics.configure(window.base_rotation, window.joint_position)
+        after_epoch = window.time + (origin - self.epoch) * 1e-9
+        rates = momentum_rates(self._orbit, after_epoch, placed, window.base_position)
+        rates = rates.reshape(len(rates), -1)
+        if self._before is None:
+            self._before, self._total = (float(window.time[0]), rates[0]), np.zeros(rates.shape[1])
+        time, rate = self._before
+        steps = np.diff(window.time, prepend=time)[:, None]
+        pulses = 0.5 * steps * (rates + np.concatenate((rate[None], rates[:-1])))
+        total = self._total + np.cumsum(pulses, axis=0)
+        self._before, self._total = (float(window.time[-1]), rates[-1]), total[-1]
+        return replace(window, tide=total)
+
+
+class StoredMomentum:
+    """Collects published stored momentum (wheels) until `stream` returns it.
+
+    Parameters
+    ----------
+    model : RobotModel
+    frame : name of the link whose axes are used; links fixed to it are accepted as well. Empty accepts nothing
+
+    Attributes
+    ----------
+    taken : number of messages used
+    dropped : those not used, by cause
+    other_frame : frame of the last one in another
+    """
+
+    def __init__(self, model: RobotModel, frame: str) -> None:
+        self._turns: dict[str, Array] = {}
+        if frame:
+            wanted = model.link(frame)
+            same = (link for link in model.links if link.body == wanted.body)
+            self._turns = {link.name: wanted.rotation.T @ link.rotation for link in same}
+        self._stamps: list[int] = []
+        self._vectors: list[Array] = []
+        self.taken = 0
+        self.dropped: Counter[str] = Counter()
+        self.other_frame = ''
+
+    def take(self, frame: str, stamp: int, momentum: Array) -> None:
+        """Add a (3,) momentum, N m s, in a frame's axes at a stamp, ns."""
+        if not self._turns:
+            self.dropped[NOT_ASKED_FOR] += 1
+        elif frame not in self._turns:
+            self.other_frame = frame
+            self.dropped[OTHER_MOMENTUM_FRAME] += 1
+        elif not np.all(np.isfinite(momentum)):
+            self.dropped[NOT_FINITE_MOMENTUM] += 1
+        else:
+            self.taken += 1
+            self._stamps.append(stamp)
+            self._vectors.append(self._turns[frame] @ momentum)
+
+    def stream(self) -> JointStream | None:
+        """Return all momenta since the last call, as rates of three joints without positions; None for none."""
+        if not self._stamps:
+            return None
+        stamps, vectors = np.array(self._stamps, dtype=np.int64), np.array(self._vectors)
+        self._stamps, self._vectors = [], []
+        return JointStream(stamps, np.zeros_like(vectors), vectors)

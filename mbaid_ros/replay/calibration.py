@@ -1,0 +1,231 @@
+"""The executable `calibrate`: bodies, joints and mount from motions in bags; its JSON form, which scripts rely on."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbaid_ros.calibration.calibrate import CalibrationSettings
+from mbaid_ros.calibration.calibrate import calibrate as estimate_bodies
+from mbaid_ros.calibration.result import Calibration, LinkResult
+from mbaid_ros.calibration.structure import BaseParameter, base_parameter, formula, parameter
+from mbaid_ros.calibration.unknowns import OF_A_JOINT, OF_THE_MOUNT, LinkPrior
+from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line
+from mbaid_ros.config.calibration import NODE, CalibrationParameters, calibration_parameters
+from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.robot import read_robot_description
+from mbaid_ros.core.errors import DataError, ModelError, ParameterError, listing
+from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.model_errors import displaced
+from mbaid_ros.core.robot.urdf_edit import change_inertial, displace_joint
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.files import write_text
+from mbaid_ros.replay.calibrated import Calibrated, summary, why_not
+from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.output import check_outputs, plain, shaped, shaped_momentum, write_results
+from mbaid_ros.replay.run import read_motions
+from mbaid_ros.session import storage, with_surroundings
+
+CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
+_INERTIA = PARAMETERS[4:]
+
+
+def calibrate(arguments: argparse.Namespace) -> int:
+    """Calibrate as the arguments say, write the results, and return the exit code."""
+    check_outputs(arguments, 'output')
+    model, output = Path(arguments.model), arguments.output
+    if output and model.is_file() and Path(output).is_file() and model.samefile(output):
+        raise ParameterError(f"--output '{output}' is the model itself; accepted: another file")
+    values = load_parameter_file(arguments.params, NODE) if arguments.params else {}
+    if arguments.unknown is not None:
+        values['unknown_links'] = arguments.unknown
+    parameters = calibration_parameters(values)
+    urdf = read_robot_description(arguments.model)
+    kernel = _kernel(load_model(urdf, parameters.estimator.base_link), parameters)
+    settings = _settings(kernel, parameters)
+    inputs = Inputs.from_arguments(arguments, parameters.estimator)
+    motions = [read_motions(bag, parameters.estimator, urdf, inputs) for bag in arguments.bags]
+    for motion in motions:
+        if not motion.runs:
+            raise DataError(f"bag '{motion.bag}' holds no complete window; {'; '.join(motion.warnings)}")
+    calibration = estimate_bodies(kernel, [windows for each in motions for windows in each.runs], settings)
+    result = Calibrated(calibration, tuple(motions), kernel, parameters)
+    reason = why_not(result)
+    if reason:
+        print(f'mbaid_ros calibrate: {one_line(reason)}', file=sys.stderr)
+        return EXIT_NOT_DETERMINED
+    if output and not result.contradicted:
+        write_text(output, _calibrated_urdf(urdf, calibration))
+    write_results(arguments, _as_json(result), lambda: _page(result), lambda: _text(result, arguments))
+    return EXIT_INCONSISTENT if result.contradicted else 0
+
+
+def _page(result: Calibrated) -> str:
+    from mbaid_ros.replay.report.other_pages import calibration_page  # noqa: PLC0415 - matplotlib takes a while
+
+    return calibration_page(result)
+
+
+def _text(result: Calibrated, arguments: argparse.Namespace) -> str:
+    """Return the result for a terminal, and how an estimation uses it: robot and covariance belong together."""
+    text, output = summary(result), one_line(arguments.output or '')
+    if not output or result.contradicted:
+        return text
+    if arguments.json:
+        hint = f'with known_links.calibration {one_line(arguments.json)}'
+        return f'{text}\nreplay and estimator go on from it: {output}, {hint}'
+    return f'{text}\nhow well {output} is known is kept by --json FILE alone, for known_links.calibration'
+
+
+def _kernel(model: RobotModel, parameters: CalibrationParameters) -> MomentumKernel:
+    """Return the momentum of a robot with the unknown links that the parameters name, or all that have an inertia."""
+    names = parameters.calibration.unknown_links
+    if not names:
+        names = tuple(link.name for link in model.links if link.parameters[0] > 0.0)
+    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    if twice:
+        raise ParameterError(f'--unknown names {listing(twice)} twice; accepted: each link once')
+    if not names:
+        raise ModelError('no link of the robot description has an <inertial>; accepted: one at least')
+    return MomentumKernel(model, *names).storing(storage(parameters.estimator.wheels, model))
+
+
+def _settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> CalibrationSettings:
+    """Return noise and priors; refuse a prior about a link that is not calibrated."""
+    names = [link.name for link in kernel.unknown]
+    for link in parameters.calibration.prior.links.own:
+        if kernel.model.link(link).name not in names:
+            raise ParameterError(
+                f'prior.links.{link} is given, but {link} is not calibrated; accepted: {listing(names)}'
+            )
+    priors = [parameters.prior(name) for name in names]
+    estimator = parameters.estimator
+    return CalibrationSettings(
+        noise=estimator.noise.declared,
+        priors=tuple(LinkPrior(each.mass_relative_std, each.com_std, each.inertia_relative_std) for each in priors),
+        uncertainty=_uncertainty(kernel.model, parameters),
+        window=estimator.window,
+        gyro=estimator.imu.noise_density,
+        orientation_measured=not estimator.imu.alone or estimator.imu.orientation,
+    )
+
+
+def _uncertainty(model: RobotModel, parameters: CalibrationParameters) -> Uncertainty:
+    """Return the uncertainty of joints, mount, wheels, thrusters, stamps and momentum."""
+    prior, joints = parameters.calibration.prior, model.joints
+    every = ([prior.zero_std] * joints, [prior.origin_std] * joints, [prior.axis_std] * joints)
+    mount = prior.mount_position_std, prior.mount_orientation_std
+    return with_surroundings(parameters.estimator, model, every, mount)
+
+
+def _calibrated_urdf(urdf: str, calibration: Calibration) -> str:
+    for link in calibration.links:
+        urdf = change_inertial(urdf, link.name, link.parameters)
+    names = calibration.mechanism.kernel.model.joint_names
+    for name, origin, tilt in zip(names, *calibration.displacements, strict=True):
+        urdf = displace_joint(urdf, name, origin, tilt)
+    return urdf
+
+
+def _as_json(result: Calibrated) -> dict[str, Any]:
+    """Return the result as scripts read it; None for what is not known."""
+    calibration, structure = result.calibration, result.calibration.structure
+    model, links = result.kernel.model, result.kernel.unknown
+    bags = [motion.bag for motion in result.motions for _ in motion.runs]
+    return {
+        'status': INCONSISTENT if result.contradicted else CALIBRATED,
+        'bags': [motion.bag for motion in result.motions],
+        'links': {link.name: _link(link) for link in calibration.links},
+        'joints': _joints(calibration),
+        'odometry_mount': {
+            'orientation': calibration.mount[:3].tolist(),
+            'orientation_std': calibration.stds[-6:-3].tolist(),
+            'position': calibration.mount[3:].tolist(),
+            'position_std': calibration.stds[-3:].tolist(),
+        },
+        'thrusters': [plain(vars(each)) for each in calibration.thrusters],
+        'covariance': {
+            'order': [
+                *(parameter(links, index) for index in range(len(calibration.theta))),
+                *(f'{name}.{number}' for name in model.joint_names for number in OF_A_JOINT),
+                *(f'odometry_mount.{number}' for number in OF_THE_MOUNT),
+            ],
+            'values': calibration.values.tolist(),
+            'matrix': calibration.block_covariance.tolist(),
+        },
+        'identifiability': {
+            'unknowns': structure.unknowns,
+            'rank': structure.rank,
+            'determined': calibration.determined,
+            'cannot_be_told_apart': [
+                {'words': each.words, 'directions': each.directions.shape[1]} for each in result.exchanges
+            ],
+            'base_parameters': [_base_parameter(result, each) for each in result.base_parameters],
+        },
+        'scale': {
+            'relative_std': calibration.scale.relative_std,
+            'fixed_by': [{'name': name, 'share': share} for name, share in calibration.scale.fixed_by],
+        },
+        'momentum': [
+            {'bag': bag, **shaped_momentum(value, covariance)}
+            for bag, value, covariance in zip(bags, calibration.momentum, calibration.momentum_covariance, strict=True)
+        ],
+        'residual': calibration.residual,
+        'samples': calibration.samples,
+        'span_s': calibration.span,
+        'planar': calibration.planar,
+        'joints_at_rest': list(calibration.still),
+        'warnings': list(result.warnings),
+    }
+
+
+def _link(link: LinkResult) -> dict[str, Any]:
+    ratios = link.ratios
+    columns = {'cad': link.cad, 'estimate': link.parameters, 'std': link.std, 'prior_std': link.prior_std}
+    columns |= {'learnt': link.learnt, 'moved': link.moved}
+    return {
+        **{name: shaped(values) for name, values in columns.items()},
+        'inertia_ratios': {  # over the trace
+            'of_trace': dict(zip(_INERTIA, ratios.elements.tolist(), strict=True)),
+            'std': dict(zip(_INERTIA, ratios.std.tolist(), strict=True)),
+            'principal': ratios.principal.tolist(),
+            'principal_std': ratios.principal_std.tolist(),
+            'scale_relative_std': ratios.scale_std,
+        },
+        'stayed_at_cad': [name for name, stayed in zip(PARAMETERS, link.stayed, strict=True) if stayed],
+        'consistency_correction': link.consistency_correction,
+    }
+
+
+def _joints(calibration: Calibration) -> dict[str, Any]:
+    """Return each joint's deviation from the URDF, and its frame on the body that carries it."""
+    before = calibration.mechanism.kernel.model
+    after = displaced(before, *calibration.displacements)
+    stds = calibration.stds[len(calibration.theta) : -6].reshape(-1, 6)
+    names = 'zero', 'zero_std', 'origin_moved', 'origin_std', 'axis_tilted', 'axis_std', 'position', 'rotation'
+    origins, tilts = calibration.displacements
+    columns = (calibration.joints[:, 0], stds[:, 0], origins, stds[:, 1:4], tilts, stds[:, 4:])
+    rows = zip(*columns, after.positions, after.rotations, strict=True)
+    return {
+        joint: plain(dict(zip(names, row, strict=True))) for joint, row in zip(before.joint_names, rows, strict=True)
+    }
+
+
+def _base_parameter(result: Calibrated, combination: BaseParameter) -> dict[str, Any]:
+    calibration, links = result.calibration, result.kernel.unknown
+    factors = combination.factors
+    return {
+        'words': base_parameter(calibration.mechanism, combination),
+        'formula': formula(links, factors),
+        'factors': {parameter(links, int(index)): float(factors[index]) for index in np.flatnonzero(factors)},
+        'cad': float(factors @ calibration.prior.mean),
+        'value': float(factors @ calibration.theta),
+        'std': float(np.sqrt(factors @ calibration.covariance @ factors)),
+        'prior_std': float(np.sqrt(factors @ calibration.prior.covariance @ factors)),
+    }

@@ -1,0 +1,235 @@
+"""The executable `export`: an identified body in other tools' forms; every number reads back as the same number."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import pinocchio
+
+from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line, warn
+from mbaid_ros.config.robot import read_robot_description
+from mbaid_ros.core.errors import ParameterError, listing
+from mbaid_ros.core.geometry import Array, quaternion_from_rotation, unvec, vec
+from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.core.results.physical_consistency import is_physical
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import (
+    box_sizes,
+    ellipsoid_radii,
+    physical,
+    principal,
+    standard,
+)
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
+from mbaid_ros.files import as_utf8, require_writable, write_text
+from mbaid_ros.replay.output import matrix, shaped
+from mbaid_ros.replay.saved import Identified, read_identified
+
+BOX, ELLIPSOID = 'box', 'ellipsoid'
+_PRINCIPAL = ('urdf-link', 'mjcf', 'mjcf-body', 'json')  # formats with axes of their own for the inertia
+_SHAPES = {'urdf-link': (BOX,), **dict.fromkeys(('mjcf', 'mjcf-body', 'json'), (BOX, ELLIPSOID))}
+
+
+def export(arguments: argparse.Namespace) -> int:
+    """Write the body as the arguments say and return the exit code."""
+    _check(arguments)
+    body = read_identified(arguments.input, arguments.result, arguments.topic, alone=arguments.debris)
+    warn('export', body.notes)
+    urdf = read_robot_description(arguments.model) if arguments.model else ''
+    if arguments.fill:  # from the link in the robot description
+        described = physical(load_model(urdf).link(body.link).parameters)
+        body = replace(body, parameters=np.where(np.isnan(body.parameters), described, body.parameters))
+    reason = _why_not(body, arguments)
+    if reason:
+        print(f'mbaid_ros export: {one_line(reason)}', file=sys.stderr)
+        return EXIT_INCONSISTENT if body.contradicted else EXIT_NOT_DETERMINED
+    text = _written(body, arguments, urdf)
+    if arguments.output is None:
+        sys.stdout.write(as_utf8(text))
+    else:
+        write_text(arguments.output, text)
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    """Refuse options that contradict each other."""
+    form, shape = arguments.format, arguments.equivalent
+    needs_model = '--fill' if arguments.fill else '--format urdf' if form == 'urdf' else ''
+    if needs_model and not arguments.model:
+        raise ParameterError(f'{needs_model} needs --model URDF')
+    if arguments.debris and needs_model:
+        raise ParameterError(f'--debris is not for {needs_model}: the captured body is no link of it')
+    if arguments.principal and form not in _PRINCIPAL:
+        raise ParameterError(f'--principal is not for --format {form}; accepted: {listing(_PRINCIPAL)}')
+    if shape and shape not in _SHAPES.get(form, ()):
+        fitting = [name for name, shapes in _SHAPES.items() if shape in shapes]
+        raise ParameterError(f'--equivalent {shape} is not for --format {form}; accepted: {listing(fitting)}')
+    require_writable('--output', arguments.output)
+
+
+def _why_not(body: Identified, arguments: argparse.Namespace) -> str:
+    """Return why a body cannot be written; empty if it can."""
+    if arguments.format == 'json' and not (arguments.principal or arguments.equivalent):
+        return ''
+    if body.contradicted:
+        return f"the data contradict the model of '{body.link}': not exported (--format json writes it)"
+    if body.missing:
+        hint = '' if arguments.fill else ' (--fill takes them from --model, --format json writes what there is)'
+        return f"the data do not determine {listing(body.missing)} of '{body.link}'{hint}"
+    if not is_physical(standard(body.parameters)):
+        return f"no real body has the mass, centre of mass and inertia of '{body.link}': not exported"
+    return ''
+
+
+def _written(body: Identified, arguments: argparse.Namespace, urdf: str) -> str:
+    form, in_principal_axes, shape = arguments.format, arguments.principal, arguments.equivalent or ''
+    if form == 'urdf':
+        load_model(urdf).link(body.link)
+        return replace_inertial(urdf, body.link, body.parameters)
+    if form.startswith('basilisk'):
+        return _basilisk(body, effector=form == 'basilisk-effector')
+    if form == 'json':
+        return _plain_json(body, in_principal_axes=in_principal_axes, shape=shape)
+    lines = (_urdf_link if form == 'urdf-link' else _mjcf_body)(body, in_principal_axes=in_principal_axes, shape=shape)
+    if form == 'mjcf':  # a model with the body alone in it, floating freely
+        lines = [f'    {line}' for line in (lines[0], '  <freejoint/>', *lines[1:])]
+        head = [f'<mujoco model={_attribute(body.link)}>', '  <option gravity="0 0 0"/>', '  <worldbody>']
+        lines = [*head, *lines, '  </worldbody>', '</mujoco>']
+    return '\n'.join([*lines, ''])
+
+
+def _placed(parameters: Array, *, in_principal_axes: bool) -> tuple[Array, Array]:
+    """Return the inertia (6,) about the CoM in the link's axes or its own, and (3, 3) those axes in the link's."""
+    if not in_principal_axes:
+        return parameters[4:], np.eye(3)
+    moments, rotation = _principal_axes(parameters)
+    return vec(np.diag(moments)), rotation
+
+
+def _principal_axes(parameters: Array) -> tuple[Array, Array]:
+    """Return principal moments and axes, in the order that keeps roll, pitch and yaw away from the gimbal lock."""
+    found = principal(parameters)
+    orders = [np.roll(np.arange(3), shift) for shift in range(3)]
+    order = min(orders, key=lambda each: abs(found.axes[2, each[0]]))
+    return found.moments[order], found.axes[:, order]
+
+
+def _equivalent(parameters: Array, shape: str) -> tuple[Array, Array]:
+    """Return edges of the uniform box or semi-axes of the ellipsoid (3,) m, and (3, 3) their axes in the link's."""
+    moments, axes = _principal_axes(parameters)
+    return (box_sizes if shape == BOX else ellipsoid_radii)(float(parameters[0]), moments), axes
+
+
+def _urdf_link(body: Identified, *, in_principal_axes: bool, shape: str) -> list[str]:
+    """Return a <link> of a URDF; a box shows as its visual."""
+    inertia, rotation = _placed(body.parameters, in_principal_axes=in_principal_axes)
+    com = _spaced(body.parameters[1:4])
+    elements = ' '.join(f'{name}="{_exact(value)}"' for name, value in zip(PARAMETERS[4:], inertia, strict=True))
+    lines = [
+        f'<link name={_attribute(body.link)}>',
+        '  <inertial>',
+        f'    <origin xyz="{com}" rpy="{_spaced(_rpy(rotation))}"/>',
+        f'    <mass value="{_exact(body.parameters[0])}"/>',
+        f'    <inertia {elements}/>',
+        '  </inertial>',
+    ]
+    if shape:
+        size, axes = _equivalent(body.parameters, shape)
+        lines += [
+            '  <visual>',
+            f'    <origin xyz="{com}" rpy="{_spaced(_rpy(axes))}"/>',
+            f'    <geometry><box size="{_spaced(size)}"/></geometry>',
+            '  </visual>',
+        ]
+    return [*lines, '</link>']
+
+
+def _mjcf_body(body: Identified, *, in_principal_axes: bool, shape: str) -> list[str]:
+    """Return the <body> of a MuJoCo model; an equivalent shape shows as a geom without mass."""
+    inertia, rotation = _placed(body.parameters, in_principal_axes=in_principal_axes)
+    com = _spaced(body.parameters[1:4])
+    if in_principal_axes:
+        tensor = f'quat="{_spaced(_wxyz(rotation))}" diaginertia="{_spaced(inertia[[0, 3, 5]])}"'
+    else:
+        tensor = f'fullinertia="{_spaced(inertia[[0, 3, 5, 1, 2, 4]])}"'
+    lines = [
+        f'<body name={_attribute(body.link)}>',
+        f'  <inertial pos="{com}" mass="{_exact(body.parameters[0])}" {tensor}/>',
+    ]
+    if shape:
+        size, axes = _equivalent(body.parameters, shape)
+        half = 0.5 * size if shape == BOX else size
+        lines.append(
+            f'  <geom type="{shape}" size="{_spaced(np.maximum(half, 1e-6))}" pos="{com}" '
+            f'quat="{_spaced(_wxyz(axes))}" mass="0" contype="0" conaffinity="0"/>'
+        )
+    return [*lines, '</body>']
+
+
+def _basilisk(body: Identified, *, effector: bool) -> str:
+    """Return Python assignments with the names that Basilisk gives the parameters of a hub or of a spinning body."""
+    mass, com, inertia = body.parameters[0], body.parameters[1:4], unvec(body.parameters[4:])
+    names = ('mass', 'r_ScS_S', 'IPntSc_S') if effector else ('mHub', 'r_BcB_B', 'IHubPntBc_B')
+    owner = (
+        'spinningBodyOneDOFStateEffector.SpinningBodyOneDOFStateEffector(); its frame S is the frame of this link'
+        if effector
+        else 'the hub of spacecraft.Spacecraft(); its frame B is the frame of this link'
+    )
+    return (
+        f'# Basilisk: {owner}.\n'
+        f'link = {json.dumps(one_line(body.link))}\n'
+        f'{names[0]} = {_exact(mass)}  # kg\n'
+        f'{names[1]} = {com[:, None].tolist()}  # m, centre of mass\n'
+        f'{names[2]} = {inertia.tolist()}  # kg m^2, about the centre of mass\n'
+    )
+
+
+def _plain_json(body: Identified, *, in_principal_axes: bool, shape: str) -> str:
+    """Return everything that is known as JSON; a parameter that is not determined is null."""
+    rows = matrix(body.covariance)
+    content: dict[str, Any] = {
+        'target_link': body.link,
+        'status': body.status,
+        **shaped(body.parameters),
+        'covariance': None if rows is None else {'order': list(PARAMETERS), 'matrix': rows},
+    }
+    if in_principal_axes:
+        found = principal(body.parameters)
+        content['principal'] = {'moments': found.moments.tolist(), 'axes': found.axes.T.tolist()}
+    if shape:
+        size, axes = _equivalent(body.parameters, shape)
+        content['equivalent'] = {'shape': shape, 'size': size.tolist(), 'axes': axes.T.tolist()}
+    return json.dumps(content, indent=2, allow_nan=False) + '\n'
+
+
+def _attribute(name: str) -> str:
+    """Return a name as an attribute's value with its quotes; characters that XML lacks are written out."""
+    kept = ''.join(char if _is_xml(char) else char.encode('unicode_escape').decode('ascii') for char in name)
+    return quoteattr(kept)
+
+
+def _is_xml(char: str) -> bool:
+    return char in '\t\n\r' or (char >= ' ' and not '\ud800' <= char <= '\udfff' and char not in '\ufffe\uffff')
+
+
+def _exact(value: float) -> str:
+    return repr(float(value))  # the shortest text that reads back as the same number
+
+
+def _spaced(values: Sequence[float] | Array) -> str:
+    return ' '.join(map(_exact, values))
+
+
+def _rpy(rotation: Array) -> Array:
+    return np.asarray(pinocchio.rpy.matrixToRpy(rotation)) + 0.0
+
+
+def _wxyz(rotation: Array) -> Array:
+    return quaternion_from_rotation(rotation)[[3, 0, 1, 2]]

@@ -1,0 +1,281 @@
+"""A replay's result as JSON, which scripts rely on, as text for a terminal, and where an executable writes them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from mbaid_ros.cli import one_line
+from mbaid_ros.core.capture import Capture
+from mbaid_ros.core.errors import listing
+from mbaid_ros.core.geometry import Array, Flags, quaternion_from_rotation
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate
+from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNCHECKED, UNITS, rounded
+from mbaid_ros.core.results.publication import Debris
+from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
+from mbaid_ros.files import as_utf8, require_writable, write_text
+from mbaid_ros.messages import JOINT_MISSING
+from mbaid_ros.replay import provenance
+from mbaid_ros.replay.results import Run
+
+STDOUT = '-'
+_EVENTS = 5  # that a terminal shows
+
+
+def check_outputs(arguments: argparse.Namespace, *options: str) -> None:
+    """Refuse, before the long work, files of options that could not be written after it."""
+    for option in ('json', 'report', *options):
+        path = getattr(arguments, option)
+        if option != 'json' or path != STDOUT:
+            require_writable(f'--{option}', path)
+
+
+def write_results(
+    arguments: argparse.Namespace, content: Any, page: Callable[[], str], summary: Callable[[], str]
+) -> None:
+    """Write the JSON of a content and the report where asked for; print the JSON or else the summary."""
+    text = json.dumps(content, allow_nan=False, ensure_ascii=False) + '\n'
+    # Files first: a reader of the output may leave early (`| head`).
+    if arguments.json and arguments.json != STDOUT:
+        write_text(arguments.json, text)
+    if arguments.report:
+        write_text(arguments.report, page())
+    if arguments.json == STDOUT:
+        sys.stdout.write(as_utf8(text))
+    else:
+        print(summary())
+
+
+# -- JSON: plain numbers in the shapes that scripts rely on, None for what is not known
+
+
+def plain(value: Any) -> Any:
+    """Return numbers, arrays, sequences and mappings as JSON has them: None for a number that is not finite."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {name: plain(each) for name, each in value.items()}
+    return [plain(each) for each in value] if isinstance(value, list | tuple) else value
+
+
+def shaped(values: Array | Flags) -> dict[str, Any]:
+    """Return ten values in the order of PARAMETERS as mass, com and inertia."""
+    mass, *ten = plain(values)
+    return {'mass': mass, 'com': ten[:3], 'inertia': dict(zip(PARAMETERS[4:], ten[3:], strict=True))}
+
+
+def shaped_std(std: Array) -> dict[str, Any] | None:
+    """Return ten standard deviations, None where there is none."""
+    return None if np.all(np.isnan(std)) else shaped(std)
+
+
+def matrix(covariance: Array) -> list[list[float | None]] | None:
+    """Return the rows of a covariance, None where there is none."""
+    return None if np.all(np.isnan(covariance)) else plain(covariance)
+
+
+def shaped_momentum(momentum: Array, covariance: Array) -> dict[str, Any]:
+    """Return a (6,) momentum with its standard deviations."""
+    values, stds = plain(momentum), plain(np.sqrt(np.diag(covariance)))
+    return {'linear': values[:3], 'angular': values[3:], 'linear_std': stds[:3], 'angular_std': stds[3:]}
+
+
+def as_json(run: Run) -> dict[str, Any]:
+    """Return the run as scripts read it."""
+    final, budget = run.final, run.final.budget
+    return {
+        'bag': run.bag,
+        'method': final.method,
+        'stage': final.stage or None,
+        'target_link': run.target_link,
+        'status': final.status,
+        'estimate': shaped(final.parameters),
+        'std': shaped_std(final.std),
+        'covariance': matrix(final.covariance),
+        'error_budget': None if budget is None else {name: budget.of(name) or None for name in PARAMETERS},
+        'unchecked': None if budget is None else budget.resting() or None,
+        'identifiable': shaped(final.identifiable),
+        'momentum': shaped_momentum(final.momentum, final.momentum_covariance),
+        'time_offset': None
+        if math.isnan(final.time_offset)
+        else {'value': final.time_offset, 'std': plain(final.time_offset_std)},
+        'noise': None if final.noise is None else _noise(final.noise),
+        'thrusters': [plain(vars(thruster)) for thruster in final.thrusters],
+        'events': events(run),
+        'residual': plain(final.residual),
+        'causes': [{'cause': cause, 'gain': gain} for cause, gain in final.likely_causes],
+        'capture': None if run.capture is None else _capture(run.capture),
+        'debris': None if run.debris is None else _debris(run.debris),
+        'samples': final.samples,
+        'span_s': final.time,
+        'warnings': run.all_warnings,
+        'model': None if run.survey is None else asdict(run.survey),
+        'made_by': None if run.made_by is None else provenance.as_json(run.made_by, run.settings, run.files),
+        'state': run.state,
+        'advice': run.advice or None,
+        'history': [
+            {
+                't': estimate.time,
+                'status': estimate.status,
+                'estimate': shaped(estimate.parameters),
+                'std': shaped_std(estimate.std),
+            }
+            for estimate in run.history
+        ],
+    }
+
+
+def events(run: Run) -> list[dict[str, Any]]:
+    """Return the steps and ramps of the momentum: t, kind, linear, angular, cause."""
+    names = 'kind', 'linear', 'angular', 'cause'
+    return [{'t': each.time, **{name: plain(getattr(each, name)) for name in names}} for each in run.final.events]
+
+
+def _noise(levels: SensorLevels) -> dict[str, Any]:
+    """Return the declared and the estimated noise of each sensor."""
+    names = 'declared', 'found', 'assumed', 'found_is_used'
+    rows = zip(levels.declared, levels.found, levels.assumed, levels.used.astype(bool), strict=True)
+    return {
+        **{channel: dict(zip(names, plain(row), strict=True)) for channel, row in zip(CHANNELS, rows, strict=True)},
+        'base_correlation_time': levels.correlation_time,
+        'found_is_used': bool(np.any(levels.used)),
+    }
+
+
+def _debris(alone: Debris) -> dict[str, Any]:
+    """Return the captured body with its frame, which is given in the target link's."""
+    frame = alone.frame
+    orientation = quaternion_from_rotation(frame.rotation)
+    return {
+        **shaped(alone.parameters),
+        'std': shaped_std(alone.std),
+        'covariance': matrix(alone.covariance),
+        'frame': plain({'name': frame.name, 'position': frame.position, 'orientation': orientation}),
+    }
+
+
+def _capture(capture: Capture) -> dict[str, Any]:
+    momentum, chaser = shaped_momentum(capture.momentum, capture.covariance), capture.chaser
+    return {
+        't': capture.time,
+        'target_linear_momentum': momentum['linear'],
+        'target_angular_momentum': momentum['angular'],
+        'target_linear_momentum_std': momentum['linear_std'],
+        'target_angular_momentum_std': momentum['angular_std'],
+        'target_linear_velocity': plain(capture.velocity),
+        'target_angular_velocity': plain(capture.spin),
+        'chaser': None
+        if chaser is None
+        else {
+            **shaped_momentum(chaser.momentum, chaser.covariance),
+            'residual': plain(chaser.residual),
+            'samples': chaser.samples,
+        },
+        'calibrated': capture.calibrated or None,
+    }
+
+
+# -- text
+
+
+def texts(runs: Sequence[Run]) -> str:
+    """Return the results for a terminal: each model summary that is new, then each run's table."""
+    parts = []
+    for run, before in zip(runs, (None, *runs), strict=False):
+        if run.survey is not None and (before is None or run.survey != before.survey):
+            parts.append('\n'.join(map(one_line, run.survey.lines)))
+        parts.append(summary(run))
+    return '\n\n'.join(parts)
+
+
+def summary(run: Run) -> str:
+    """Return the result as a table for a terminal."""
+    final = run.final
+    rows = [one_line(f'{run.bag}: {verdict(run)}'), '']
+    for name, unit, value, std in zip(PARAMETERS, UNITS, final.parameters, final.std, strict=True):
+        shown, band = rounded(value, std)
+        spread = f' ± {band}' if band else ''
+        rows.append(f'  {name:6} {shown:>13}{spread} {unit}' if shown else f'  {name:6} not determined')
+    if run.capture is not None:
+        rows += _capture_lines(run.capture)
+    label = '' if np.all(np.isnan(final.std)) else '; ± 95 %'
+    rows.append(f'  {final.samples} samples, {final.time:.3g} s, method {method(final)}{label}')
+    if final.budget is not None and not run.contradicted:
+        budget = {MAIN_CAUSES: final.budget.told(final.std), UNCHECKED: final.budget.resting()}
+        rows += [f'  {what}: {one_line(causes)}' for what, causes in budget.items() if causes]
+    rows += [f'  next: {run.advice}'] if run.advice else []
+    rows += [] if final.noise is None else [f'  noise: {line}' for line in final.noise.told()]
+    rows += [f'  {one_line(line)}' for line in (*_event_lines(run), *likely_causes(run))]
+    return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])
+
+
+def _event_lines(run: Run) -> list[str]:
+    if run.contradicted:
+        return []
+    found = run.final.events
+    lines = [f'event: {event}' for event in found[:_EVENTS]]
+    return lines + ([f'and {len(found) - _EVENTS} more events'] if len(found) > _EVENTS else [])
+
+
+def likely_causes(run: Run) -> list[str]:
+    """Return the likely causes of a contradiction; each would explain the data by itself."""
+    return [
+        f'likely cause {place}: {cause} (alone, log-likelihood {gain:+.0f})'
+        for place, (cause, gain) in enumerate(run.final.likely_causes[:3], 1)
+    ]
+
+
+def _capture_lines(capture: Capture) -> list[str]:
+    rows = [f'  {capture.calibrated}'] if capture.calibrated else []
+    rows.append(f'  captured at {capture.time:.6g} s; before that the captured body had')
+    std = np.sqrt(np.diag(capture.covariance))
+    for kind, part, unit in (('linear', slice(0, 3), 'N s'), ('angular', slice(3, 6), 'N m s')):
+        values = ', '.join(with_band(*pair, digits=4) for pair in zip(capture.momentum[part], std[part], strict=True))
+        rows.append(f'  {kind} momentum ({values}) {unit}')
+    return rows
+
+
+def with_band(value: float, std: float, none: str = 'not determined', digits: int = 6) -> str:
+    """Return a value with its 95 % band, as far as they are known."""
+    shown, band = rounded(value, std, digits=digits)
+    return f'{shown} ± {band}' if band else shown or none
+
+
+def method(estimate: Estimate) -> str:
+    """Return the method of an estimate, and the stage where that is another."""
+    if estimate.stage in {'', estimate.method}:
+        return estimate.method
+    return f'{estimate.method} (stage {estimate.stage})'
+
+
+def verdict(run: Run) -> str:
+    """Return the result in one sentence."""
+    missing = ', '.join(name for name, known in zip(PARAMETERS, run.final.identifiable, strict=True) if not known)
+    rest = f'; not determined by this motion: {missing}' if missing else ''
+    if run.final.status == 'inconsistent':
+        why = 'robot description, noise values or conservation of momentum are not as assumed'
+        return f'the data contradict the model, so the numbers of {run.target_link} must not be trusted: {why}'
+    if not run.reached or run.phase != 'post_capture':
+        return f'no estimate of {run.target_link}: {_why_none(run)}'
+    if run.final.status == 'converged':
+        return f'the inertia of {run.target_link} is identified{rest}'
+    return f'the inertia of {run.target_link} is estimated, but the estimate has not converged{rest}'
+
+
+def _why_none(run: Run) -> str:
+    if run.phase != 'post_capture':
+        time = run.settings.get('capture.time')
+        return 'the data end before the capture: capture.time ' + (f'puts it at {time:g} s' if time else 'is not given')
+    if run.final.status == 'waiting':
+        why = f'; {JOINT_MISSING}: {listing(run.missing_joints)}' if run.missing_joints else ''
+        return f'the data hold no complete window{why}'
+    return WITHHELD if run.contradicted else 'the motion does not determine any of its parameters'

@@ -1,1 +1,0 @@
-"""Where a plan begins, and what is written of it."""

@@ -1,0 +1,241 @@
+"""The executable `plan`: the next motion, planned from the end of a run, as a result or its bag holds it."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from mbaid_ros import limits
+from mbaid_ros.bags import BagWriter
+from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line, warn
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.files import load_parameter_file, parse_assignment
+from mbaid_ros.config.parameters import build
+from mbaid_ros.config.robot import read_robot_description
+from mbaid_ros.config.trajectory import as_yaml
+from mbaid_ros.core.errors import DataError, ParameterError
+from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.files import read_json, write_text
+from mbaid_ros.outgoing import trajectory_message
+from mbaid_ros.planning.plan import Plan
+from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.output import check_outputs, plain, write_results
+from mbaid_ros.replay.provenance import in_words, made_by, sha256
+from mbaid_ros.replay.run import BAG_TYPES, progress_bar, replay_bag
+from mbaid_ros.replay.saved import usable
+from mbaid_ros.session import from_numbers
+from mbaid_ros.session.planning import make_planner
+from mbaid_ros.session.robot import Robot
+
+TOPIC, TYPE = '/joint_trajectory', 'trajectory_msgs/msg/JointTrajectory'
+_ACCEPTED = 'accepted: what replay --json writes, or a bag'
+_FILES = ('robot_description_file',)  # parameters of a result that need not be there any more
+_BASE = (('rotation', 'rad'), ('translation', 'm'), ('rate', 'rad/s'))
+
+
+@dataclass(frozen=True)
+class Begin:
+    """The end of a run: its parameters with those of the plan, robot description, status and posterior."""
+
+    config: EstimatorConfig
+    urdf: str
+    status: str
+    posterior: Posterior
+
+
+def plan(arguments: argparse.Namespace) -> int:
+    """Plan a motion, write the results, and return the exit code.
+
+    Raises
+    ------
+    DataError, ModelError, ParameterError
+        The run, the robot or a parameter cannot be used.
+    """
+    check_outputs(arguments, 'yaml')
+    if arguments.output and Path(arguments.output).exists():
+        raise ParameterError(f"--output '{arguments.output}' exists already; accepted: a folder that does not")
+    begin = _read_begin(arguments, read_robot_description(arguments.model))
+    if begin.status == 'inconsistent':
+        print(
+            f'mbaid_ros plan: {one_line(arguments.start)} contradicts its model, so that its numbers cannot be '
+            'planned from; accepted: a run that does not',
+            file=sys.stderr,
+        )
+        return EXIT_INCONSISTENT
+    planner = make_planner(begin.config, begin.posterior)
+    with _progress(begin.config.plan.effort) as progress:
+        found = planner.plan(progress)
+    _write(found, begin, arguments)
+    return 0 if found.reached else EXIT_NOT_DETERMINED
+
+
+@contextmanager
+def _progress(effort: int) -> Iterator[Callable[[int], bool]]:
+    """Show a bar on a terminal; Ctrl-C ends the search, not the program."""
+    stopped = False
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        nonlocal stopped
+        stopped = True
+
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        with tqdm(total=effort, unit=' motions', disable=None, leave=False) as bar:
+
+            def advance(compared: int) -> bool:
+                bar.update(compared - bar.n)
+                return not stopped
+
+            yield advance
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _write(found: Plan, begin: Begin, arguments: argparse.Namespace) -> None:
+    made = made_by('plan', arguments.argv, arguments.model, begin.urdf)
+    if arguments.yaml:
+        write_text(arguments.yaml, as_yaml(found.trajectory))
+    if arguments.output:
+        with BagWriter(arguments.output) as bag:
+            bag.add_topic(TOPIC, TYPE, latched=True)
+            bag.write(TOPIC, trajectory_message(found.trajectory, BAG_TYPES), 0)
+
+    def page() -> str:
+        from mbaid_ros.replay.report.other_pages import plan_page  # noqa: PLC0415 - matplotlib takes a while
+
+        start = begin.posterior.end.joint_position
+        return plan_page(found, begin.posterior.layout.kernel.model, start, in_words(made))
+
+    write_results(arguments, {**_as_json(found), 'made_by': asdict(made)}, page, lambda: _summary(found))
+
+
+def _read_begin(arguments: argparse.Namespace, urdf: str) -> Begin:
+    """Return where a plan begins; warnings about a bag go to stderr."""
+    path = arguments.start
+    values = load_parameter_file(arguments.params, 'estimator') if arguments.params else {}
+    values |= dict(map(parse_assignment, arguments.assignments))
+    if Path(path).suffix.lower() != '.json':
+        config = build(EstimatorConfig, values)
+        with progress_bar(path) as progress:
+            run = replay_bag(path, config, urdf, Inputs.from_arguments(arguments, config), progress=progress)
+        warn('plan', run.warnings)
+        return _begin(path, config, urdf, run.final.status, run.state)
+    content = _result(path)
+    made = content.get('made_by') or {}
+    _require_the_robot(path, made, arguments.model)
+    if not arguments.params:
+        values = {**{k: v for k, v in made.get('parameters', {}).items() if k not in _FILES}, **values}
+    target = values.get('target_link')
+    if target and target != content.get('target_link'):
+        raise ParameterError(
+            f"parameter 'target_link' is '{str(target)[:60]}', and '{path}' is about '{content.get('target_link')}'; "
+            'accepted: that one, or a result of the other'
+        )
+    return _begin(path, build(EstimatorConfig, values), urdf, str(content.get('status')), content.get('state'))
+
+
+def _result(path: str) -> dict[str, Any]:
+    content = read_json(path, 'result', limits.JSON_CHARACTERS, _ACCEPTED)
+    if isinstance(content, list) and len(content) == 1:
+        content = content[0]
+    if not isinstance(content, dict) or 'status' not in content:
+        raise DataError(f"'{path}' is no result of one run; {_ACCEPTED}")
+    return content
+
+
+def _require_the_robot(path: str, made: dict[str, Any], model: str) -> None:
+    """Refuse another robot description than the one a result was made with."""
+    robot = made.get('robot') or {}
+    if robot.get('sha256') and Path(model).is_file() and robot['sha256'] != sha256(Path(model)):
+        raise DataError(
+            f"'{path}' was made with another robot description, {robot.get('file')}, SHA-256 "
+            f'{str(robot["sha256"])[:12]}...; accepted: that very file'
+        )
+
+
+def _begin(path: str, config: EstimatorConfig, urdf: str, status: str, state: Any) -> Begin:
+    """Return the begin of a state as JSON has it."""
+    if config.calibration.enabled:
+        raise ParameterError(
+            "parameter 'calibration.enabled' is true: what such a run learns of the robot is not in its result; "
+            'accepted: false, or the service ~/plan of the estimator'
+        )
+    if not state:
+        raise DataError(
+            f"'{path}' tells no state to plan from: method trajectory has to have come to a solution (status {status})"
+        )
+    kernel = Robot(config, urdf).kernel
+    with usable(path, _ACCEPTED):
+        try:
+            return Begin(config, urdf, status, from_numbers(state, config, kernel))
+        except DataError as error:
+            raise DataError(f"'{path}': {error}") from error
+
+
+def _summary(plan: Plan) -> str:
+    """Return a plan as a table for a terminal."""
+    rows = [plan.verdict, '', '             now        after      wanted     as the body may be']
+    columns = zip(PARAMETERS, plan.before, plan.after, plan.wanted, *plan.between, plan.asked, strict=True)
+    for name, now, then, wanted, least, most, asked in columns:
+        if asked:
+            shares = '  '.join(f'{100.0 * value:8.3g} %' for value in (now, then, wanted, least))
+            rows.append(f'  {name:6} {shares} to {100.0 * most:.3g} %')
+        else:
+            rows.append(f'  {name:6} determined by no motion of this robot')
+    rows += [
+        '  one standard deviation, as convergence.relative_std has it',
+        f'  as the body may be: after the motion, for {len(plan.may_be)} bodies drawn from what is known now',
+        *(f'  {line}' for line in plan.excursions),
+        f'  {len(plan.trajectory.joints)} joints: {", ".join(plan.trajectory.joints)}',
+    ]
+    if plan.stuck:
+        rows.append(f'  not moved: {", ".join(plan.stuck)}')
+    if plan.binding:
+        rows.append(f'  at its limit: {", ".join(plan.binding)}')
+    rows += [f'  best of {plan.compared} motions', *(f'  note: {note}' for note in plan.notes)]
+    return '\n'.join(row if row.isprintable() else one_line(row) for row in rows)
+
+
+def _as_json(plan: Plan) -> dict[str, Any]:
+    """Return a plan as scripts read it; standard deviations are relative."""
+    trajectory = plan.trajectory
+    stds = np.stack((plan.before, plan.after, plan.wanted, *plan.between), axis=1).tolist()
+    return {
+        'target_link': plan.target,
+        'reached': plan.reached,
+        'verdict': plan.verdict,
+        'duration': trajectory.duration,
+        'relative_std': {
+            name: dict(zip(('now', 'after', 'wanted', 'least', 'most'), values, strict=True)) if asked else None
+            for name, values, asked in zip(PARAMETERS, stds, plan.asked, strict=True)
+        },
+        'course': {'t': plan.course.time.tolist(), 'relative_std': plan.course.value.tolist()},
+        'base': {
+            name: {'unit': unit, **plain(dict(zip(('most', 'certain', 'limit'), values, strict=True)))}
+            for (name, unit), *values in zip(
+                _BASE, plan.bounds.nominal, plan.bounds.sure, plan.base_limits, strict=True
+            )
+        },
+        'binding': list(plan.binding),
+        'stuck': list(plan.stuck),
+        'notes': list(plan.notes),
+        'compared': plan.compared,
+        'trajectory': {
+            'joint_names': list(trajectory.joints),
+            'time_from_start': trajectory.time.tolist(),
+            'positions': trajectory.position.tolist(),
+            'velocities': trajectory.velocity.tolist(),
+            'accelerations': trajectory.acceleration.tolist(),
+        },
+    }

@@ -1,0 +1,258 @@
+"""The offline executables' entry points: their arguments; what does the work is imported only after `--help`."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from pathlib import Path
+
+from mbaid_ros.cli import ArgumentParser, number, run
+from mbaid_ros.replay.inputs import ODOMETRY, Inputs
+
+FORMATS = ('urdf-link', 'urdf', 'mjcf', 'mjcf-body', 'basilisk-hub', 'basilisk-effector', 'json')
+
+
+def replay(argv: Sequence[str] | None = None) -> int:
+    """Replay bags: 0 if every bag led to an estimate; else 2, 4 or 3, as the help says."""
+    return _start(argv, 'replay', _replay_parser, 'command:replay')
+
+
+def simulate(argv: Sequence[str] | None = None) -> int:
+    """Simulate a run into a bag: 0 if it is written, 2 after a user's error."""
+    return _start(argv, 'simulate', _simulate_parser, 'simulation:simulate')
+
+
+def plan(argv: Sequence[str] | None = None) -> int:
+    """Plan a motion: 0 if it reaches what is wanted; else 2, 3 or 4, as the help says."""
+    return _start(argv, 'plan', _plan_parser, 'planning:plan')
+
+
+def calibrate(argv: Sequence[str] | None = None) -> int:
+    """Calibrate a robot: 0 if there is a calibration; else 2, 3 or 4, as the help says."""
+    return _start(argv, 'calibrate', _calibrate_parser, 'calibration:calibrate')
+
+
+def campaign(argv: Sequence[str] | None = None) -> int:
+    """Make a campaign: 0 if every run was made, 3 if one failed, 2 after a user's error."""
+    return _start(argv, 'campaign', _campaign_parser, 'campaigns.command:make_campaign')
+
+
+def export(argv: Sequence[str] | None = None) -> int:
+    """Export an identified body: 0 if it is written; else 2, 3 or 4, as the help says."""
+    return _start(argv, 'export', _export_parser, 'exporting:export')
+
+
+def noise_at_rest(argv: Sequence[str] | None = None) -> int:
+    """Measure the noise of a robot at rest: 0 if it is printed, 2 after a user's error."""
+    return _start(argv, 'noise_at_rest', _noise_parser, 'at_rest:print_noise')
+
+
+def _start(argv: Sequence[str] | None, name: str, parser: Callable[[], ArgumentParser], command: str) -> int:
+    """Run `module:function` of this package on the arguments, which hold the words they were parsed from as `argv`."""
+
+    def body(words: list[str]) -> int:
+        arguments = parser().parse(words)
+        arguments.argv = words
+        module, _, function = command.partition(':')
+        code: int = getattr(import_module(f'mbaid_ros.replay.{module}'), function)(arguments)
+        return code
+
+    return run(body, argv, name)
+
+
+def _replay_parser() -> ArgumentParser:
+    from mbaid_ros.config.trajectory import METHODS  # noqa: PLC0415 - other executables start sooner without it
+
+    parser = ArgumentParser(
+        'replay',
+        'Identify the inertia of a link from recorded bags, as the estimator node does from live topics.\n'
+        'Exit code: 0 an estimate was reached, 4 the data contradict the model: do not trust the numbers,\n'
+        '3 the data do not determine an estimate, 2 bad input. Of several bags the worst counts: 2, then 4, then 3.',
+        'replay run1 --model robot.urdf --target gripper --report run1.html',
+    )
+    add = parser.add_argument
+    _add_model(parser)
+    add('--target', metavar='LINK', help='link to identify (default: the last with an inertia, furthest from the base)')
+    _add_parameters(parser, "the estimator node's ROS parameter file")
+    add('--method', metavar='METHOD', help=f'identification method: {", ".join(METHODS)}')
+    _add_bags(parser)
+    _add_topics(parser)
+    _add_results(parser)
+    add('--truth', metavar='JSON', help='what the report compares with (default: truth.json beside each bag)')
+    add('--output', metavar='BAG', help='write the estimates as messages into a new bag')
+    _add_processes(parser)
+    return parser
+
+
+def _simulate_parser() -> ArgumentParser:
+    parser = ArgumentParser(
+        'simulate',
+        'Simulate a free-floating robot and write what its sensors measure to an MCAP bag.',
+        'simulate --model config/table1.urdf --params config/table1_simulator.yaml --output /tmp/table1\n'
+        '  a minute of the robot as the folder /tmp/table1: an MCAP bag, and the truth in truth.json',
+    )
+    add = parser.add_argument
+    add('--model', metavar='URDF', help='robot description (or the parameter robot_description_file)')
+    _add_parameters(parser, 'parameter file of the simulator node')
+    add('--duration', type=number(0.0, 's', exclusive=True), metavar='S', help='length of the run, s')
+    add('--trajectory', metavar='YAML', help='let the joints follow a JointTrajectory, as plan --yaml writes it')
+    add('--seed', type=_whole(0), metavar='N', help='seed of the sensor noise')
+    add('--output', type=Path, default=Path('simulation'), metavar='BAG', help='folder to make')
+    add('--truth', type=Path, metavar='JSON', help='where the truth is written, instead of BAG/truth.json')
+    return parser
+
+
+def _plan_parser() -> ArgumentParser:
+    parser = ArgumentParser(
+        'plan',
+        'Plan the motion of the joints that reduces most of the uncertainty a run has left, or the shortest that\n'
+        'reaches a wanted precision, within the limits of the joints (URDF) and of what the motion may do to the\n'
+        'base.\n'
+        'Nothing is moved. What is wanted and the limits are the parameters plan.*: relative_std, duration,\n'
+        'joint_velocity, joint_acceleration, base_rotation, base_translation, base_rate, clearance, stuck, ...\n'
+        'Ctrl-C takes the best motion so far.\n'
+        'Exit code: 0 the motion reaches what is wanted, 3 no motion within the limits does: the best is written,\n'
+        '4 the data of the run contradict the model, 2 bad input.',
+        'plan result.json --model robot.urdf -p plan.base_rotation:=0.035 --yaml motion.yaml\n'
+        '  with result.json of: replay run1 --model robot.urdf --params estimator.yaml --json result.json',
+    )
+    add = parser.add_argument
+    add('start', metavar='RESULT', help='where the run has ended: a result of replay --json, or its bag')
+    _add_model(parser)
+    _add_parameters(parser, "the estimator node's parameter file (default: what RESULT was made with)")
+    _add_topics(parser)  # of a bag
+    add('--yaml', metavar='FILE', help='write the motion as ros2 topic pub takes it, and simulate --trajectory')
+    add('--output', metavar='BAG', help='write the motion as a message into a new bag')
+    _add_results(parser, 'the plan')
+    return parser
+
+
+def _calibrate_parser() -> ArgumentParser:
+    parser = ArgumentParser(
+        'calibrate',
+        'Identify any set of bodies of a free-floating robot from recorded motions, before it captures anything. The\n'
+        'values in the URDF are its start; the parameters prior.* declare how well they are known.\n'
+        'Exit code: 0 calibrated, 4 the data contradict the model: no --output is written, 3 data and prior do not\n'
+        'determine the bodies, 2 bad input.',
+        'calibrate before_capture --model robot.urdf --params calibrate.yaml --output calibrated.urdf',
+    )
+    add = parser.add_argument
+    _add_model(parser, 'the robot description, with the CAD values')
+    add('--unknown', nargs='+', metavar='LINK', help='links to calibrate (default: every link with an <inertial>)')
+    add('--params', metavar='YAML', help="parameter file with a section for 'calibrate': prior.*, and the estimator's")
+    _add_bags(parser)
+    _add_topics(parser)
+    _add_results(parser, 'the result with its covariance')
+    add('--output', metavar='URDF', help='write the robot description with the calibrated values')
+    return parser
+
+
+def _campaign_parser() -> ArgumentParser:
+    parser = ArgumentParser(
+        'campaign',
+        'Simulate and identify many times over seeds, motions, robots, noise and methods, on all cores or a Dask '
+        'cluster.\n'
+        'Stopped by anything, the same command goes on from the runs that were made.\n'
+        'Exit code: 0 every run was made, 3 some failed, 2 bad input.',
+        'campaign config/table1_campaign.yaml --output table1_campaign',
+    )
+    add = parser.add_argument
+    add('campaign', metavar='YAML', help='what is varied, and the parameters of simulator and estimator')
+    add('--output', metavar='FOLDER', help="where results are kept (default: the YAML's name without its ending)")
+    add('--scheduler', metavar='ADDRESS', help='of a Dask cluster that makes the runs, like tcp://10.0.0.1:8786')
+    add('--retry-failed', action='store_true', help='make runs again that failed')
+    _add_processes(parser)
+    return parser
+
+
+def _export_parser() -> ArgumentParser:
+    parser = ArgumentParser(
+        'export',
+        'Write an identified body as URDF link, whole URDF, MuJoCo model or body, Basilisk parameters or plain JSON.\n'
+        'Exit code: 0 written, 4 the data contradict the model, 3 they do not determine the body, 2 bad input.',
+        'ros2 run mbaid_ros export run1.json --format mjcf --output captured.xml',
+    )
+    add = parser.add_argument
+    add('input', metavar='FILE', help='what replay --json wrote, or a bag that holds estimates (the last one counts)')
+    add('--format', choices=FORMATS, default=FORMATS[0], help='default: %(default)s')
+    add('--output', metavar='FILE', help='default: standard output')
+    add('--model', metavar='URDF', help='the robot description, for the format urdf and for --fill')
+    add('--result', type=_whole(1), default=1, metavar='N', help='which result of a JSON of several bags (default: 1)')
+    add('--topic', default='', metavar='TOPIC', help='which estimates of a bag with those of several estimators')
+    add('--debris', action='store_true', help='write the captured body alone (a run with debris.report: true has it)')
+    add('--principal', action='store_true', help='write the inertia in its principal axes')
+    add('--equivalent', choices=('box', 'ellipsoid'), help='add the uniform body of the same inertia')
+    add('--fill', action='store_true', help='take what the data do not determine from the link in --model')
+    return parser
+
+
+def _noise_parser() -> ArgumentParser:
+    parser = ArgumentParser(
+        'noise_at_rest',
+        "Print the sensors' noise as a parameter file, from a bag recorded with the joints braked, the base drifting\n"
+        'freely: the standard deviation of each channel about a cubic in time, of the noisiest axis or joint. Where\n'
+        'joints move, the longest part of the bag in which none does counts, with a warning.\n'
+        'Exit code: 0 printed, 2 bad input, or no five seconds in which all joints rest.',
+        'ros2 run mbaid_ros noise_at_rest rest_run > noise.yaml',
+    )
+    add = parser.add_argument
+    add('bag', metavar='BAG', help='rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file')
+    add('--joint-states', default=Inputs.joint_states, metavar='TOPIC', help='default: %(default)s')
+    add('--odom', default=ODOMETRY, metavar='TOPIC', help='default: %(default)s')
+    return parser
+
+
+def _add_model(parser: ArgumentParser, words: str = 'the robot description') -> None:
+    parser.add_argument('--model', required=True, metavar='URDF', help=words)
+
+
+def _add_parameters(parser: ArgumentParser, words: str) -> None:
+    add = parser.add_argument
+    add('--params', metavar='YAML', help=words)
+    add('-p', dest='assignments', action='append', default=[], metavar='NAME:=VALUE', help='set one parameter')
+
+
+def _add_results(parser: ArgumentParser, words: str = 'the result') -> None:
+    parser.add_argument('--json', metavar='FILE', help=f'write {words} as JSON; - for standard output')
+    parser.add_argument('--report', metavar='HTML', help='write a report')
+
+
+def _add_processes(parser: ArgumentParser) -> None:
+    cores = len(os.sched_getaffinity(0))  # that this process may use
+    words = 'that work at the same time (default: one a core)'
+    parser.add_argument('--processes', type=_whole(1), default=cores, metavar='N', help=words)
+
+
+def _add_bags(parser: ArgumentParser) -> None:
+    words = 'rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file'
+    parser.add_argument('bags', nargs='+', metavar='BAG', help=words)
+
+
+def _add_topics(parser: ArgumentParser) -> None:
+    add = parser.add_argument
+    add('--joint-states', default=Inputs.joint_states, metavar='TOPIC', help='default: %(default)s')
+    add('--odom', default='', metavar='TOPIC', help='Odometry that locates the base (default: /odom)')
+    add(
+        '--pose',
+        default='',
+        metavar='TOPIC',
+        help='poses that do so: PoseStamped, PoseWithCovarianceStamped, TransformStamped, or TFMessage with '
+        'pose.tf_child_frame (default: /pose, if there is no /odom)',
+    )
+    stored = 'momentum of wheels or gyros, Vector3Stamped (default: /stored_momentum, if recorded)'
+    add('--stored-momentum', default='', metavar='TOPIC', help=stored)
+    add('--imu', default='', metavar='TOPIC', help='Imu, used with imu.noise_density (default: /imu, if recorded)')
+    add('--thrust', default='', metavar='TOPIC', help='commanded thrust, WrenchStamped (default: /thrust, if recorded)')
+
+
+def _whole(least: int) -> Callable[[str], int]:
+    """Return an argparse type: a whole number from `least` on."""
+
+    def convert(text: str) -> int:
+        if not (text.isascii() and text.isdigit() and int(text) >= least):
+            raise argparse.ArgumentTypeError(f"'{text}' is not accepted; accepted: a whole number >= {least}")
+        return int(text)
+
+    return convert

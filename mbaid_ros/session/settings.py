@@ -1,0 +1,284 @@
+"""From parameters and a robot to the core's settings: frames, orbit, stored momentum, and the robot's uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mbaid_ros.config.capture import ThrustConfig
+from mbaid_ros.config.environment import OrbitConfig, WheelsConfig, make_orbit, make_storage
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.model_errors import KnownJointsConfig, TargetPriorConfig
+from mbaid_ros.core.errors import ParameterError, listing
+from mbaid_ros.core.geometry import rotation_from_quaternion
+from mbaid_ros.core.results.publication import Frame
+from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.model import Link, RobotModel
+from mbaid_ros.core.robot.momentum import Storage
+from mbaid_ros.core.sensors.base import AttachedFrame
+from mbaid_ros.core.sensors.external_momentum import FallingFrame
+from mbaid_ros.core.unknowns.bodies import TargetPrior
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.environment import Circle
+from mbaid_ros.core.unknowns.sensors import GyroErrors
+from mbaid_ros.messages import ImuReader
+
+PRINCIPAL = 'principal'
+
+_UNIT = 1e-3  # largest difference of a quaternion parameter from unit length
+_NO_MOMENTUM = 1e-9  # N s
+_IMU_DELAY_STD = 5e-3  # s, of stamps that a driver sets on arrival: half a period at 100 Hz
+_THRUST_DELAY_STD = 0.02  # s, that valves take to open
+_WHEEL_SPEED_STD = 0.05  # rad/s, of tachometers and of Hall sensors: 0.5 rpm
+_TRACKING_TIME = 2.0  # s, in which a servo's following error decorrelates: some periods of its slow loop
+
+
+# Frames
+
+
+def marker_frame(config: EstimatorConfig) -> AttachedFrame | None:
+    """Return the frame that the parameters place on the base.
+
+    Raises
+    ------
+    ParameterError
+        The orientation is no unit quaternion.
+    """
+    quaternion = np.array(config.marker.orientation)
+    length = float(np.linalg.norm(quaternion))
+    if abs(length - 1.0) > _UNIT:
+        raise ParameterError(
+            f"parameter 'marker.orientation' has length {length:g}; accepted: a quaternion x, y, z, w of length 1"
+        )
+    if not config.marker.position:
+        return None
+    return AttachedFrame(rotation_from_quaternion(quaternion), np.array(config.marker.position))
+
+
+def imu_link(config: EstimatorConfig, model: RobotModel) -> Link | None:
+    """Return the link of an IMU that joints move; None on the base.
+
+    Raises
+    ------
+    ParameterError
+        There is no such link, or it moves with the target.
+    """
+    given, links = config.imu.frame, {config.frame_prefix + link.name: link for link in model.links}
+    if not given:
+        return None
+    target, ancestors = model.link(config.target_link or model.last_link).body, Kinematics(model).ancestors
+    carried = [target > 0 and (body == target or bool(ancestors[body, target - 1])) for body in range(len(ancestors))]
+    accepted = [name for name, link in links.items() if not carried[link.body] and not (config.imu.alone and link.body)]
+    if given not in accepted:
+        why = ''
+        if given in links:
+            why = ', which moves with the target' if carried[links[given].body] else ", and 'imu.alone' is true"
+        raise ParameterError(f"parameter 'imu.frame' is '{given}'{why}; accepted: {listing(accepted)}")
+    return links[given] if links[given].body else None
+
+
+def imu_reader(config: EstimatorConfig, model: RobotModel) -> ImuReader:
+    """Return the reader of Imu messages: in base axes, or in those of a link that joints move.
+
+    Raises
+    ------
+    ParameterError
+        The IMU cannot be on the frame that the parameters name.
+    """
+    axes = {config.frame_prefix + link.name: link.rotation for link in model.links if link.body == 0}
+    if imu_link(config, model) is not None:
+        axes = {config.imu.frame: np.eye(3)}
+    orientation_std = config.noise.declared.base_orientation if config.imu.orientation else None
+    return ImuReader(axes, config.imu.frame, orientation_std)
+
+
+def debris_frame(name: str, model: RobotModel, target: Link) -> Frame:
+    """Return the frame of the captured body: a link's, the target link's for '', or PRINCIPAL (its name only).
+
+    Raises
+    ------
+    ParameterError
+        There is no such link, or it moves against the target link.
+    """
+    if name == PRINCIPAL:
+        return Frame(f'{target.name}_{PRINCIPAL}', np.eye(3), np.zeros(3))
+    fixed = {link.name: link for link in model.links if link.body == target.body}
+    if name and name not in fixed:
+        known = any(link.name == name for link in model.links)
+        problem = f"moves against the target link '{target.name}'" if known else 'is not in the robot description'
+        raise ParameterError(
+            f"parameter 'debris.frame': link '{name}' {problem}; accepted: {listing(fixed)}, or {PRINCIPAL}"
+        )
+    link = fixed[name or target.name]
+    back = target.rotation.T
+    return Frame(link.name, back @ link.rotation, back @ (link.position - target.position))
+
+
+# Environment
+
+
+def falling_frame(config: OrbitConfig, model: RobotModel) -> FallingFrame | None:
+    """Return the transformation of odometry to the frame in free fall, None without an orbit.
+
+    Raises
+    ------
+    ParameterError
+        The directions do not make an orbit.
+    """
+    orbit = make_orbit(config)
+    if orbit is None:
+        return None
+    epoch = round(config.epoch * 1e9) if config.epoch > 0.0 else None
+    return FallingFrame(orbit, model, relative_twist=config.twist == 'relative', epoch=epoch)
+
+
+def uncertain_thrusters(config: ThrustConfig, model: RobotModel) -> tuple[str, ...]:
+    """Return the frames of thrusters whose strength and direction are estimated.
+
+    Raises
+    ------
+    ModelError, ParameterError
+        A frame is no link, or named twice.
+    """
+    if config.scale_std == config.direction_std == 0.0 and not config.frames:
+        return ()
+    if len(set(config.frames)) < len(config.frames):
+        raise ParameterError(
+            f"parameter 'thrust.frames' is {listing(config.frames)}; accepted: links of the robot, each once"
+        )
+    return tuple(model.link(name).name for name in config.frames or (model.base_link,))
+
+
+def storage(config: WheelsConfig, model: RobotModel) -> Storage:
+    """Return the momentum stored inside bodies: the wheels by name, then that of the topic stored_momentum.
+
+    Raises
+    ------
+    ModelError, ParameterError
+        Names, axes and spin inertias differ in number, an axis is zero, or a name is a joint's or no link's.
+    """
+    wheels = make_storage(config.names, config.axes, config.spin_inertias, model, _WHEEL_SPEED_STD)
+    if not config.momentum_frame:
+        return wheels
+    return wheels + Storage.published(model.link(config.momentum_frame), config.momentum_std)
+
+
+def _spin_deviations(config: WheelsConfig) -> tuple[float, ...]:
+    """Return the standard deviation of each spin inertia, kg m^2; 0 for a published momentum, which has none."""
+    wheels = (config.spin_inertia_relative_std * inertia for inertia in config.spin_inertias)
+    return (*wheels, *((0.0,) * 3 if config.momentum_frame else ()))
+
+
+# Uncertainty
+
+
+def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertainty:
+    """Return the declared uncertainty of joints, mount, wheels, stamps, target, momentum and orbit.
+
+    Raises
+    ------
+    ParameterError
+        A name is not that of a joint, or half of a prior is missing.
+    """
+    mount = config.odometry_mount
+    zeros, origins, axes = (
+        _joint_values(config.known_joints, part, model) for part in ('zero_std', 'origin_std', 'axis_std')
+    )
+    uncertainty = with_surroundings(config, model, (zeros, origins, axes), (mount.position_std, mount.orientation_std))
+    orbit = 0.0 if config.imu.alone or config.orbit.mean_motion > 0.0 else config.orbit.undeclared_rate
+    return replace(
+        uncertainty, target=_target_prior(config.target_prior), orbit=orbit, circle=_uncertain_circle(config.orbit)
+    )
+
+
+def with_surroundings(
+    config: EstimatorConfig,
+    model: RobotModel,
+    joints: tuple[Sequence[float], Sequence[float], Sequence[float]],
+    mount: tuple[float, float],
+) -> Uncertainty:
+    """Return a given uncertainty of joints and mount with the declared one of wheels, thrusters, stamps and momentum.
+
+    `joints` has (n,) standard deviations of zeros, origins and axes, `mount` the odometry's, m and rad.
+    """
+    position, orientation = mount
+    alone = config.imu.alone  # without odometry there is no mount, and the frame has no momentum
+    tracking = _joint_values(config.known_joints, 'tracking_std', model)
+    return Uncertainty(
+        *joints,
+        mount_position=0.0 if alone else position,
+        mount_orientation=0.0 if alone else orientation,
+        spin_inertias=_spin_deviations(config.wheels),
+        thrusters=uncertain_thrusters(config.thrust, model),
+        thrust_scale=config.thrust.scale_std,
+        thrust_direction=config.thrust.direction_std,
+        thrust_delay=_THRUST_DELAY_STD,
+        time_offset=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
+        linear_momentum=_NO_MOMENTUM if alone else config.momentum.linear_prior_std,
+        gyro=_gyro(config, model),
+        clock_drift=config.time_offset.drift_std if config.time_offset.estimate else 0.0,
+        odometry_scale=0.0 if alone else config.odometry.scale_std,
+        twist_bias=0.0 if alone else config.odometry.angular_velocity_bias_std,
+        torque=config.disturbance.torque_std,
+        tracking=tracking,
+        tracking_time=(_TRACKING_TIME,) * len(tracking),
+    )
+
+
+def _uncertain_circle(config: OrbitConfig) -> Circle | None:
+    """Return the orbit whose eccentricity is estimated; None where it is declared, or there is no orbit."""
+    orbit = make_orbit(config)
+    if orbit is None or config.eccentricity > 0.0 or config.epoch > 0.0 or config.undeclared_eccentricity == 0.0:
+        return None
+    return Circle(orbit, config.undeclared_eccentricity, config.twist == 'relative')
+
+
+def _gyro(config: EstimatorConfig, model: RobotModel) -> GyroErrors | None:
+    imu = config.imu
+    if imu.noise_density == 0.0:
+        return None
+    return GyroErrors(
+        imu.bias_std,
+        imu.scale_std,
+        imu.orientation_std,
+        0.0 if imu.alone else _IMU_DELAY_STD,  # alone, its delay is the joints' time offset
+        imu.bias_walk,
+        imu.cross_axis_std,
+        alone=imu.alone and not imu.orientation,
+        with_orientation=imu.orientation,
+        link=imu_link(config, model),
+    )
+
+
+def _joint_values(config: KnownJointsConfig, part: str, model: RobotModel) -> tuple[float, ...]:
+    """Return a parameter of each joint: the joint's own, or that of all."""
+    foreign = [name for name in config.joints if name not in model.joint_names]
+    if foreign:
+        raise ParameterError(
+            f"parameter 'known_joints.{foreign[0][:60]}' is of no joint; accepted: {listing(model.joint_names)}"
+        )
+    every = getattr(config, part)
+    return tuple(config.joints.get(name, {}).get(part, every) for name in model.joint_names)
+
+
+def _target_prior(config: TargetPriorConfig) -> TargetPrior:
+    """Return the prior of the target; a value without its deviation, or the reverse, is refused."""
+    mass, com = f'{config.mass:g} kg', f'{[*config.com]} m'
+    mass_std, com_std = f'{config.mass_std:g} kg', f'{config.com_std:g} m'
+    both = 'both'
+    together = 'with the centre of mass, and the mass that it is the centre of'
+    missing = [
+        (config.mass_std > 0.0 and config.mass == 0.0, 'mass_std', mass_std, 'mass', both),
+        (config.mass > 0.0 and config.mass_std == 0.0, 'mass', mass, 'mass_std', both),
+        (bool(config.com) and config.com_std == 0.0, 'com', com, 'com_std', both),
+        (config.com_std > 0.0 and not config.com, 'com_std', com_std, 'com', together),
+        (config.com_std > 0.0 and not config.mass_std, 'com_std', com_std, 'mass_std', together),
+    ]
+    for refused, name, value, other, accepted in missing:
+        if refused:
+            raise ParameterError(
+                f"parameter 'target_prior.{name}' is {value} without 'target_prior.{other}'; accepted: {accepted}"
+            )
+    return TargetPrior(config.mass, config.mass_std, config.com, config.com_std)

@@ -1,0 +1,121 @@
+"""Each parameter reaches the core setting that it is documented to change; others are tested by what they change."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.parameters import build
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.session import Session, methods, reading, session, settings, storage
+from mbaid_ros.session.planning import plan_settings
+from simulated import robot
+from streams import urdf
+
+ORBIT = {'orbit.mean_motion': 1e-3, 'orbit.nadir': [0.0, 0.0, -1.0], 'orbit.normal': [0.0, 1.0, 0.0]}
+LVLH = {'orbit.mean_motion': 1e-3, 'orbit.frame': 'lvlh'}
+PAPER = {'method': 'paper_difference'}
+BEFORE = {'capture.phase': 'pre_capture'}
+WHEEL = {'wheels.names': ['w'], 'wheels.axes': [0.0, 0.0, 1.0], 'wheels.spin_inertias': [2.0]}
+
+
+def argument(module: Any, name: str, key: str, parameters: dict[str, object]) -> object:
+    """Return an argument of the call of a class, by its name in a module, while a session of some parameters begins."""
+    original = getattr(module, name)
+    with patch.object(module, name, wraps=original) as spy:
+        Session(build(EstimatorConfig, parameters), urdf('table1'))
+    return inspect.signature(original).bind(*spy.call_args.args, **spy.call_args.kwargs).arguments[key]
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'beside', 'module', 'made', 'key', 'expected'),
+    [
+        ('maximum_gap', 0.3, {}, session, 'Identifier', 'maximum_gap', 0.3),
+        ('noise.estimate', True, {}, session, 'FoundNoise', 'estimate', True),
+        ('thrust.hold', 3.0, {}, session, 'Thrust', 'hold', 3_000_000_000),
+        ('thrust.frames', ['link2'], {}, session, 'Thrust', 'uncertain', ('link2',)),
+        ('reorder_time', 0.2, {}, reading, 'JointMerge', 'reorder_limit', 200_000_000),
+        ('capture.detect', True, BEFORE, methods, 'CaptureEstimator', 'detect', True),
+        ('capture.margin', 2.0, BEFORE, methods, 'CaptureEstimator', 'margin', 2.0),
+        ('disturbance.constant', 'body', {}, methods, 'TrajectorySettings', 'constant', 'body'),
+        ('momentum.linear_prior_std', 0.1, {}, methods, 'DifferenceSettings', 'linear_momentum_std', 0.1),
+        ('paper.forgetting_factor', 0.9, PAPER, methods, 'PaperSettings', 'forgetting_factor', 0.9),
+        ('paper.initial_covariance', 1e3, PAPER, methods, 'PaperSettings', 'initial_covariance', 1e3),
+        ('paper.reference', 'first', PAPER, methods, 'PaperSettings', 'reference', 'first'),
+        ('paper.lag', 5, PAPER, methods, 'PaperSettings', 'lag', 5),
+        ('orbit.twist', 'inertial', LVLH, settings, 'FallingFrame', 'relative_twist', False),
+        ('orbit.epoch', 12.5, ORBIT, settings, 'FallingFrame', 'epoch', 12_500_000_000),
+        ('imu.cross_axis_std', 0.02, {'imu.noise_density': 1e-4}, settings, 'GyroErrors', 'cross', 0.02),
+        ('imu.bias_walk', 1e-5, {'imu.noise_density': 1e-4}, settings, 'GyroErrors', 'walk', 1e-5),
+        ('momentum.linear_prior_std', 0.1, {}, settings, 'Uncertainty', 'linear_momentum', 0.1),
+        ('time_offset.estimate', False, {}, settings, 'Uncertainty', 'time_offset', 0.0),
+        ('time_offset.prior_std', 0.1, {}, settings, 'Uncertainty', 'time_offset', 0.1),
+        ('time_offset.drift_std', 1e-4, {}, settings, 'Uncertainty', 'clock_drift', 1e-4),
+        ('odometry.scale_std', 0.01, {}, settings, 'Uncertainty', 'odometry_scale', 0.01),
+        ('odometry.angular_velocity_bias_std', 1e-3, {}, settings, 'Uncertainty', 'twist_bias', 1e-3),
+        ('disturbance.torque_std', 0.02, {}, settings, 'Uncertainty', 'torque', 0.02),
+        ('wheels.spin_inertia_relative_std', 0.1, WHEEL, settings, 'Uncertainty', 'spin_inertias', (0.2,)),
+    ],
+)
+def test_a_parameter_reaches_its_setting(  # noqa: PLR0917 - a row of the table
+    name: str, value: object, beside: dict[str, object], module: Any, made: str, key: str, expected: object
+) -> None:
+    assert argument(module, made, key, {**beside, name: value}) == expected
+    assert argument(module, made, key, beside) != expected
+
+
+def test_an_orbit_that_is_not_declared() -> None:
+    def orbit(**parameters: object) -> float:
+        return settings.declared_uncertainty(
+            build(EstimatorConfig, {name.replace('__', '.'): value for name, value in parameters.items()}),
+            robot('table1'),
+        ).orbit
+
+    assert (orbit(), orbit(orbit__undeclared_rate=5e-4)) == (1.2e-3, 5e-4)
+
+
+def test_the_noise_of_a_published_momentum() -> None:
+    config = build(EstimatorConfig, {'wheels.momentum_frame': 'base_link', 'wheels.momentum_std': 0.01}).wheels
+    np.testing.assert_array_equal(storage(config, robot('table1')).noises, [0.01] * 3)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'attribute'),
+    [
+        ('relative_std', 0.5, 'converged_std'),
+        ('identifiable_std', 0.9, 'identifiable_std'),
+        ('largest_residual', 3.0, 'largest_residual'),
+        ('length', 0.2, 'length'),
+    ],
+)
+def test_a_threshold_of_published_estimates(name: str, value: float, attribute: str) -> None:
+    model = robot('table1')
+    config = build(EstimatorConfig, {f'convergence.{name}': value})
+    assert getattr(methods.make_reporting(config, MomentumKernel(model, model.last_link)), attribute) == value
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'),
+    [
+        ('duration', 20.0),
+        ('longest', 50.0),
+        ('joint_velocity', 0.2),
+        ('joint_acceleration', 0.3),
+        ('clearance', 0.1),
+        ('stuck', ('joint2',)),
+        ('effort', 50),
+    ],
+)
+def test_a_setting_of_planned_motions(name: str, value: object) -> None:
+    assert getattr(plan_settings(build(EstimatorConfig, {f'plan.{name}': value})), name) == value
+
+
+def test_the_limits_of_the_base_in_planned_motions() -> None:
+    names = ('base_rotation', 'base_translation', 'base_rate')
+    config = build(EstimatorConfig, {f'plan.{name}': 0.1 * number for number, name in enumerate(names, 1)})
+    assert list(vars(plan_settings(config).base).values()) == [0.1, 0.2, 0.1 * 3]
