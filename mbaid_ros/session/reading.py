@@ -11,6 +11,7 @@ import numpy as np
 
 from mbaid_ros.cdr import Packets
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.core.diagnosis.plain_faults import PlainFaults
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream
@@ -197,6 +198,7 @@ class Intake:
     ----------
     joint_reader, odometry_reader, imu_reader, stored_momentum : of messages
     merge : of joints from several publishers
+    faults : plain in the joint readings or the robot description
     alone, orientation_measured : whether an IMU alone measures the base's motion, and has measured an orientation
 
     Raises
@@ -218,6 +220,7 @@ class Intake:
         self.merge = JointMerge(
             turning, round(config.maximum_gap * 1e9), limit, beside, config.noise.declared.joint_position
         )
+        self.faults = PlainFaults(robot.model, config.noise.declared.joint_position)
         self._reorder = Reorder[BaseStream](limit)
         self._reorder_imu = Reorder[ImuStream](limit)
         self._reckoning = DeadReckoning()
@@ -238,6 +241,7 @@ class Intake:
         joints, dropped_joints = self.joint_reader.read(messages[JOINTS])
         base, dropped_base = self.odometry_reader.read(messages[ODOMETRY])
         self._refused += dropped_joints + dropped_base
+        self.faults.add(joints)
         imu = None
         if IMU in messages:
             measured, dropped = self.imu_reader.read(messages[IMU])

@@ -297,7 +297,8 @@ class _Segment:
         """Return the estimates of messages, by topic; raise one of UNSOLVABLE if the equations have no solution."""
         streams = self.intake.streams(messages)
         self.thrust.odometry_frame = self.intake.odometry_reader.frame
-        return [self._with_doubts(each) if each.contradicted else each for each in self.identifier.push(*streams)]
+        estimates = map(self.intake.faults.applied, self.identifier.push(*streams))
+        return [self._with_doubts(each) if each.contradicted else each for each in estimates]
 
     def _with_doubts(self, estimate: Estimate) -> Estimate:
         """Return a contradicted estimate with causes that no likelihood can score: wheels, and a robot held exact."""

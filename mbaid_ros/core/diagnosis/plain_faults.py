@@ -1,0 +1,167 @@
+"""Faults that are plain in the readings or in the robot description: found before any filter runs, and named first.
+
+`CHECKS` has a row for each symptom. Its test returns the first reading at which the symptom is certain, with one line
+for the user. The result does not depend on how the readings are cut into calls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.status import Reason, Severity, with_reasons
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.samples import JointStream
+
+_FEWEST = 10  # readings with a symptom, from which it is no accident
+_SOURCES = 0.02  # share of readings from another source: single outliers, which are dropped, are fewer
+_SPIKE = 50.0  # standard deviations, and times the motion over two readings, of a step to another source and back
+_COARSE = 10.0  # rad or m, range of whole numbers from which they are no positions
+_HEAVY = 0.01  # share of the robot's mass, from which a link's inertia matters
+_REACH = 10.0  # times the robot's size, that no link's radius of gyration reaches
+_CERTAIN = 1e6  # log-likelihood that such a cause counts as: more than a filter finds for any other
+
+
+@dataclass
+class _Readings:
+    """The readings of one kind of message: the latest two, and what earlier ones have shown."""
+
+    joints: tuple[int, ...]
+    last: JointStream | None = None
+    count: int = 0
+    spikes: int = 0
+    whole: Flags | None = None
+    range: tuple[Array, Array] | None = None
+
+
+class PlainFaults:
+    """Follows joint readings as they arrive, and names what is plain in them.
+
+    Parameters
+    ----------
+    model : RobotModel
+    noise : rad or m, standard deviation of a joint position
+    """
+
+    def __init__(self, model: RobotModel, noise: float) -> None:
+        self._model, self._noise = model, noise
+        self._kinds: dict[tuple[int, ...], _Readings] = {}
+        described = _inertia(model)
+        self._found: dict[str, tuple[int, Reason]] = {}  # by symptom: from which stamp on (ns), and the reason
+        if described:
+            self._found['inertia'] = (np.iinfo(np.int64).min, Reason(described, 'note', _CERTAIN))
+
+    def add(self, streams: Mapping[tuple[int, ...], JointStream]) -> None:
+        """Add readings (N, k), by the joints that they are of, in the order of arrival."""
+        count = len(self._model.independent_joints)
+        for kind, stream in streams.items():
+            columns = [column for column, joint in enumerate(kind) if joint < count]
+            if columns:
+                own = tuple(kind[column] for column in columns)
+                readings = self._kinds.setdefault(kind, _Readings(own))
+                self._check(readings, stream.stamp, stream.position[:, columns], stream)
+
+    def applied(self, estimate: Estimate) -> Estimate:
+        """Return an estimate with the reasons that were plain by its end, the gravest first."""
+        return with_reasons(estimate, [reason for since, reason in self._found.values() if since <= estimate.stamp])
+
+    def _check(self, readings: _Readings, stamp: Array, position: Array, stream: JointStream) -> None:
+        before = np.zeros((0, position.shape[1])) if readings.last is None else readings.last.position
+        joined = np.concatenate((before, position))
+        for symptom, (severity, check) in CHECKS.items():
+            if symptom not in self._found:
+                place, text = check(self._model, self._noise, readings, joined, len(position))
+                if text:
+                    self._found[symptom] = (int(stamp[place]), Reason(text, severity, _CERTAIN))
+        readings.count += len(position)
+        whole = np.concatenate((before, position))[-2:]
+        readings.last = JointStream(stream.stamp[-len(whole) :], whole, np.full(whole.shape, np.nan))
+
+
+Check = Callable[[RobotModel, float, _Readings, Array, int], tuple[int, str]]
+
+
+def _two_sources(model: RobotModel, noise: float, readings: _Readings, joined: Array, new: int) -> tuple[int, str]:
+    """Test for readings far from both neighbours, which agree with each other: another publisher's."""
+    if len(joined) < 3:
+        return 0, ''
+    step = np.diff(joined, axis=0)
+    there, back = step[:-1], step[1:]
+    counts = joined == np.round(joined)  # of an encoder, which flip by one
+    spike = np.minimum(np.abs(there), np.abs(back)) > _SPIKE * (noise + np.abs(there + back))
+    spike &= ~(counts[:-2] & counts[1:-1] & counts[2:])
+    late = min(new, len(spike))  # each spike is known with the reading after it
+    seen = readings.spikes + np.cumsum(np.any(spike[-late:], axis=1))
+    readings.spikes = int(seen[-1])
+    number = readings.count + new - late + 1 + np.arange(late)
+    certain = np.flatnonzero((seen >= _FEWEST) & (seen >= _SOURCES * number))
+    if not len(certain):
+        return 0, ''
+    row = len(spike) - late + int(certain[0])
+    joint = int(np.argmax(np.abs(there[row]) * spike[row])) if spike[row].any() else int(np.argmax(np.abs(there[row])))
+    name, unit = _named(model, readings, joint)
+    return new - late + int(certain[0]), (
+        f'joint states come from two sources that contradict each other, {name} by {abs(there[row, joint]):.2g} '
+        f'{unit}: stop one of the publishers, or give each a topic of its own'
+    )
+
+
+def _ticks(model: RobotModel, _noise: float, readings: _Readings, joined: Array, new: int) -> tuple[int, str]:
+    """Test for whole numbers over a wide range: counts of an encoder, or degrees."""
+    position = joined[len(joined) - new :]
+    low, high = readings.range or (np.full(position.shape[1], np.inf), np.full(position.shape[1], -np.inf))
+    whole = np.ones(position.shape[1], dtype=bool) if readings.whole is None else readings.whole
+    wholes = np.logical_and.accumulate((position == np.round(position)) & whole, axis=0)
+    lowest = np.minimum(np.minimum.accumulate(position, axis=0), low)
+    highest = np.maximum(np.maximum.accumulate(position, axis=0), high)
+    readings.whole, readings.range = wholes[-1], (lowest[-1], highest[-1])
+    wide = wholes & (highest - lowest > _COARSE)
+    enough = (readings.count + 1 + np.arange(new) >= _FEWEST)[:, None]
+    places = np.flatnonzero(np.any(wide & enough, axis=1))
+    if not len(places):
+        return 0, ''
+    row = int(places[0])
+    joint = int(np.argmax(wide[row]))
+    name, unit = _named(model, readings, joint)
+    return row, (
+        f'{name} reads whole numbers, from {lowest[row, joint]:.0f} to {highest[row, joint]:.0f}: encoder ticks or '
+        f'degrees, not {unit}; convert them in the driver'
+    )
+
+
+# By symptom: how grave it is, and its test. Readings that contradict each other make any estimate inconsistent.
+CHECKS: Mapping[str, tuple[Severity, Check]] = {
+    'two sources': ('conflict', _two_sources),
+    'ticks': ('conflict', _ticks),
+}
+
+
+def _inertia(model: RobotModel) -> str:
+    """Return which link has an inertia that no body of its mass and the robot's size has; empty if none."""
+    masses = np.array([link.parameters[0] for link in model.links])
+    size = max(float(np.sum(np.linalg.norm(model.positions, axis=1))), 0.1)
+    for link, mass in zip(model.links, masses.tolist(), strict=True):
+        if mass <= 0.0 or mass < _HEAVY * float(masses.sum()):
+            continue
+        offset = link.parameters[1:4] / mass
+        trace = float(link.parameters[[4, 7, 9]].sum() - 2.0 * mass * offset @ offset)  # of the inertia about the CoM
+        if trace <= 1e-12 * mass:
+            return f"link '{link.name}' has {mass:.4g} kg and no inertia: correct it in the robot description"
+        radius = np.sqrt(0.5 * trace / mass)
+        if radius > _REACH * size:
+            return (
+                f"link '{link.name}' has {mass:.4g} kg and the inertia of a body of {radius:.3g} m: correct its "
+                '<inertia> in the robot description'
+            )
+    return ''
+
+
+def _named(model: RobotModel, readings: _Readings, column: int) -> tuple[str, str]:
+    """Return name and unit of the joint in a column of readings."""
+    joint = readings.joints[column]
+    slides = model.prismatic[model.transmission.independent[joint]]
+    return model.independent_joints[joint], 'm' if slides else 'rad'

@@ -1,0 +1,88 @@
+"""Faults that are plain in the readings or the robot description, the same however the readings are cut."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.diagnosis.plain_faults import PlainFaults
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.samples import JointStream
+from simulated import CONFIG, robot
+
+COUNT, JOINTS, SPACING = 400, 7, 20_000_000
+ALL = tuple(range(JOINTS))
+
+
+def motion(seed: int) -> Array:
+    generator = np.random.default_rng(seed)
+    time = np.arange(COUNT)[:, None] * SPACING * 1e-9
+    rate, phase = generator.uniform(0.1, 0.6, JOINTS), generator.uniform(0.0, 6.0, JOINTS)
+    return np.asarray(0.5 * np.sin(rate * time + phase) + 1e-4 * generator.standard_normal((COUNT, JOINTS)))
+
+
+def found(position: Array, pieces: int, stamp: int = 10**18) -> Estimate:
+    faults = PlainFaults(robot('servicer7'), 1e-4)
+    for piece in np.array_split(np.arange(len(position)), pieces):
+        faults.add({ALL: JointStream(piece * SPACING, position[piece], np.full((len(piece), JOINTS), np.nan))})
+    return faults.applied(Estimate('trajectory', 'estimating', 0.0, stamp))
+
+
+@pytest.mark.parametrize('pieces', [1, 7, COUNT])
+def test_clean_readings_show_nothing(pieces: int) -> None:
+    for seed in range(5):
+        estimate = found(motion(seed), pieces)
+        assert (estimate.status, estimate.warnings, estimate.causes) == ('estimating', (), ())
+
+
+@pytest.mark.parametrize('pieces', [1, 7, COUNT])
+@pytest.mark.parametrize('every', [2, 5, 20])
+def test_a_second_source_is_named_first(every: int, pieces: int) -> None:
+    rows = np.arange(COUNT)
+    mixed = np.where((rows % (every + 1) == every)[:, None], 0.0, motion(1)[rows * every // (every + 1)])
+    estimate = found(mixed, pieces)
+    assert estimate.status == 'inconsistent'
+    assert estimate.causes[0][0].startswith('joint states come from two sources that contradict each other, joint')
+    first = next(row for row in rows if found(mixed, 1, int(row * SPACING)).status == 'inconsistent')
+    assert first < 15 * (every + 1)
+    assert found(mixed, pieces, int(first * SPACING)).status == 'inconsistent'
+    assert found(mixed, pieces, int((first - 1) * SPACING)).status == 'estimating'
+
+
+def test_single_outliers_are_no_second_source() -> None:
+    position = motion(2)
+    position[50::100] = 0.0
+    assert found(position, 3).status == 'estimating'
+
+
+@pytest.mark.parametrize('pieces', [1, COUNT])
+def test_encoder_ticks_are_named(pieces: int) -> None:
+    estimate = found(np.round(motion(3) * 4096.0 / (2.0 * np.pi) + 2048.0), pieces)
+    assert estimate.status == 'inconsistent'
+    assert len(estimate.causes) == 1
+    assert 'reads whole numbers, from 2' in estimate.causes[0][0]
+
+
+def test_an_arm_that_rests_at_zero_reads_no_ticks() -> None:
+    assert found(np.zeros((COUNT, JOINTS)), 2).status == 'estimating'
+
+
+@pytest.mark.parametrize(
+    ('inertia', 'text'),
+    [
+        ('<inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>', 'kg and no inertia'),
+        ('<inertia ixx="248e6" ixy="0" ixz="0" iyy="248e6" iyz="0" izz="248e6"/>', 'the inertia of a body of'),
+    ],
+)
+def test_an_inertia_that_no_body_has_is_warned_of_and_the_first_cause(inertia: str, text: str) -> None:
+    urdf = (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8')
+    begin = urdf.index('<inertia ixx="248"')
+    faults = PlainFaults(load_model(urdf[:begin] + inertia + urdf[urdf.index('/>', begin) + 2 :]), 1e-4)
+    fine = faults.applied(Estimate('trajectory', 'estimating', 0.0, 0))
+    wrong = faults.applied(Estimate('trajectory', 'inconsistent', 0.0, 0, causes=(('something', 5.0),)))
+    assert fine.status == 'estimating'
+    assert text in fine.warnings[0]
+    assert not fine.causes
+    assert text in wrong.causes[0][0]
