@@ -36,7 +36,7 @@ _LARGEST_RECORD = limits.CHUNK_BYTES + 1_000  # bytes: a chunk and what is befor
 DAMAGE = (
     *(ReaderError, McapError, apsw.Error, ZstdError, zstandard.ZstdError),
     *(struct.error, ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError),
-    *(RuntimeError, TypeError, ValueError),
+    *(RuntimeError, SyntaxError, TypeError, ValueError),
 )
 
 

@@ -101,7 +101,7 @@ class Identifier:
     ) -> None:
         self._estimator = estimator
         view = None if falling is None else falling.falling
-        self._synchroniser = Synchroniser(maximum_gap, view, gyro, noise)
+        self.synchroniser = Synchroniser(maximum_gap, view, gyro, noise)
         self._windows = Windows(window)
         self._noise = noise
         self._levels: dict[float, SensorLevels] = {}  # by the end of the latest windows, s
@@ -129,27 +129,27 @@ class Identifier:
     @property
     def origin(self) -> int:
         """Stamp of the first sample, ns: time 0 of every estimate."""
-        return self._synchroniser.origin
+        return self.synchroniser.origin
 
     @property
     def dropped(self) -> Counter[str]:
         """Measurements that were not used, by cause."""
-        return self._dropped + self._synchroniser.dropped
+        return self._dropped + self.synchroniser.dropped
 
     def push(self, joints: JointStream | None, base: BaseStream | None, imu: ImuStream | None = None) -> list[Estimate]:
         """Take measurements of any kind and return the estimates of the windows they close."""
-        samples = self._synchroniser.push(joints, base, imu)
+        samples = self.synchroniser.push(joints, base, imu)
         if samples is None:
             return []
         self.used += len(samples)
         number = np.floor((samples.time[-1] + 1e-9) / self._window) + 1.0
-        self.end_of_window = self._synchroniser.origin + round(number * self._window * 1e9)
+        self.end_of_window = self.synchroniser.origin + round(number * self._window * 1e9)
         closed = self._prepared(self._windows.push(samples))
         if not closed:
             return []
         for window in closed:
             self._watch(window)
-        estimates = self._estimator.update(closed, self._synchroniser.origin)
+        estimates = self._estimator.update(closed, self.synchroniser.origin)
         if self._levels:
             estimates = [replace(each, noise=self._levels.get(each.time)) for each in estimates]
         return [with_reasons(each, self._reasons(each.time)) for each in estimates]

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.identifier import RATE_MISSING
 from mbaid_ros.core.sensors.external_momentum import FAR_THRUST, OTHER_MOMENTUM_FRAME, UNKNOWN_FRAME
-from mbaid_ros.core.sensors.outliers import OUTLIER, REPEATED_POSE
+from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, JOINTS_HELD, OUTLIER, REPEATED_POSE
 from mbaid_ros.core.sensors.streams import LATE, OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.sensors.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
 from mbaid_ros.messages import (
@@ -44,6 +44,8 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
         OTHER_SOURCE: _other_source(session),
         REPEATED_POSE: 'odometry that says again what it said before is no new measurement',
         OUTLIER: _outliers(session),
+        JOINT_OUTLIER: _outlying_joint(session),
+        JOINTS_HELD: f'new only every {session.synchroniser.joint_interval:.2g} s',
         RATE_MISSING: 'a window needs two samples',
         UNKNOWN_FRAME: f"accepted: a link of the robot, or the odometry frame '{session.intake.odometry_reader.frame}'",
         OTHER_MOMENTUM_FRAME: (
@@ -128,6 +130,11 @@ def _outliers(session: Session) -> str:
     """Return the share of outliers among the poses; empty if small."""
     share = session.dropped[OUTLIER] / max(session.received[ODOMETRY], 1)
     return f'{100.0 * share:.2g} % of the odometry are outliers' if share > _MANY_OUTLIERS else ''
+
+
+def _outlying_joint(session: Session) -> str:
+    joint = session.synchroniser.outlying_joint
+    return '' if joint is None else f'most often that of {session.robot.model.joint_names[joint]}'
 
 
 def _links_on_base(session: Session) -> list[str]:

@@ -19,6 +19,7 @@ from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, Thrust
 from mbaid_ros.core.sensors.levels import FoundNoise
+from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.messages import number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.methods import make_capture, make_estimator, make_reporting, set_thresholds
@@ -206,6 +207,11 @@ class Session:
     def problem(self) -> str:
         """Why it takes no more messages until `reset`; empty while it does."""
         return self.queue.problem
+
+    @property
+    def synchroniser(self) -> Synchroniser:
+        """The gates of the readings, and what brings them to common stamps."""
+        return self._segment.identifier.synchroniser
 
     @property
     def used(self) -> int:

@@ -332,6 +332,7 @@ class HeldJoints:
     Attributes
     ----------
     dropped : readings that were not passed on
+    interval : s, between the latest two readings that differ
     """
 
     def __init__(self) -> None:
@@ -341,6 +342,7 @@ class HeldJoints:
         self._cycles = 0
         self._held: bool | None = None  # None while it is not known
         self._waiting: list[tuple[JointStream, bool]] = []  # with whether each is repeated, until that is known
+        self.interval = 0.0
         self.dropped: Counter[str] = Counter()
 
     @property
@@ -383,6 +385,7 @@ class HeldJoints:
                 self._cycles += 1
                 self._held = True if self._cycles >= _CYCLES else self._held
                 known = self._held is True
+            self.interval = 1e-9 * (stamp - self._since)
             self._moving, self._since = self._moving | changed, stamp
         self._waiting.append((reading, repeated and stamp - self._since < STILL))
         if not known and any(again for _, again in self._waiting):

@@ -72,6 +72,17 @@ class Synchroniser:
         return +sum((gate.dropped for gate in gates), self._dropped + gyro)
 
     @property
+    def outlying_joint(self) -> int | None:
+        """Index of the joint that most outliers are of; None if there is no outlier."""
+        most = self._joint_outliers.by_channel.most_common(1)
+        return most[0][0] if most else None
+
+    @property
+    def joint_interval(self) -> float:
+        """Time between the latest two joint readings that differ, s, where a driver repeats readings."""
+        return self._held.interval
+
+    @property
     def origin(self) -> int:
         """Stamp of the first sample, ns: time 0 of every sample."""
         return self._origin or 0
