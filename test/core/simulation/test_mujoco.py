@@ -204,3 +204,23 @@ def test_measured_momentum_is_constant_for_the_true_robot_alone(block: str, seed
     right = true_momentum(MomentumKernel(true, model.last_link), as_it_is(measured, errors))
     assert relative_drift(right) < 1e-9
     assert relative_drift(true_momentum(MomentumKernel(model, model.last_link), measured)) > 1e-4
+
+
+def test_a_measured_twist_is_the_rate_of_the_measured_pose() -> None:
+    model = robot('ets7')
+    errors, true = drawn(model, 4, **BLOCKS)
+    step = 1e-4
+    start = state(np.full(6, 0.3), np.full(6, 0.1), (0.05, -0.1, 0.08), 0.1)
+    measured = misread(Simulation(true, Passive(), start, 0.02).advance(np.arange(0.0, 0.02, step)), errors)
+    rotation = rotation_from_quaternion(measured.base_orientation)
+    middle = slice(1, -1)
+
+    def slope(values: Array) -> Array:
+        return np.asarray((values[2:] - values[:-2]) / (2.0 * step))
+
+    linear = rotate(rotation[middle], measured.base_linear_velocity[middle])
+    assert linear == pytest.approx(slope(measured.base_position), abs=1e-8)
+    spin = np.swapaxes(rotation[middle], -1, -2) @ slope(rotation)
+    axial = np.stack((spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]), axis=1)
+    assert measured.base_angular_velocity[middle] == pytest.approx(axial, abs=1e-8)
+    assert measured.joint_velocity[middle] == pytest.approx(slope(measured.joint_position), abs=1e-8)
