@@ -15,7 +15,7 @@ from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.status import Reason, Severity, with_reasons
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.samples import JointStream
+from mbaid_ros.core.samples import JointStream, Stamps
 
 _FEWEST = 10  # readings with a symptom, from which it is no accident
 _SOURCES = 0.02  # share of readings from another source: single outliers, which are dropped, are fewer
@@ -69,7 +69,7 @@ class PlainFaults:
         """Return an estimate with the reasons that were plain by its end, the gravest first."""
         return with_reasons(estimate, [reason for since, reason in self._found.values() if since <= estimate.stamp])
 
-    def _check(self, readings: _Readings, stamp: Array, position: Array, stream: JointStream) -> None:
+    def _check(self, readings: _Readings, stamp: Stamps, position: Array, stream: JointStream) -> None:
         before = np.zeros((0, position.shape[1])) if readings.last is None else readings.last.position
         joined = np.concatenate((before, position))
         for symptom, (severity, check) in CHECKS.items():
