@@ -68,6 +68,13 @@ class ThrustConfig:
         unit='rad',
         minimum=0.0,
     )
+    delay_std: float = parameter(
+        0.02,
+        'Standard deviation of its delay after the stamps of its commands, constant; 0: in time.',
+        unit='s',
+        minimum=0.0,
+        maximum=1.0,
+    )
     frames: tuple[str, ...] = parameter(
         (),
         'Frames of the thrusters with these errors, each with its own; empty: the base link if a scale or a direction '

@@ -14,8 +14,9 @@ from mbaid_ros.cli import run
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import specification_of
 from mbaid_ros.core.errors import MbaidError
+from mbaid_ros.nodes.arguments import estimator_arguments
 from mbaid_ros.nodes.estimating import LiveEstimator
-from mbaid_ros.nodes.runner import changed, declare_parameters, estimator_arguments, own_arguments, ros, spin
+from mbaid_ros.nodes.runner import changed, declare_parameters, own_arguments, ros, spin
 
 NAME = 'estimator'
 

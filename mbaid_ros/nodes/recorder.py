@@ -19,7 +19,8 @@ from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import one_line, run
 from mbaid_ros.config.recorder import RecorderConfig
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.nodes.runner import Interrupt, declare_parameters, own_arguments, recorder_arguments, ros
+from mbaid_ros.nodes.arguments import recorder_arguments
+from mbaid_ros.nodes.runner import Interrupt, declare_parameters, own_arguments, ros
 from mbaid_ros.nodes.subscriptions import message_class, qos, why_no_topic
 
 NAME = 'recorder'

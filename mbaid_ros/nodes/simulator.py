@@ -24,8 +24,9 @@ from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.messages import trajectory_of
-from mbaid_ros.nodes.player import Pace
-from mbaid_ros.nodes.runner import declare_parameters, own_arguments, ros, simulator_arguments, spin
+from mbaid_ros.nodes.arguments import simulator_arguments
+from mbaid_ros.nodes.pace import Pace
+from mbaid_ros.nodes.runner import declare_parameters, own_arguments, ros, spin
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, qos
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 

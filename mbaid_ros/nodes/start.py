@@ -23,7 +23,7 @@ def _start(name: str) -> int:
         signal.signal(number, _leave)
     if not {'-h', '--help'}.isdisjoint(sys.argv):
         from mbaid_ros.cli import run  # noqa: PLC0415 - after the signals
-        from mbaid_ros.nodes.runner import PARSERS  # noqa: PLC0415
+        from mbaid_ros.nodes.arguments import PARSERS  # noqa: PLC0415
 
         return run(lambda argv: bool(PARSERS[name]().parse(argv)), name=name)
     code: int = import_module(f'mbaid_ros.nodes.{name}').main()

@@ -24,7 +24,8 @@ from mbaid_ros.cli import one_line, run
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, ErrorBudget, rounded
-from mbaid_ros.nodes.runner import own_arguments, ros, spin, watch_arguments
+from mbaid_ros.nodes.arguments import watch_arguments
+from mbaid_ros.nodes.runner import own_arguments, ros, spin
 from mbaid_ros.nodes.subscriptions import qos
 
 NARROWEST = 20  # columns

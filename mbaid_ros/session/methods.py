@@ -31,6 +31,7 @@ from mbaid_ros.session.settings import declared_uncertainty
 
 START_WINDOWS = 10  # before the first estimate of trajectory: 5 s of motion, from which a batch start converges
 _RELINEARISED_WINDOWS = 120  # at most, before the linearisation of trajectory freezes: bounds the time of an update
+_ADAPT = True  # whether trajectory tries hypotheses of disturbances that walk
 _SOLVED_WINDOWS = 40  # that difference solves again at each update; older ones are marginalised
 
 
@@ -92,7 +93,7 @@ def _trajectory(config: EstimatorConfig, known: KnownRobot, reporting: Reporting
         start=START_WINDOWS,
         kept=_RELINEARISED_WINDOWS,
         uncertainty=known.uncertainty,
-        adapt=True,
+        adapt=_ADAPT,
         constant=cast("Literal['none', 'inertial', 'body']", config.disturbance.constant),
         gyro=config.imu.noise_density,
         located=not config.imu.alone,

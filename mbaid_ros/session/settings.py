@@ -30,7 +30,6 @@ PRINCIPAL = 'principal'
 _UNIT = 1e-3  # largest difference of a quaternion parameter from unit length
 _NO_MOMENTUM = 1e-9  # N s
 _IMU_DELAY_STD = 5e-3  # s, of stamps that a driver sets on arrival: half a period at 100 Hz
-_THRUST_DELAY_STD = 0.02  # s, that valves take to open
 _WHEEL_SPEED_STD = 0.05  # rad/s, of tachometers and of Hall sensors: 0.5 rpm
 _TRACKING_TIME = 2.0  # s, in which a servo's following error decorrelates: some periods of its slow loop
 
@@ -214,7 +213,7 @@ def with_surroundings(
         thrusters=uncertain_thrusters(config.thrust, model),
         thrust_scale=config.thrust.scale_std,
         thrust_direction=config.thrust.direction_std,
-        thrust_delay=_THRUST_DELAY_STD,
+        thrust_delay=config.thrust.delay_std,
         time_offset=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
         linear_momentum=_NO_MOMENTUM if alone else config.momentum.linear_prior_std,
         gyro=_gyro(config, model),

@@ -135,7 +135,7 @@ class Absent:
             raise ModuleNotFoundError(name)
 
 sys.meta_path.insert(0, Absent())
-for name in ("estimator", "managed", "simulator", "watch"):
+for name in ("estimator", "simulator", "watch"):
     __import__(f"mbaid_ros.nodes.{name}")
 """
     run = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=False)

@@ -46,7 +46,7 @@ def test_every_seed_has_a_robot_of_its_own_or_all_have_those_named(tmp_path: Pat
         ('seeds: 4', 'seed: 4', "unknown key 'seed'; known: seeds, "),
         ('seeds: 4', 'seeds: 0', "'seeds' is 0; accepted: a whole number >= 1, of seeds from 0, or a list"),
         ('seeds: 4', 'seeds: four', "'seeds' is 'four'; accepted"),
-        ('seeds: 4', 'seeds: true', "'seeds' is True; accepted"),
+        ('seeds: 4', 'seeds: true', "'seeds' is true; accepted"),
         ('seeds: 4', 'seeds: [1, 1]', "'seeds' is [1, 1]; accepted: "),
         ('seeds: 4', 'seeds: [-1]', "'seeds' is [-1]; accepted"),
         ('seeds: 4', 'seeds: 1000000', 'make 2000000 runs; accepted: 1000000 at most'),

@@ -98,7 +98,7 @@ def test_numbers_that_are_withheld_because_the_data_contradict_the_model_have_ca
     warnings = (WITHHELD,) if contradicted else ('the robot rests',)
     final = Estimate(method='trajectory', status='not_identifiable', causes=causes, warnings=warnings)
     told = summary(replace(hostile_run(), final=final))
-    assert ('the data contradict the model, and' in told.splitlines()[0]) == contradicted
+    assert ('the data contradict the model so strongly' in told.splitlines()[0]) == contradicted
     assert ('the motion does not determine any' in told) == (not contradicted)
     assert ('likely cause 1: link base is not as described' in told) == contradicted
     assert exit_code([replace(hostile_run(), final=final)]) == (4 if contradicted else 3)

@@ -28,8 +28,8 @@ from thrusting import FORCE_TORQUE, OFF, ON, pushed
 SECONDS = 30.0
 LIMIT = float(chi2.isf(1e-3, 10))
 SCALE, TURN = 1.1, np.radians(5.0) * np.array([1.0, 0.0, 0.0])  # of a force along y, which that turns to z
-LATE = 0.03  # s
-PRIOR: dict[str, object] = {'thrust__scale_std': 0.15, 'thrust__direction_std': 0.1}
+LATE = 0.05  # s
+PRIOR: dict[str, object] = {'thrust__scale_std': 0.15, 'thrust__direction_std': 0.1, 'thrust__delay_std': 0.1}
 
 
 def run(seed: int, scale: float = SCALE, turn: Array = TURN, delay: float = LATE) -> SimulatedRun:

@@ -92,7 +92,9 @@ class Synchroniser:
 
         Stamps not after their predecessor in the stream are dropped and counted; so are repeated poses and outliers.
         """
-        joints = self._joint_outliers.push(self._held.push(self._later(joints)))
+        joints = self._later(joints)
+        if joints is not None and joints.position.shape[1]:
+            joints = self._joint_outliers.push(self._held.push(joints))
         self._joints = self._append(self._joints, joints)
         new = self._repeats.push(self._later(base))  # a pose is repeated in the frame that it is measured in
         if new is not None and self._view is not None:

@@ -18,6 +18,7 @@ from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import physical, standard
+from mbaid_ros.session import methods
 from mbaid_ros.simulation.motion import Sinusoids, random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from observed import HIGH, MID, drifting, identify, kernel, observe, windows
@@ -122,11 +123,12 @@ def test_the_known_momentum_of_a_wheel_fixes_the_scale() -> None:
     assert sum(squares) < 16.0  # three chi-squares: 1 in 1000
 
 
-def test_one_unknown_link_is_the_single_link_method(spatial: Truth) -> None:
+def test_one_unknown_link_is_the_single_link_method(spatial: Truth, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(methods, '_ADAPT', False)
     unknown = kernel('servicer7')
     exact = {name.replace('.', '__'): value for name, value in EXACT.items()}
     given = {**exact, 'time_offset__estimate': False}
-    alone = identify(unknown, spatial, MID, 4, method='trajectory', trajectory__adapt=False, **given)[-1]
+    alone = identify(unknown, spatial, MID, 4, method='trajectory', **given)[-1]
     found = calibrate(unknown, [windows(observe(spatial, MID, 4))], CalibrationSettings(MID, (NOTHING,)))
     link = found.links[0]
     # Either stops when a pass moves it by less than a tenth of a standard deviation; the estimator takes off what the

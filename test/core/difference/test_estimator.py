@@ -17,6 +17,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.core.samples import SensorNoise
+from mbaid_ros.session import methods
 from mbaid_ros.simulation.motion import random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from observed import HIGH, LOW, MID, drifting, estimator, identify, kernel, nees, observe, true_body, windows
@@ -178,11 +179,13 @@ def test_good_encoders_converge_within_twenty_seconds(spatial: Truth) -> None:
     assert (stds[1:] < 1.2 * stds[:-1]).all()
 
 
-def test_how_many_windows_are_kept_matters_little(spatial_minute: Truth) -> None:
+def test_how_many_windows_are_kept_matters_little(spatial_minute: Truth, monkeypatch: pytest.MonkeyPatch) -> None:
     unknown = kernel('servicer7')
     truth = spatial_minute[spatial_minute.time < 30.0 - 1e-9]
-    everything = identify(unknown, truth, MID, 5, difference__kept_windows=100)[-1]
-    fewer = identify(unknown, truth, MID, 5, difference__kept_windows=10)[-1]
+    monkeypatch.setattr(methods, '_SOLVED_WINDOWS', 100)
+    everything = identify(unknown, truth, MID, 5)[-1]
+    monkeypatch.setattr(methods, '_SOLVED_WINDOWS', 10)
+    fewer = identify(unknown, truth, MID, 5)[-1]
     # Measured: below 0.1 standard deviations.
     assert (np.abs(fewer.parameters - everything.parameters) < 0.2 * everything.std).all()
     assert fewer.std == pytest.approx(everything.std, rel=0.02)
