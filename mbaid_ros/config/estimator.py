@@ -12,6 +12,7 @@ from mbaid_ros.config.capture import (
     ThrustConfig,
 )
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig
+from mbaid_ros.config.methods import METHODS
 from mbaid_ros.config.model_errors import (
     KnownJointsConfig,
     KnownLinksConfig,
@@ -22,7 +23,6 @@ from mbaid_ros.config.model_errors import (
 from mbaid_ros.config.parameters import parameter
 from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.config.sensors import ImuConfig, NoiseConfig, PoseConfig
-from mbaid_ros.config.trajectory import METHODS
 
 REFERENCES = ('previous', 'first')
 TWIST_FRAMES = ('child', 'inertial')

@@ -1,4 +1,4 @@
-"""The methods of identification by name."""
+"""Motions of the joints from files."""
 
 from __future__ import annotations
 
@@ -11,9 +11,6 @@ from mbaid_ros.config.files import read_yaml
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-
-METHODS = ('trajectory', 'difference', 'paper_difference', 'paper_main')
-
 
 _ACCEPTED = 'accepted: a trajectory_msgs/JointTrajectory in YAML, as plan --yaml writes it'
 
