@@ -217,6 +217,7 @@ def test_bytes_that_are_no_message(talk: Talk) -> None:
     talk.recover()
 
 
+@pytest.mark.long  # on a graph of its own: publishers of other tests linger
 def test_several_publishers_and_frames_of_one_sensor(talk: Talk) -> None:
     talk.recover()
     rival = talk.graph.node.create_publisher(Odometry, 'odom', 10)
