@@ -31,7 +31,7 @@ class _Readings:
     """The readings of one kind of message: the latest two, and what earlier ones have shown."""
 
     joints: tuple[int, ...]
-    last: JointStream | None = None
+    last: Array | None = None
     count: int = 0
     spikes: int = 0
     whole: Flags | None = None
@@ -63,23 +63,21 @@ class PlainFaults:
             if columns:
                 own = tuple(kind[column] for column in columns)
                 readings = self._kinds.setdefault(kind, _Readings(own))
-                self._check(readings, stream.stamp, stream.position[:, columns], stream)
+                self._check(readings, stream.stamp, stream.position[:, columns])
 
     def applied(self, estimate: Estimate) -> Estimate:
         """Return an estimate with the reasons that were plain by its end, the gravest first."""
         return with_reasons(estimate, [reason for since, reason in self._found.values() if since <= estimate.stamp])
 
-    def _check(self, readings: _Readings, stamp: Stamps, position: Array, stream: JointStream) -> None:
-        before = np.zeros((0, position.shape[1])) if readings.last is None else readings.last.position
-        joined = np.concatenate((before, position))
+    def _check(self, readings: _Readings, stamp: Stamps, position: Array) -> None:
+        joined = position if readings.last is None else np.concatenate((readings.last, position))
         for symptom, (severity, check) in CHECKS.items():
             if symptom not in self._found:
                 place, text = check(self._model, self._noise, readings, joined, len(position))
                 if text:
                     self._found[symptom] = (int(stamp[place]), Reason(text, severity, _CERTAIN))
         readings.count += len(position)
-        whole = np.concatenate((before, position))[-2:]
-        readings.last = JointStream(stream.stamp[-len(whole) :], whole, np.full(whole.shape, np.nan))
+        readings.last = joined[-2:]
 
 
 Check = Callable[[RobotModel, float, _Readings, Array, int], tuple[int, str]]
@@ -90,6 +88,8 @@ def _two_sources(model: RobotModel, noise: float, readings: _Readings, joined: A
     if len(joined) < 3:
         return 0, ''
     step = np.diff(joined, axis=0)
+    slides = np.array(model.prismatic)[model.transmission.independent[list(readings.joints)]]
+    step -= np.where(slides, 0.0, 2.0 * np.pi * np.round(step / (2.0 * np.pi)))  # angles may be wrapped
     there, back = step[:-1], step[1:]
     counts = joined == np.round(joined)  # of an encoder, which flip by one
     spike = np.minimum(np.abs(there), np.abs(back)) > _SPIKE * (noise + np.abs(there + back))

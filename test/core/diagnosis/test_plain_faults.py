@@ -51,6 +51,14 @@ def test_a_second_source_is_named_first(every: int, pieces: int) -> None:
     assert found(mixed, pieces, int((first - 1) * SPACING)).status == 'estimating'
 
 
+def test_a_joint_that_rests_at_the_turn_of_its_wrapped_angle_is_no_second_source() -> None:
+    position = motion(2)
+    position[:, 3] = np.pi + 1e-3 * np.random.default_rng(0).standard_normal(COUNT)
+    wrapped = (position + np.pi) % (2.0 * np.pi) - np.pi
+    assert np.ptp(wrapped[:, 3]) > 6.0
+    assert found(wrapped, 3).status == 'estimating'
+
+
 def test_single_outliers_are_no_second_source() -> None:
     position = motion(2)
     position[50::100] = 0.0
