@@ -76,7 +76,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     runs = [run for run in runs if run]
     detectors, mechanism = _mechanism(kernel, runs, settings.noise)
     settled, motions, normals = _filtered(prior, kernel.storage, (runs, detectors), settings)
-    belief = settled.passed.belief
+    gaussian = settled.passed.gaussian
     told = normals.as_far_off()
     values, covariance = told.blocks()
     values, corrections = _physical(values, covariance, kernel, [std.empty for std in settings.priors])
@@ -97,9 +97,9 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         gains=np.linalg.eigvalsh(_gained(normals.of_the_robot))[::-1],
         further_off=normals.sizes.sure,
         scale=_scale(values[:size], covariance[:size, :size], prior, gained),
-        residual=float(np.sqrt(belief.nis / max(belief.measured, 1))),
+        residual=float(np.sqrt(gaussian.nis / max(gaussian.measured, 1))),
         settled=settled.stays,
-        redundancy=belief.measured,
+        redundancy=gaussian.measured,
         located=bool(np.isfinite(runs[0][0].pose_covariance[0, 0, 0])),
         samples=sum(len(window) for run in runs for window in run),
         span=float(sum(run[-1].time[-1] - run[0].time[0] for run in runs)),

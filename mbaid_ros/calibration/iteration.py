@@ -87,13 +87,13 @@ class CalibrationIteration:
 
     Attributes
     ----------
-    belief : at the end of the last motion
+    gaussian : at the end of the last motion
     mean, factor : (v - h,), (v - h, v - h) of target link and unknowns, which all motions share
     momenta : (R, 6) of each motion, about its origin
     momentum_factors : R factors of their covariances, (6, w) each
     """
 
-    belief: SquareRootInformation
+    gaussian: SquareRootInformation
     mean: Array
     factor: Array
     momenta: Array
@@ -220,23 +220,23 @@ def _massive(layout: Layout, common: Array, step: Array) -> float:
 
 
 def _pass(motions: Sequence[Motion], points: Sequence[Point]) -> CalibrationIteration:
-    belief: SquareRootInformation | None = None
+    gaussian: SquareRootInformation | None = None
     heads = []
     for motion, point in zip(motions, points, strict=True):
         own = motion.variables
-        belief = SquareRootInformation.prior(own) if belief is None else new_motion(belief, own)
+        gaussian = SquareRootInformation.prior(own) if gaussian is None else new_motion(gaussian, own)
         for window, white in _linearised(motion, point):
-            belief = update(pose_reset(belief, own) if window.fresh else belief, white)
+            gaussian = update(pose_reset(gaussian, own) if window.fresh else gaussian, white)
             if window is not motion.windows[-1]:
-                belief = advance(belief, white, own, UNDISTURBED)
-        heads.append(_of_momentum(belief, own))
-    assert belief is not None, 'there is a motion'
+                gaussian = advance(gaussian, white, own, UNDISTURBED)
+        heads.append(_of_momentum(gaussian, own))
+    assert gaussian is not None, 'there is a motion'
     head = motions[0].variables.head
-    rest = belief.with_root(belief.root[head:, head:])
+    rest = gaussian.with_root(gaussian.root[head:, head:])
     mean, factor = rest.moments()[0], rest.factor
     found = [_momentum(rows, motion.variables, mean, factor) for rows, motion in zip(heads, motions, strict=True)]
     momenta = np.array([momentum for momentum, _ in found])
-    return CalibrationIteration(belief, mean, factor, momenta, [each for _, each in found])
+    return CalibrationIteration(gaussian, mean, factor, momenta, [each for _, each in found])
 
 
 def _linearised(motion: Motion, point: Point) -> Iterator[tuple[Window, WhitenedWindow]]:
@@ -246,12 +246,12 @@ def _linearised(motion: Motion, point: Point) -> Iterator[tuple[Window, Whitened
         yield from linearised.all_whitened(part, point)
 
 
-def _of_momentum(belief: SquareRootInformation, own: Variables) -> Array:
+def _of_momentum(gaussian: SquareRootInformation, own: Variables) -> Array:
     """Return the (p, v + 2) rows of the momentum at a motion's end, given the unknowns that all motions share.
 
     The motion's own unknowns are eliminated: their columns are zero.
     """
-    root, mine = belief.root, own.renewed.any(axis=1)
+    root, mine = gaussian.root, own.renewed.any(axis=1)
     if own.times.size:
         mine = mine | np.isfinite(own.times)
     if not mine.any():

@@ -46,14 +46,14 @@ class Normals:
     prior : of the links, the target link first
     joints : number n
     unknowns : all there are, as the catalogue has them: the other links first
-    belief : of ten numbers for the target link, then of the unknowns'; the first columns of its factor, as many as
+    gaussian : of ten numbers for the target link, then of the unknowns'; the first columns of its factor, as many as
         there are numbers, are what no window sees
     """
 
     prior: Prior
     joints: int
     unknowns: tuple[Unknown, ...]
-    belief: UnknownsPrior
+    gaussian: UnknownsPrior
 
     @staticmethod
     def before(prior: Prior, kernel: MomentumKernel, uncertainty: Uncertainty) -> Normals:
@@ -90,34 +90,34 @@ class Normals:
         causes = [f'link:{first}'] * 10
         causes += [cause for unknown in self.unknowns for cause in unknown.causes]
         parts = [*masses([first], self.prior.roots[0]), *(part for unknown in self.unknowns for part in unknown.parts)]
-        factor = self.belief.factor
-        return PriorScaleFactors.of(self.belief.mean, factor @ factor.T, causes, parts)
+        factor = self.gaussian.factor
+        return PriorScaleFactors.of(self.gaussian.mean, factor @ factor.T, causes, parts)
 
     def as_far_off(self) -> Normals:
         """Return what is known where they may be so (docs/trajectory.md, eq. 7); what no window sees stays."""
-        mean, factor = self.belief.mean, self.belief.factor
+        mean, factor = self.gaussian.mean, self.gaussian.factor
         seen = factor[:, len(mean) :]
         return replace(
-            self, belief=UnknownsPrior(mean, np.concatenate((factor, self.sizes.beside(seen @ seen.T)), axis=1))
+            self, gaussian=UnknownsPrior(mean, np.concatenate((factor, self.sizes.beside(seen @ seen.T)), axis=1))
         )
 
     @cached_property
     def carried(self) -> UnknownsPrior:
         """What is known of the unknowns, whatever the target link is."""
-        return UnknownsPrior(self.belief.mean[10:], self.belief.factor[10:])
+        return UnknownsPrior(self.gaussian.mean[10:], self.gaussian.factor[10:])
 
     @property
     def links(self) -> UnknownsPrior:
         """What is known of the links' numbers, ten each."""
         count = len(self.prior.mean)
-        return UnknownsPrior(self.belief.mean[:count], self.belief.factor[:count])
+        return UnknownsPrior(self.gaussian.mean[:count], self.gaussian.factor[:count])
 
     @property
     def of_the_robot(self) -> UnknownsPrior:
         """What is known of links, joints, mount, wheels and thrusters: all but the last numbers, those of sensors."""
         of_the_run = (unknown for unknown in self.unknowns if unknown.read and not isinstance(unknown, OdometryMount))
-        count = len(self.belief.mean) - sum(unknown.count for unknown in of_the_run)
-        return UnknownsPrior(self.belief.mean[:count], self.belief.factor[:count])
+        count = len(self.gaussian.mean) - sum(unknown.count for unknown in of_the_run)
+        return UnknownsPrior(self.gaussian.mean[:count], self.gaussian.factor[:count])
 
     def thrusters(self) -> tuple[Thruster, ...]:
         """Return by how much thrusters are off their commands."""
@@ -127,8 +127,8 @@ class Normals:
             numbers = slice(place, place + unknown.count)
             place = numbers.stop
             if isinstance(unknown, Thrusters):
-                stds = np.linalg.norm(unknown.factor @ self.belief.factor[numbers], axis=1)
-                found += Thruster.all_of(unknown.frames, unknown.factor @ self.belief.mean[numbers], stds)
+                stds = np.linalg.norm(unknown.factor @ self.gaussian.factor[numbers], axis=1)
+                found += Thruster.all_of(unknown.frames, unknown.factor @ self.gaussian.mean[numbers], stds)
         return tuple(found)
 
     def blocks(self) -> tuple[Array, Array]:
@@ -138,7 +138,7 @@ class Normals:
         mount a rotation vector (rad) and a position (m): all of them beside the robot description.
         """
         size = len(self.prior.mean)
-        rows = np.zeros((size + 6 * self.joints + 6, len(self.belief.mean)))
+        rows = np.zeros((size + 6 * self.joints + 6, len(self.gaussian.mean)))
         rows[:size, :size] = block_diag(*self.prior.roots)
         place = 10
         for unknown in self.unknowns:
@@ -148,7 +148,7 @@ class Normals:
                 rows[size:-6, columns] = unknown.factor
             elif isinstance(unknown, OdometryMount):
                 rows[-6:, columns] = unknown.factor
-        values, factor = rows @ self.belief.mean, rows @ self.belief.factor
+        values, factor = rows @ self.gaussian.mean, rows @ self.gaussian.factor
         values[:size] += self.prior.mean
         return values, factor @ factor.T
 

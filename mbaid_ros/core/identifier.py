@@ -52,7 +52,7 @@ class Estimator(Protocol):
 class Deferring(Protocol):
     """A method that defers work; the next `update` does the rest, and when it is done does not change the numbers."""
 
-    def work_off(self) -> bool:
+    def run_slice(self) -> bool:
         """Do a part of it, a few milliseconds' worth, if there is any; return whether some is left."""
 
 
@@ -154,10 +154,10 @@ class Identifier:
             estimates = [replace(each, noise=self._levels.get(each.time)) for each in estimates]
         return [with_reasons(each, self._reasons(each.time)) for each in estimates]
 
-    def work_off(self) -> bool:
+    def run_slice(self) -> bool:
         """Let the method do a part of its deferred work, and look at the twist's frame; return whether some is left."""
-        self._twist_frame.work_off()
-        return isinstance(self._estimator, Deferring) and self._estimator.work_off()
+        self._twist_frame.run_slice()
+        return isinstance(self._estimator, Deferring) and self._estimator.run_slice()
 
     def _watch(self, window: Samples) -> None:
         """Look whether an IMU measures in other axes or units than declared."""

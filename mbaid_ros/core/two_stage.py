@@ -59,7 +59,7 @@ class SecondStage(Estimator, Protocol):
     def restart(self) -> None:
         """Give up the solution and look for a start again."""
 
-    def work_off(self) -> bool:
+    def run_slice(self) -> bool:
         """Run a slice of the background work; return whether more is due before the next window."""
 
 
@@ -104,9 +104,9 @@ class TwoStageEstimator:
         """Return the posterior of the second stage."""
         return self._second.knowledge()
 
-    def work_off(self) -> bool:
+    def run_slice(self) -> bool:
         """Run a slice of the second stage's background work; return whether more is due."""
-        return self._second.work_off()
+        return self._second.run_slice()
 
     def _both(self, first: Estimator, window: Samples, origin: int) -> Estimate:
         """Take one window into both stages."""

@@ -199,7 +199,7 @@ class LiveEstimator:
                 self._report()
 
     def _on_idle(self) -> None:
-        if self._state.session is None or not self._state.session.work_off():
+        if self._state.session is None or not self._state.session.run_slice():
             self._idle_timer.cancel()
             self._advice.run_if_due()
 

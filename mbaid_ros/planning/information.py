@@ -118,8 +118,8 @@ class Information:
         (B, 10), or (W, B, 10) on the way
         """
         course = [
-            self._relative(np.stack([self._covariance(belief) for belief in beliefs]))
-            for number, beliefs in enumerate(self._followed(grid, joints, base), start=1)
+            self._relative(np.stack([self._covariance(gaussian) for gaussian in gaussians]))
+            for number, gaussians in enumerate(self._followed(grid, joints, base), start=1)
             if number == grid.windows or (every and number % every == 0)
         ]
         return np.stack(course) if every else course[-1]
@@ -136,8 +136,8 @@ class Information:
         c names, (10, c) parts of the variances of the ten parameters
         """
         last = self._start
-        for (belief,) in self._followed(grid, joints, base):
-            last = belief
+        for (gaussian,) in self._followed(grid, joints, base):
+            last = gaussian
         moments = MeanAndCovariance.of(last, self._known.variables)
         own = moments.factor_of(self._jacobian @ self._known.variables.spread[BODY])
         layout = self._known.layout
@@ -150,15 +150,15 @@ class Information:
         """Give what will be known of B motions after each window."""
         whitened = self._windows(grid, joints, base)
         batch = joints[0].shape[1]
-        beliefs = [self._start] * batch
+        gaussians = [self._start] * batch
         for number in range(grid.windows):
             own = whitened[number * batch : (number + 1) * batch]
-            beliefs = [update(belief, window) for belief, window in zip(beliefs, own, strict=True)]
-            yield beliefs
-            beliefs = [self._advanced(*pair) for pair in zip(beliefs, own, strict=True)]
+            gaussians = [update(gaussian, window) for gaussian, window in zip(gaussians, own, strict=True)]
+            yield gaussians
+            gaussians = [self._advanced(*pair) for pair in zip(gaussians, own, strict=True)]
 
-    def _advanced(self, belief: SquareRootInformation, window: WhitenedWindow) -> SquareRootInformation:
-        return advance(belief, window, self._known.variables, self._known.hypothesis)
+    def _advanced(self, gaussian: SquareRootInformation, window: WhitenedWindow) -> SquareRootInformation:
+        return advance(gaussian, window, self._known.variables, self._known.hypothesis)
 
     def _windows(self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion) -> list[WhitenedWindow]:
         """Return the windows of B motions as the filter takes them: the first of each motion, then the second."""
@@ -219,12 +219,12 @@ class Information:
         root[count:, count:size] = np.eye(extra)
         return SquareRootInformation(root, Innovations.none(poses), no_bias(variables))
 
-    def _covariance(self, belief: SquareRootInformation) -> Array:
+    def _covariance(self, gaussian: SquareRootInformation) -> Array:
         """Return the (10, 10) covariance of the body's standard parameters."""
         variables = self._known.variables
-        rows = np.zeros((belief.size, 10), order='F')
+        rows = np.zeros((gaussian.size, 10), order='F')
         rows[: len(variables.scale)] = variables.spread[BODY].T
-        own, _ = dtrtrs(belief.root[:, : belief.size], rows, trans=1)
+        own, _ = dtrtrs(gaussian.root[:, : gaussian.size], rows, trans=1)
         return np.asarray(own.T @ own + variables.outside[BODY, BODY])
 
     def _relative(self, covariance: Array) -> Array:

@@ -157,13 +157,13 @@ class Session:
             raise DataError(self.problem)
         return estimates
 
-    def work_off(self) -> bool:
+    def run_slice(self) -> bool:
         """Run a time slice of the method's background task; return whether some of it is left.
 
         Call it after the estimates of a window are published. When it runs makes no difference to the numbers.
         """
         try:
-            return self._segment.identifier.work_off()
+            return self._segment.identifier.run_slice()
         except UNSOLVABLE as error:
             self._start_again(_unsolved(error))
             return False

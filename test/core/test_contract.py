@@ -97,7 +97,7 @@ def followed(method: str) -> list[Estimate]:
         # What is put off is done in between, all of it or some, or at the next window.
         for _ in range(number % 3 * 2):
             if isinstance(made, Deferring):
-                made.work_off()
+                made.run_slice()
     return estimates
 
 

@@ -133,7 +133,7 @@ class Stage:
         """Count it."""
         self.restarts += 1
 
-    def work_off(self) -> bool:
+    def run_slice(self) -> bool:
         """Have nothing to do."""
         return False
 

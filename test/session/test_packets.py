@@ -250,7 +250,7 @@ class FailingLater(Failing):
         self._time = float(windows[-1].time[-1])
         return self._method.update(windows, origin)
 
-    def work_off(self) -> bool:
+    def run_slice(self) -> bool:
         """Fail if it has not done so."""
         if self._failures and self._time > FAILS_AT - 0.5:
             raise self._failures.pop()
@@ -271,7 +271,7 @@ def test_a_run_that_cannot_be_solved_starts_again(failure: Exception, kind: type
         add = session.add_joint_state if timed.topic == 'joint_states' else session.add_odometry
         if add(timed.message):
             estimates += session.process()
-            session.work_off()
+            session.run_slice()
     reason = f'the equations could not be solved ({failure}); started again'
     assert session.restarts == [reason]
     times = np.array([estimate.time for estimate in estimates])

@@ -160,10 +160,10 @@ def test_calibrate_tells_what_it_has_found_of_them() -> None:
     (found,) = before.thrusters()
     assert (found.scale, found.scale_std, found.delay, found.delay_std) == pytest.approx((1.0, 0.1, 0.0, 0.02))
     assert found.turn_std == pytest.approx(np.full(3, 0.05))
-    mean = before.belief.mean.copy()
+    mean = before.gaussian.mean.copy()
     place = 10 + sum(each.count for each in before.unknowns[: before.unknowns.index(_thrusters(before))])
     mean[place : place + OF_A_THRUSTER] = [2.0, 0.0, -1.0, 0.0, 3.0]
-    (found,) = replace(before, belief=UnknownsPrior(mean, 0.5 * before.belief.factor)).thrusters()
+    (found,) = replace(before, gaussian=UnknownsPrior(mean, 0.5 * before.gaussian.factor)).thrusters()
     assert found.frame == 'link3'
     assert (found.scale, found.scale_std) == pytest.approx((1.2, 0.05))
     assert found.turn == pytest.approx([0.0, -0.05, 0.0])

@@ -143,9 +143,9 @@ class CaptureEstimator:
         """Return the (n + 1, 10) standard parameters of the robot alone."""
         return self.kernel.with_target(self.kernel.target.parameters)
 
-    def work_off(self) -> bool:
+    def run_slice(self) -> bool:
         """Let the method do a part of what it has put off, if it puts anything off; return whether some is left."""
-        return isinstance(self._after, Deferring) and self._after.work_off()
+        return isinstance(self._after, Deferring) and self._after.run_slice()
 
     def capture(self, body: Array | None) -> Capture | None:
         """Return the capture, None while there was none.

@@ -112,18 +112,20 @@ class CandidateCauses:
             passes = self.extended(vibration(frequency))
             found += yield from self._scored(Candidate(text, passes, windows, at), base)
         for hypothesis in self.hypotheses[1:]:
-            track = yield from wide.passed(passed, hypothesis)
-            found.append(replace(_gained(hypothesis.cause, track, base), physical=hypothesis.physical))
-        track = yield from wide.passed(passed, quiet, LONGEST)
-        if _explains(track) and 0 < len(track.jumps) <= _MOST_PULSES:
-            found.append(_gained(f'{PULSE} at {", ".join(f"{jump.time:.1f}" for jump in track.jumps)} s', track, base))
-        times = [time for time in jumps if time >= windows[0].start] or [jump.time for jump in track.jumps]
+            filtered = yield from wide.passed(passed, hypothesis)
+            found.append(replace(_gained(hypothesis.cause, filtered, base), physical=hypothesis.physical))
+        filtered = yield from wide.passed(passed, quiet, LONGEST)
+        if _explains(filtered) and 0 < len(filtered.jumps) <= _MOST_PULSES:
+            found.append(
+                _gained(f'{PULSE} at {", ".join(f"{jump.time:.1f}" for jump in filtered.jumps)} s', filtered, base)
+            )
+        times = [time for time in jumps if time >= windows[0].start] or [jump.time for jump in filtered.jumps]
         found += yield from self._target_changes(windows, point or at, times[:_PARTS], base)
         if base.misfit > WORTH:
             text, noisier = noisier_poses(windows, base.innovations)
             if noisier:
-                track = yield from self.extended().once(noisier, at, quiet)
-                found += [_gained(text, track, base)] if _explains(track) else []
+                filtered = yield from self.extended().once(noisier, at, quiet)
+                found += [_gained(text, filtered, base)] if _explains(filtered) else []
         # A loose joint explains anything that its encoder may hide: it comes after all causes with a mechanism.
         left = base.misfit - max((each.gain for each in found if each.physical), default=0.0)
         if left > max(WORTH, _LEFT * base.misfit):
@@ -165,14 +167,18 @@ class CandidateCauses:
         if point is None:
             point = point_as_described(self.layout, candidate.windows)
             yield FITTED
-        track = yield from attempted(candidate.passes.refined(candidate.windows, point, self.hypotheses[0]))
-        if track is None:
+        filtered = yield from attempted(candidate.passes.refined(candidate.windows, point, self.hypotheses[0]))
+        if filtered is None:
             return []
-        text = candidate.text if isinstance(candidate.text, str) else candidate.text(track)
+        text = candidate.text if isinstance(candidate.text, str) else candidate.text(filtered)
         if text is None:
             return []
         # Data left out count as if they were explained.
-        gain = base.misfit - track.belief.misfit if left_out else track.belief.log_likelihood - base.log_likelihood
+        gain = (
+            base.misfit - filtered.gaussian.misfit
+            if left_out
+            else filtered.gaussian.log_likelihood - base.log_likelihood
+        )
         if candidate.rival is not None:
             rivals = yield from self._scored(candidate.rival, base)
             if not rivals or gain <= rivals[0].gain + WORTH:
@@ -197,12 +203,12 @@ class CandidateCauses:
             points = point, point_as_described(self.layout, later)
             yield FITTED
             for exchanged in (False, True):
-                track = yield from attempted(
+                filtered = yield from attempted(
                     passes.target_changes(windows, place, points, self.hypotheses[0], exchanged=exchanged)
                 )
-                if track is not None:
-                    cause = _gained(target_changed_text(time, exchanged=exchanged), track, base)
-                    found.append(replace(cause, change=Change(time, exchanged) if _explains(track) else None))
+                if filtered is not None:
+                    cause = _gained(target_changed_text(time, exchanged=exchanged), filtered, base)
+                    found.append(replace(cause, change=Change(time, exchanged) if _explains(filtered) else None))
         return sorted(found, key=lambda each: -each.gain)[:1]
 
     def _fits(self, windows: Sequence[Window]) -> Work[list[Fit]]:
@@ -223,8 +229,8 @@ class CandidateCauses:
             # Where a robot is badly misdescribed, what fits best may be none that can be.
             passed = yield from attempted(wide.linearised(windows, point))
             if passed is not None:
-                track = yield from wide.passed(passed, self.hypotheses[0])
-                results.append((point, passed, track.belief))
+                filtered = yield from wide.passed(passed, self.hypotheses[0])
+                results.append((point, passed, filtered.gaussian))
         if not results:
             raise np.linalg.LinAlgError('there is no point to pass the windows at')
         return max(results, key=lambda each: each[2].log_likelihood)
@@ -235,26 +241,26 @@ class CandidateCauses:
         """Return what would be gained by a joint whose far side swings against its encoder; of the likeliest one."""
         names = self.layout.kernel.model.joint_names
         first, *others = noise_factors(base.nis / base.measured)
-        tracks: dict[tuple[int, float], HypothesisFilter] = {}
+        filters: dict[tuple[int, float], HypothesisFilter] = {}
 
         def tried(joint: int, times: float) -> Work[None]:
             noisier = swinging(windows, joint, times, len(names))
-            tracks[joint, times] = yield from self.extended().once(noisier, point, self.hypotheses[0])
+            filters[joint, times] = yield from self.extended().once(noisier, point, self.hypotheses[0])
 
         def best() -> tuple[int, float]:
-            return max(tracks, key=lambda each: tracks[each].belief.log_likelihood)
+            return max(filters, key=lambda each: filters[each].gaussian.log_likelihood)
 
         for joint in range(len(names)):
             yield from tried(joint, first)
         likeliest, _ = best()
-        if tracks[best()].belief.log_likelihood > base.log_likelihood:
+        if filters[best()].gaussian.log_likelihood > base.log_likelihood:
             for times in others:
                 yield from tried(likeliest, times)
         _, times = best()
-        if not _explains(tracks[best()]):
+        if not _explains(filters[best()]):
             return []  # something else pushes the base, too; and what it explains it has no name for
         text = loose_joint_text(names[likeliest], windows, times)
-        return [replace(_gained(text, tracks[best()], base), physical=False)]
+        return [replace(_gained(text, filters[best()], base), physical=False)]
 
     @property
     def _suspects(self) -> tuple[Unknown, ...]:
@@ -269,8 +275,8 @@ def _text_of(passes: FilterPasses, cause: str) -> Callable[[HypothesisFilter], s
     """Return what an unknown would have to be; None of a link lighter by far more than it weighs."""
     kind, _, name = cause.partition(':')
 
-    def text(track: HypothesisFilter) -> str | None:
-        value, kernel = passes.value(track, cause), passes.layout.kernel
+    def text(filtered: HypothesisFilter) -> str | None:
+        value, kernel = passes.value(filtered, cause), passes.layout.kernel
         if kind == 'link' and value[0] <= -_LIGHTER * kernel.known[kernel.model.link(name).body, 0]:
             return None
         return deviation_text(cause, value)
@@ -278,14 +284,14 @@ def _text_of(passes: FilterPasses, cause: str) -> Callable[[HypothesisFilter], s
     return text
 
 
-def _explains(track: HypothesisFilter) -> bool:
+def _explains(filtered: HypothesisFilter) -> bool:
     """Tell whether a pass leaves innovations as large as they should be."""
-    return track.belief.nis < LARGEST_NIS * track.belief.measured
+    return filtered.gaussian.nis < LARGEST_NIS * filtered.gaussian.measured
 
 
-def _gained(text: str, track: HypothesisFilter, base: SquareRootInformation) -> CandidateCause:
+def _gained(text: str, filtered: HypothesisFilter, base: SquareRootInformation) -> CandidateCause:
     """Return what a cause gains over a pass without it."""
-    return CandidateCause(text, track.belief.log_likelihood - base.log_likelihood)
+    return CandidateCause(text, filtered.gaussian.log_likelihood - base.log_likelihood)
 
 
 def _likeliest(gains: Mapping[str, float]) -> list[str]:

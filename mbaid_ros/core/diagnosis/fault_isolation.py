@@ -71,7 +71,7 @@ class FaultIsolation:
             self._seen += 1
 
     def follow(self, run: FilterRun, *, suspicious: bool) -> None:
-        """Begin an inquiry into a run that is suspicious, if one is due; owe a part of one that is under way."""
+        """Begin an inquiry into a run that is suspicious, if one is due; schedule part of one that is under way."""
         self.suspicious = suspicious
         if not suspicious:
             self._over = True
@@ -86,16 +86,16 @@ class FaultIsolation:
             since = self._windows[max(self._onset - self._seen, -len(self._windows))].start
             self._about = tuple(time for time in run.jumped if time >= since)
             self._inquiry.begin(self._suspicion.inquire(list(self._windows), point, run.jumped))
-        self._inquiry.owe(_SHARE_BESIDE if run.searching else _SHARE)
+        self._inquiry.allot_steps(_SHARE_BESIDE if run.searching else _SHARE)
 
-    def work_off(self) -> bool:
+    def run_slice(self) -> bool:
         """Do a part of what an inquiry has to do before the next window; return whether some is left."""
         with suppress(np.linalg.LinAlgError):  # the point is of no robot that can be: a later one may be
-            found = self._inquiry.work_off()
+            found = self._inquiry.run_slice()
             # What a run still contradicts may have died down: it is not in the latest windows any more.
             if found is not None and (found.causes or self._over or self._found is None):
                 self._found, self._over = found, False
-        return self._inquiry.owing
+        return self._inquiry.is_due
 
     def open_jumps(self, run: FilterRun) -> tuple[float, ...]:
         """Return when the momentum of a run seems to have jumped, s, where an inquiry into it is under way.

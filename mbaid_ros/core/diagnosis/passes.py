@@ -67,14 +67,14 @@ class FilterPasses:
         self, passed: WhitenedWindows, hypothesis: Hypothesis, longest: int = 0, begin: HypothesisFilter | None = None
     ) -> Work[HypothesisFilter]:
         """Return a hypothesis, from `begin` on or the prior, after windows; its jumps may take up to `longest`."""
-        track, own = begin, self.variables
-        if track is None:
+        filtered, own = begin, self.variables
+        if filtered is None:
             forces = own.force.shape[1] if hypothesis.force != 'none' else 0
-            track = HypothesisFilter(hypothesis, SquareRootInformation.prior(own, forces), longest=longest)
+            filtered = HypothesisFilter(hypothesis, SquareRootInformation.prior(own, forces), longest=longest)
         for window, white in passed:
-            (track,) = update_bank((track,), window, white, own)
+            (filtered,) = update_bank((filtered,), window, white, own)
             yield 1
-        return track
+        return filtered
 
     def once(self, windows: Sequence[Window], point: Point, hypothesis: Hypothesis) -> Work[HypothesisFilter]:
         """Return a hypothesis after windows linearised at a point."""
@@ -92,11 +92,11 @@ class FilterPasses:
         best: HypothesisFilter | None = None
         for _ in range(_REFINEMENTS):
             try:
-                track = yield from self.once(windows, point, hypothesis)
-                point = self._point(track.belief)
+                filtered = yield from self.once(windows, point, hypothesis)
+                point = self._point(filtered.gaussian)
             except np.linalg.LinAlgError:
                 break  # it has led to a robot that cannot be
-            best = _better(best, track)
+            best = _better(best, filtered)
         if best is None:
             raise np.linalg.LinAlgError('the first point is of no robot that can be')
         return best
@@ -124,34 +124,34 @@ class FilterPasses:
         best: HypothesisFilter | None = None
         for _ in range(_REFINEMENTS):
             passed = yield from self.linearised(windows[:end], before)
-            track = yield from self.passed(passed[:place], hypothesis)
-            belief = track.belief
-            before = self._point(belief)
-            skipped = sum(as_usual(belief, white) - belief.log_likelihood for _, white in passed[place:])
-            changed = another_body(belief, self.variables, exchanged=exchanged)
-            track = replace(track, belief=replace(changed, log_likelihood=belief.log_likelihood + skipped))
+            filtered = yield from self.passed(passed[:place], hypothesis)
+            gaussian = filtered.gaussian
+            before = self._point(gaussian)
+            skipped = sum(as_usual(gaussian, white) - gaussian.log_likelihood for _, white in passed[place:])
+            changed = another_body(gaussian, self.variables, exchanged=exchanged)
+            filtered = replace(filtered, gaussian=replace(changed, log_likelihood=gaussian.log_likelihood + skipped))
             passed = yield from self.linearised(windows[end:], after)
-            track = yield from self.passed(passed, hypothesis, begin=track)
-            best = _better(best, track)
-            after = self._point(track.belief)
+            filtered = yield from self.passed(passed, hypothesis, begin=filtered)
+            best = _better(best, filtered)
+            after = self._point(filtered.gaussian)
         assert best is not None, 'there is a first pass'
         return best
 
-    def _point(self, belief: SquareRootInformation) -> Point:
-        moments = MeanAndCovariance.of(belief, self.variables)
+    def _point(self, gaussian: SquareRootInformation) -> Point:
+        moments = MeanAndCovariance.of(gaussian, self.variables)
         return self.layout.point(moments.mean, moments.deviation)
 
-    def unpredicted(self, passed: WhitenedWindows, belief: SquareRootInformation, hypothesis: Hypothesis) -> Array:
+    def unpredicted(self, passed: WhitenedWindows, gaussian: SquareRootInformation, hypothesis: Hypothesis) -> Array:
         """Return by how much each window's way is not as predicted, (W, p), in units of pose errors.
 
         Parameters
         ----------
         passed : the windows
-        belief : after the last of them
+        gaussian : after the last of them
         hypothesis : that they were passed under: a force that acts has changed the momentum until then
         """
         own = self.variables
-        mean, force = np.split(belief.least_squares, [len(own.scale)])
+        mean, force = np.split(gaussian.least_squares, [len(own.scale)])
         mean[: own.poses] = 0.0
         found = []
         for _, white in reversed(passed):
@@ -179,9 +179,9 @@ class FilterPasses:
         prior = UnknownsPrior(known.mean, wider[:, None] * known.factor)
         return replace(self, layout=replace(self.layout, known=prior))
 
-    def value(self, track: HypothesisFilter, cause: str) -> Array:
+    def value(self, filtered: HypothesisFilter, cause: str) -> Array:
         """Return the numbers (k,) of a cause as they are estimated, SI units."""
-        mean = MeanAndCovariance.of(track.belief, self.variables).mean
+        mean = MeanAndCovariance.of(filtered.gaussian, self.variables).mean
         found: list[Array] = []
         for unknown, place in zip(self.layout.unknowns, self.layout.places, strict=True):
             numbers = unknown.factor @ mean[place]
@@ -189,12 +189,12 @@ class FilterPasses:
         return np.concatenate(found) if found else np.zeros(0)
 
 
-def another_body(belief: SquareRootInformation, variables: Variables, *, exchanged: bool) -> SquareRootInformation:
-    """Return the belief with an unknown target, or with the same mass elsewhere in the grasp, and a new pose error.
+def another_body(gaussian: SquareRootInformation, variables: Variables, *, exchanged: bool) -> SquareRootInformation:
+    """Return the gaussian with an unknown target, or with the same mass elsewhere in the grasp, and a new pose error.
 
     Parameters
     ----------
-    belief : before
+    gaussian : before
     variables : of the filter
     exchanged : whether it is another body, which brings or takes along a momentum of its own
     """
@@ -202,7 +202,7 @@ def another_body(belief: SquareRootInformation, variables: Variables, *, exchang
     if not exchanged:
         opened[MOMENTUM] = opened[BODY.start] = 0.0
     places = np.flatnonzero(opened)
-    return pose_reset(inflated(belief, variables.gather[:own, places] * opened[places]), variables)
+    return pose_reset(inflated(gaussian, variables.gather[:own, places] * opened[places]), variables)
 
 
 def attempted(passes: Work[T]) -> Work[T | None]:
@@ -213,5 +213,5 @@ def attempted(passes: Work[T]) -> Work[T | None]:
         return None
 
 
-def _better(best: HypothesisFilter | None, track: HypothesisFilter) -> HypothesisFilter:
-    return track if best is None or track.belief.log_likelihood > best.belief.log_likelihood else best
+def _better(best: HypothesisFilter | None, filtered: HypothesisFilter) -> HypothesisFilter:
+    return filtered if best is None or filtered.gaussian.log_likelihood > best.gaussian.log_likelihood else best

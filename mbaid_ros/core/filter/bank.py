@@ -31,13 +31,13 @@ class Jump:
     ----------
     time : s since the first sample, start of the window in which it was noticed
     before : (6,) (P, L) until then, about the run's origin
-    belief : a window earlier; of the first jumps of a run only
+    gaussian : a window earlier; of the first jumps of a run only
     pushed : as of `HypothesisFilter`, until then
     """
 
     time: float
     before: Array
-    belief: SquareRootInformation | None
+    gaussian: SquareRootInformation | None
     pushed: Array
 
 
@@ -49,7 +49,7 @@ class HypothesisFilter:
     """
 
     hypothesis: Hypothesis
-    belief: SquareRootInformation
+    gaussian: SquareRootInformation
     jumps: tuple[Jump, ...] = ()
     jumped: int = 0  # windows in a row up to the last one that the momentum has jumped in
     inflations: int = 0  # windows in all that it has jumped in
@@ -59,7 +59,7 @@ class HypothesisFilter:
 
     def advanced(self, white: WhitenedWindow, variables: Variables) -> HypothesisFilter:
         """Return the same at the next window's first knot."""
-        after = replace(self, belief=advance(self.belief, white, variables, self.hypothesis))
+        after = replace(self, gaussian=advance(self.gaussian, white, variables, self.hypothesis))
         if self.hypothesis.force == 'none':
             return after
         return replace(after, pushed=self.pushed + white.push(self.hypothesis.force))
@@ -67,7 +67,7 @@ class HypothesisFilter:
     @property
     def misfit(self) -> float:
         """Sum of the normalised innovations squared, and the penalty of its jumps."""
-        return self.belief.nis - 2.0 * self.inflations * float(np.log(_FALSE_ALARM))
+        return self.gaussian.nis - 2.0 * self.inflations * float(np.log(_FALSE_ALARM))
 
 
 Bank = tuple[HypothesisFilter, ...]
@@ -75,8 +75,8 @@ Bank = tuple[HypothesisFilter, ...]
 
 def best(bank: Bank) -> HypothesisFilter:
     """Return the hypothesis to report: the first, unless another one explains the data far better."""
-    leading = max(bank, key=lambda track: track.belief.log_likelihood)
-    return leading if leading.belief.log_likelihood > bank[0].belief.log_likelihood + MARGIN else bank[0]
+    leading = max(bank, key=lambda filtered: filtered.gaussian.log_likelihood)
+    return leading if leading.gaussian.log_likelihood > bank[0].gaussian.log_likelihood + MARGIN else bank[0]
 
 
 def update_bank(bank: Bank, window: Window, white: WhitenedWindow, variables: Variables) -> Bank:
@@ -85,38 +85,38 @@ def update_bank(bank: Bank, window: Window, white: WhitenedWindow, variables: Va
 
 
 def update_hypothesis(
-    track: HypothesisFilter, window: Window, white: WhitenedWindow, variables: Variables
+    filtered: HypothesisFilter, window: Window, white: WhitenedWindow, variables: Variables
 ) -> HypothesisFilter:
     """Return a hypothesis updated by a window, with a jump of the momentum where the window is too unlikely without."""
-    before = pose_reset(track.belief, variables) if window.fresh else track.belief
+    before = pose_reset(filtered.gaussian, variables) if window.fresh else filtered.gaussian
     after = update(before, white)
     unlikely = after.last_nis > _limit(after.last_measured) and after.measured > after.last_measured
-    if not unlikely or track.jumped == track.longest:
-        return replace(track, belief=after, jumped=0, previous=before)
+    if not unlikely or filtered.jumped == filtered.longest:
+        return replace(filtered, gaussian=after, jumped=0, previous=before)
     likelihood = _as_usual(after)
     loose = momentum_inflation(before, white, variables, _JUMP * variables.typical_momentum)
-    belief = update(loose, white)
-    if belief.last_nis > _limit(belief.last_measured):
+    gaussian = update(loose, white)
+    if gaussian.last_nis > _limit(gaussian.last_measured):
         # More than a jump: the chain is broken.
-        belief = update(pose_reset(loose, variables), white)
-    jumps = track.jumps
-    if not track.jumped:
+        gaussian = update(pose_reset(loose, variables), white)
+    jumps = filtered.jumps
+    if not filtered.jumped:
         mean = before.least_squares[: len(variables.scale)]
-        earlier = track.previous if len(jumps) < _REMEMBERED else None
-        jumps = (*jumps, Jump(window.start, variables.spread[MOMENTUM] @ mean, earlier, track.pushed))
+        earlier = filtered.previous if len(jumps) < _REMEMBERED else None
+        jumps = (*jumps, Jump(window.start, variables.spread[MOMENTUM] @ mean, earlier, filtered.pushed))
     return replace(
-        track,
-        belief=replace(belief, log_likelihood=likelihood),
+        filtered,
+        gaussian=replace(gaussian, log_likelihood=likelihood),
         previous=before,
         jumps=jumps,
-        jumped=track.jumped + 1,
-        inflations=track.inflations + 1,
+        jumped=filtered.jumped + 1,
+        inflations=filtered.inflations + 1,
     )
 
 
-def as_usual(belief: SquareRootInformation, white: WhitenedWindow) -> float:
+def as_usual(gaussian: SquareRootInformation, white: WhitenedWindow) -> float:
     """Return the log-likelihood after a window that a rare event explains."""
-    return _as_usual(update(belief, white))
+    return _as_usual(update(gaussian, white))
 
 
 def _as_usual(after: SquareRootInformation) -> float:
@@ -129,16 +129,18 @@ def far_better(other: HypothesisFilter, first: HypothesisFilter) -> bool:
 
     It must gain by smaller innovations: any other gain comes from the point of linearisation.
     """
-    gain = other.belief.log_likelihood - first.belief.log_likelihood
+    gain = other.gaussian.log_likelihood - first.gaussian.log_likelihood
     return gain > MARGIN and first.misfit - other.misfit > 2.0 * MARGIN
 
 
 def clamped(bank: Bank) -> Bank:
     """Return the hypotheses with at most the likelihood of the first."""
-    most = bank[0].belief.log_likelihood
+    most = bank[0].gaussian.log_likelihood
     return tuple(
-        replace(track, belief=replace(track.belief, log_likelihood=min(track.belief.log_likelihood, most)))
-        for track in bank
+        replace(
+            filtered, gaussian=replace(filtered.gaussian, log_likelihood=min(filtered.gaussian.log_likelihood, most))
+        )
+        for filtered in bank
     )
 
 

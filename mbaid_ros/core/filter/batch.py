@@ -71,7 +71,7 @@ class BackgroundTask(Generic[Outcome]):
         return self._work is not None
 
     @property
-    def owing(self) -> bool:
+    def is_due(self) -> bool:
         """Whether some of the budget is left to be used before the next window."""
         return self._budget > 0
 
@@ -79,11 +79,11 @@ class BackgroundTask(Generic[Outcome]):
         """Begin this computation instead of any other, or none. Its outcome is returned, or yielded at last."""
         self._work, self._budget = work, 0
 
-    def owe(self, steps: int) -> None:
+    def allot_steps(self, steps: int) -> None:
         """Set the budget until the next window, in steps."""
         self._budget = steps if self.under_way else 0
 
-    def work_off(self) -> Outcome | None:
+    def run_slice(self) -> Outcome | None:
         """Run one slice; return the outcome if that completes the computation."""
         done = 0
         while self._work is not None and done < min(self._budget, SLICE):
@@ -117,7 +117,7 @@ class BatchResult:
     ----------
     point : after the last step
     relinearised : the windows of the last iteration
-    track : the hypothesis filtered over them
+    filtered : the hypothesis filtered over them
     moments : its mean and covariance
     deviation : standard deviations of the parameters
     converged : whether the last step was negligible
@@ -127,7 +127,7 @@ class BatchResult:
 
     point: Point
     relinearised: Relinearised
-    track: HypothesisFilter
+    filtered: HypothesisFilter
     moments: MeanAndCovariance
     deviation: Array
     converged: bool
@@ -137,8 +137,8 @@ class BatchResult:
     @property
     def consistent(self) -> bool:
         """Whether the solution explains the windows."""
-        belief = self.track.belief
-        return self.converged and self.physical and belief.nis < chi_square.limit(_UNLIKELY, belief.measured)
+        gaussian = self.filtered.gaussian
+        return self.converged and self.physical and gaussian.nis < chi_square.limit(_UNLIKELY, gaussian.measured)
 
     @property
     def acceptable(self) -> bool:
@@ -149,11 +149,11 @@ class BatchResult:
     @property
     def merit(self) -> tuple[bool, float]:
         """Order of results: a free mass first, then likelihood, with a penalty where it has not converged."""
-        return not self.mass_held, self.track.belief.log_likelihood - (0.0 if self.converged else MARGIN)
+        return not self.mass_held, self.filtered.gaussian.log_likelihood - (0.0 if self.converged else MARGIN)
 
     def is_rivalled_by(self, other: BatchResult) -> bool:
         """Tell whether another result, at a distinct point, explains the windows about as well."""
-        as_good = other.track.belief.log_likelihood > self.track.belief.log_likelihood - MARGIN
+        as_good = other.filtered.gaussian.log_likelihood > self.filtered.gaussian.log_likelihood - MARGIN
         apart = np.any(np.abs(other.point.parameters - self.point.parameters) > _APART * self.deviation)
         return bool(as_good and apart)
 
@@ -212,22 +212,22 @@ class BatchIteration:
         for _ in range(_ITERATIONS):
             try:
                 relinearised = yield from self.relinearise(stacks, point)
-                (track,) = yield from self.filter(relinearised, (prior,))
-                result = self._step(relinearised, track, mass_held=mass_held)
+                (filtered,) = yield from self.filter(relinearised, (prior,))
+                result = self._step(relinearised, filtered, mass_held=mass_held)
             except np.linalg.LinAlgError:
                 # The step has led to a robot that cannot exist.
                 return None if result is None else replace(result, point=result.relinearised.point, converged=False)
             point = result.point
-            misfit = result.track.misfit / max(result.track.belief.measured, 1)
+            misfit = result.filtered.misfit / max(result.filtered.gaussian.measured, 1)
             least, idle = min(misfit, least), 0 if misfit < least else idle + 1
             if result.converged or (least > HOPELESS and idle >= _IDLE):
                 break
         return result
 
-    def _step(self, relinearised: Relinearised, track: HypothesisFilter, *, mass_held: bool) -> BatchResult:
+    def _step(self, relinearised: Relinearised, filtered: HypothesisFilter, *, mass_held: bool) -> BatchResult:
         """Return the Gauss-Newton step from the point of linearisation, cut short where it leads far."""
         parameters = relinearised.point.parameters
-        moments = MeanAndCovariance.of(track.belief, self.variables)
+        moments = MeanAndCovariance.of(filtered.gaussian, self.variables)
         deviation = moments.deviation[self.layout.parameters]
         state, correction = self._nearest_physical(moments)
         step: Array = self.layout.settled(state, moments.deviation)[self.layout.parameters] - parameters
@@ -236,7 +236,7 @@ class BatchIteration:
         state[self.layout.parameters] = parameters + step
         point = self.layout.point(state, moments.deviation)
         physical = correction < IMPOSSIBLE
-        return BatchResult(point, relinearised, track, moments, deviation, converged, physical, mass_held)
+        return BatchResult(point, relinearised, filtered, moments, deviation, converged, physical, mass_held)
 
     def _nearest_physical(self, moments: MeanAndCovariance) -> tuple[Array, float]:
         """Return the likeliest state (s,) whose body can exist, and its distance in standard deviations.
@@ -253,47 +253,47 @@ class BatchIteration:
         state = moments.mean + moments.factor @ np.linalg.lstsq(factor, (nearest - body) / scale)[0]
         return np.asarray(state), distance
 
-    def curvature(self, stacks: list[list[Stack]], track: HypothesisFilter) -> Work[Curvature]:
+    def curvature(self, stacks: list[list[Stack]], filtered: HypothesisFilter) -> Work[Curvature]:
         """Return how far a converged solution moves where its windows are linearised at other points of its interval.
 
         Parameters
         ----------
         stacks : of the windows
-        track : a hypothesis after them, linearised at its own solution
+        filtered : a hypothesis after them, linearised at its own solution
         """
-        moments = MeanAndCovariance.of(track.belief, self.variables)
+        moments = MeanAndCovariance.of(filtered.gaussian, self.variables)
         draws = np.random.default_rng(0)
         shifts: list[Array] = []
         for _ in range(_DRAWS):
             step = moments.factor @ draws.standard_normal(moments.factor.shape[1])
             part = near_part(moments.mean[self.layout.parameters], step[self.layout.parameters])
-            shift = yield from self._shift(stacks, track, moments, part * step)
+            shift = yield from self._shift(stacks, filtered, moments, part * step)
             shifts.append(shift / part**2)  # of second order in the step
         return Curvature(np.array(shifts), moments.covariance(BODY_PLACES))
 
-    def displacement(self, stacks: list[list[Stack]], track: HypothesisFilter) -> Work[Curvature]:
+    def displacement(self, stacks: list[list[Stack]], filtered: HypothesisFilter) -> Work[Curvature]:
         """Return how far the solution moves where all windows are linearised at it: a Newton step.
 
         Parameters
         ----------
         stacks : of the windows
-        track : a hypothesis after them, each linearised at an earlier estimate
+        filtered : a hypothesis after them, each linearised at an earlier estimate
         """
-        moments = MeanAndCovariance.of(track.belief, self.variables)
-        shift = yield from self._shift(stacks, track, moments, np.zeros(len(moments.mean)))
+        moments = MeanAndCovariance.of(filtered.gaussian, self.variables)
+        shift = yield from self._shift(stacks, filtered, moments, np.zeros(len(moments.mean)))
         curvature = Curvature(shift[None], moments.covariance(BODY_PLACES))
         return replace(curvature, largest=_DISPLACED) if curvature.anywhere else curvature
 
     def _shift(
-        self, stacks: list[list[Stack]], track: HypothesisFilter, moments: MeanAndCovariance, step: Array
+        self, stacks: list[list[Stack]], filtered: HypothesisFilter, moments: MeanAndCovariance, step: Array
     ) -> Work[Array]:
         """Return how far the body (10,) moves where the windows are linearised a step (s,) from a solution."""
         try:
             relinearised = yield from self.relinearise(
                 stacks, self.layout.point(moments.mean + step, moments.deviation)
             )
-            (moved,) = yield from self.filter(relinearised, (self.prior(track.hypothesis, track.longest),))
-            shift: Array = MeanAndCovariance.of(moved.belief, self.variables).mean - moments.mean
+            (moved,) = yield from self.filter(relinearised, (self.prior(filtered.hypothesis, filtered.longest),))
+            shift: Array = MeanAndCovariance.of(moved.gaussian, self.variables).mean - moments.mean
         except np.linalg.LinAlgError:
             shift = moments.deviation  # no robot that can exist: the body may be anywhere in its interval
         return shift[BODY]

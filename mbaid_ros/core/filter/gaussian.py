@@ -161,30 +161,30 @@ class MeanAndCovariance:
     `shift` (s,) is the part of the mean that corrects for shared noise; `force` (6,) a constant force and torque.
     """
 
-    belief: SquareRootInformation
+    gaussian: SquareRootInformation
     variables: Variables
     mean: Array
     shift: Array
     force: Array
 
     @staticmethod
-    def of(belief: SquareRootInformation, variables: Variables) -> MeanAndCovariance:
+    def of(gaussian: SquareRootInformation, variables: Variables) -> MeanAndCovariance:
         """Return them of a Gaussian in information form."""
-        mean, shift = belief.moments()
+        mean, shift = gaussian.moments()
         count, spread = len(variables.scale), variables.spread
-        force = variables.force[:, : belief.size - count] @ mean[count:]
-        return MeanAndCovariance(belief, variables, spread @ mean[:count], spread @ shift[:count], force)
+        force = variables.force[:, : gaussian.size - count] @ mean[count:]
+        return MeanAndCovariance(gaussian, variables, spread @ mean[:count], spread @ shift[:count], force)
 
     @cached_property
     def factor(self) -> Array:
         """Factor of the covariance of the state, (s, v), without what the variables leave out."""
-        return self.variables.of_state(self.belief.factor[: len(self.variables.scale)])
+        return self.variables.of_state(self.gaussian.factor[: len(self.variables.scale)])
 
     @property
     def force_factor(self) -> Array:
         """Factor of the covariance of the constant force, (6, v)."""
         count = len(self.variables.scale)
-        return np.asarray(self.variables.force[:, : self.belief.size - count] @ self.belief.factor[count:])
+        return np.asarray(self.variables.force[:, : self.gaussian.size - count] @ self.gaussian.factor[count:])
 
     @cached_property
     def variance(self) -> Array:
@@ -198,16 +198,16 @@ class MeanAndCovariance:
 
     def factor_of(self, numbers: Array) -> Array:
         """Return a covariance factor (m, v) of numbers (m, w) that are linear in the first w variables."""
-        right = np.zeros((self.belief.size, len(numbers)), order='F')
+        right = np.zeros((self.gaussian.size, len(numbers)), order='F')
         right[: numbers.shape[1]] = numbers.T
-        return np.asarray(dtrtrs(self.belief.root[:, :-2], right, trans=1, overwrite_b=True)[0]).T
+        return np.asarray(dtrtrs(self.gaussian.root[:, :-2], right, trans=1, overwrite_b=True)[0]).T
 
     def by_force(self, pushed: Array) -> Array:
         """Return the (6,) change of the momentum by a constant force, of `pushed` (p, f) as of `HypothesisFilter`."""
         variables, count = self.variables, len(self.variables.scale)
-        if self.belief.size == count:
+        if self.gaussian.size == count:
             return np.zeros(6)
-        numbers = self.belief.moments()[0][count:]
+        numbers = self.gaussian.moments()[0][count:]
         change = np.broadcast_to(pushed, (variables.head - variables.poses, len(numbers))) @ numbers
         return np.asarray(variables.spread[MOMENTUM, variables.poses : variables.head] @ change)
 
@@ -246,11 +246,11 @@ class MeanAndCovariance:
         variables = self.variables
         body = self.factor_of(np.eye(variables.own)[variables.body])
         mean = variables.gather[variables.body, BODY] @ self.mean[BODY]
-        return body, InformationCorrection.of(body @ body.T, self.belief.feigned, mean)
+        return body, InformationCorrection.of(body @ body.T, self.gaussian.bias_information, mean)
 
     def with_variables(self, factor: Array) -> Array:
         """Return the covariance (v, m) of the variables with numbers of a covariance factor (m, v)."""
-        return np.asarray(dtrtrs(self.belief.root[:, :-2], factor.T)[0])
+        return np.asarray(dtrtrs(self.gaussian.root[:, :-2], factor.T)[0])
 
     def unknowns(self, layout: Layout) -> tuple[Array, Array]:
         """Return the unknowns' numbers (e,), of unit variance about zero a priori, and their covariance (e, e).
@@ -261,7 +261,7 @@ class MeanAndCovariance:
         count = len(self.variables.scale) - first
         if not count:  # LAPACK complains of empty triangles, on the terminal
             return np.zeros(0), np.zeros((0, 0))
-        upper = dpotri(self.belief.root[first:, first:-2])[0][:count, :count]
+        upper = dpotri(self.gaussian.root[first:, first:-2])[0][:count, :count]
         values, covariance = self.mean[BODY.stop :] - known.mean, upper + np.triu(upper, 1).T
         if known.independent:
             return values, covariance

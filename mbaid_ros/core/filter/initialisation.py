@@ -77,9 +77,9 @@ class Initialisation:
         return self._search.under_way
 
     @property
-    def owing(self) -> bool:
+    def is_due(self) -> bool:
         """Whether work is left to be done before the next window."""
-        return self._search.owing or self._curvature_task.owing or self._displacement_task.owing
+        return self._search.is_due or self._curvature_task.is_due or self._displacement_task.is_due
 
     def curvatures(self, *, explained: bool) -> tuple[Curvature, ...]:
         """Return the nonlinearity of the windows; about the present estimate only where the model explains the data."""
@@ -104,21 +104,21 @@ class Initialisation:
         """Allot the work until the next window."""
         steps = _SHARE if self.converged and not self._displaced else _FIRST_SHARE
         for task in (self._search, self._curvature_task, self._displacement_task):
-            task.owe(steps)
+            task.allot_steps(steps)
 
-    def work_off(self, *, explained: bool) -> Start | Curvature | None:
+    def run_slice(self, *, explained: bool) -> Start | Curvature | None:
         """Run one slice; return a start to take over, or the nonlinearity about the last one.
 
         Parameters
         ----------
         explained : whether the model explains the data: else no point is that where the windows are near linear
         """
-        if self._curvature_task.owing:
-            curvature = self._curvature_task.work_off()
+        if self._curvature_task.is_due:
+            curvature = self._curvature_task.run_slice()
             self._curvature = curvature or self._curvature
             return curvature
-        if self._displacement_task.owing:
-            displacement = self._displacement_task.work_off()
+        if self._displacement_task.is_due:
+            displacement = self._displacement_task.run_slice()
             if displacement is not None:
                 self._displacement = displacement
                 self._covariance = None if self._covariance is None else displacement.covariance
@@ -126,50 +126,50 @@ class Initialisation:
                     self._search_soon()
             return None
         try:
-            return self._search.work_off()
+            return self._search.run_slice()
         except np.linalg.LinAlgError:  # no robot that can exist: later windows may help
             self._due = self._searched + _RETRY
             return None
 
-    def take_over(self, start: Start, track: HypothesisFilter) -> None:
+    def take_over(self, start: Start, filtered: HypothesisFilter) -> None:
         """Go on from the outcome of a search, of which this hypothesis is the best."""
         anew = not self.converged
         self.accepted, self._confirmed = start.accepted, start.accepted and not anew
         self.linearised_until = self.windows[self._searched - 1].start
-        self._due = self._next_search(self._searched, track.belief)
+        self._due = self._next_search(self._searched, filtered.gaussian)
         self._curvature = None if anew else self._curvature
         self._curvature_task.begin(start.curvature)
-        self._curvature_task.owe(_FIRST_SHARE if anew else 0)
+        self._curvature_task.allot_steps(_FIRST_SHARE if anew else 0)
         self._displacement_task.begin(None)
         self._covariance = start.covariance
-        if not self._is_sharper(track):
+        if not self._is_sharper(filtered):
             self._displacement = None  # of windows as they were linearised before
 
-    def may_freeze(self, belief: SquareRootInformation) -> bool:
+    def may_freeze(self, gaussian: SquareRootInformation) -> bool:
         """Tell whether the windows may keep their linearisation for good; else drop those that lead nowhere together.
 
         Parameters
         ----------
-        belief : after all windows
+        gaussian : after all windows
         """
         if self._search.under_way or not (self._confirmed or not self.accepted):
             return False
-        linear = self.accepted and self._is_linear(belief)
+        linear = self.accepted and self._is_linear(gaussian)
         if self._due <= (min(_FREEZE, self._kept) if linear else self._kept):
             return False
         self._displacement_task.begin(None)
         self._displacement = None
-        if self.accepted and belief.nis < LARGEST_NIS * belief.measured:
+        if self.accepted and gaussian.nis < LARGEST_NIS * gaussian.measured:
             self.windows = []
             return True
         self._drop(self._searched // 2)
-        self._due = self._next_search(len(self.windows), belief)
+        self._due = self._next_search(len(self.windows), gaussian)
         return False
 
-    def check_displacement(self, track: HypothesisFilter) -> None:
+    def check_displacement(self, filtered: HypothesisFilter) -> None:
         """Begin to linearise the windows at the estimate where the body is known so much better than when they were."""
-        if self.accepted and not self._displacement_task.under_way and self._is_sharper(track):
-            self._displacement_task.begin(self._batch.displacement(in_stacks(self.windows), track))
+        if self.accepted and not self._displacement_task.under_way and self._is_sharper(filtered):
+            self._displacement_task.begin(self._batch.displacement(in_stacks(self.windows), filtered))
 
     def restart(self) -> None:
         """Give up all solutions; windows that are kept are searched again."""
@@ -189,25 +189,25 @@ class Initialisation:
     def _displaced(self) -> bool:
         return self._displacement is not None and self._displacement.anywhere
 
-    def _is_linear(self, belief: SquareRootInformation) -> bool:
+    def _is_linear(self, gaussian: SquareRootInformation) -> bool:
         """Tell whether what the windows leave open at second order is small, wherever they are linearised."""
         if self._curvature is None or self._curvature.anywhere or self._displaced:
             return False
-        moments = MeanAndCovariance.of(belief, self._batch.variables)
+        moments = MeanAndCovariance.of(gaussian, self._batch.variables)
         factor = moments.factor_of(self._batch.variables.spread[BODY])
         body, deviation = moments.mean[BODY], np.sqrt(np.add.reduce(factor**2, axis=1))
         return bool(body[0] > 0.0 and np.all(deviation < _KNOWN * body_sizes(body)))
 
-    def _is_sharper(self, track: HypothesisFilter) -> bool:
+    def _is_sharper(self, filtered: HypothesisFilter) -> bool:
         if self._covariance is None:
             return False
-        now = MeanAndCovariance.of(track.belief, self._batch.variables).covariance(BODY_PLACES)
+        now = MeanAndCovariance.of(filtered.gaussian, self._batch.variables).covariance(BODY_PLACES)
         return bool(np.any(now.diagonal() < _SHARPER**2 * self._covariance.diagonal()))
 
     def _drop(self, first: int) -> None:
         self.windows, self._covariance = self.windows[first:], None
 
-    def _next_search(self, windows: int, belief: SquareRootInformation) -> int:
+    def _next_search(self, windows: int, gaussian: SquareRootInformation) -> int:
         """Return at how many windows to search again: soon where that may yet be accepted."""
-        soon = not (self.accepted or belief.nis > HOPELESS * belief.measured)
+        soon = not (self.accepted or gaussian.nis > HOPELESS * gaussian.measured)
         return int(np.ceil(windows + max(_RETRY, _RETRY_PART * windows) if soon else _GROWTH * windows))

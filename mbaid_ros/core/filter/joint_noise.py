@@ -154,9 +154,9 @@ class InformationCorrection:
     shift: Array
 
     @staticmethod
-    def of(covariance: Array, feigned: Array, mean: Array) -> InformationCorrection:
+    def of(covariance: Array, bias_information: Array, mean: Array) -> InformationCorrection:
         """Return it for covariance (b, b), (M, M body) (b, b + 1) and mean (b,)."""
-        root, (information, at) = np.linalg.cholesky(covariance), np.split(feigned, [-1], axis=1)
+        root, (information, at) = np.linalg.cholesky(covariance), np.split(bias_information, [-1], axis=1)
         # With P = F F^T and F^T M F = V diag(mu) V^T:  N = F^-T V diag(mu / (1 - mu)) V^T F^-1.
         part, along = np.linalg.eigh(root.T @ information @ root)
         part = np.clip(part, 0.0, _MOST)

@@ -54,11 +54,11 @@ class LinearisationPoint:
         self._reference[self._layout.parameters] = point.parameters
         self._reference[self._layout.readings] = point.readings
 
-    def following(self, belief: SquareRootInformation) -> Point:
+    def following(self, gaussian: SquareRootInformation) -> Point:
         """Return the point, moved where the estimate is too far from its reference."""
         assert self.point is not None, 'there is a start'
-        moments = MeanAndCovariance.of(belief, self._variables)
-        gather, root = self._variables.gather[self._variables.lasting], self._known(belief.root)
+        moments = MeanAndCovariance.of(gaussian, self._variables)
+        gather, root = self._variables.gather[self._variables.lasting], self._known(gaussian.root)
         distance = root @ (gather @ (moments.mean - self._reference))
         if distance @ distance > _HELD:
             self._move(moments, root)
@@ -173,15 +173,15 @@ class FilterRun:
     @property
     def lead(self) -> float:
         """Log-likelihood of the hypothesis to report over that of the first."""
-        return best(self._bank).belief.log_likelihood - self._bank[0].belief.log_likelihood if self._bank else 0.0
+        return best(self._bank).gaussian.log_likelihood - self._bank[0].gaussian.log_likelihood if self._bank else 0.0
 
     @property
     def unexplained(self) -> bool:
         """Whether there is no start, or it leaves much of the windows unexplained."""
         if self._latest is None:
             return True
-        belief = self._latest.belief
-        return belief.nis > LARGEST_NIS * belief.measured or len(self._latest.jumps) > 0
+        gaussian = self._latest.gaussian
+        return gaussian.nis > LARGEST_NIS * gaussian.measured or len(self._latest.jumps) > 0
 
     @property
     def jumped(self) -> tuple[float, ...]:
@@ -211,16 +211,16 @@ class FilterRun:
 
     def moments(self) -> MeanAndCovariance:
         """Return the latest state under the best hypothesis."""
-        return MeanAndCovariance.of(self.best.belief, self._variables)
+        return MeanAndCovariance.of(self.best.gaussian, self._variables)
 
     def moments_of_first(self) -> MeanAndCovariance:
         """Return the state under the first hypothesis, which lets nothing drift."""
-        return MeanAndCovariance.of(self._bank[0].belief, self._variables)
+        return MeanAndCovariance.of(self._bank[0].gaussian, self._variables)
 
-    def belief_before(self, time: float, slack: float) -> SquareRootInformation | None:
+    def gaussian_before(self, time: float, slack: float) -> SquareRootInformation | None:
         """Return the information before a jump of the momentum near a time, s, if nothing drifts."""
         jumps = self._bank[0].jumps if self._bank else ()
-        return next((jump.belief for jump in jumps if abs(jump.time - time) <= slack), None)
+        return next((jump.gaussian for jump in jumps if abs(jump.time - time) <= slack), None)
 
     def expect(self, windows: Sequence[Window]) -> None:
         """Take the windows that are going to come, in the order of their turn."""
@@ -235,7 +235,7 @@ class FilterRun:
         still_open : the window after it, without its later neighbours
         moved : whether a joint has moved so far; before, no start is searched
         """
-        while self.work_off():
+        while self.run_slice():
             pass
         if ready is not None and self.phase is not Phase.TRACKING:
             points = [self._best_point] if self.converged else []
@@ -244,7 +244,7 @@ class FilterRun:
         self._initialisation.allot()
         if self.phase is Phase.COLLECTING:
             return
-        point = self._point.following(best(self._bank).belief)  # for both windows: one window old is as good
+        point = self._point.following(best(self._bank).gaussian)  # for both windows: one window old is as good
         if ready is not None:
             self._bank = update_bank(self._bank, ready, self._linearised.whitened(ready, point), self._variables)
             if self.phase is Phase.INITIALISING:
@@ -268,14 +268,14 @@ class FilterRun:
         self.phase, self._bank, self._latest = Phase.COLLECTING, (), None
         self._initialisation.restart()
 
-    def work_off(self) -> bool:
+    def run_slice(self) -> bool:
         """Run a slice of the background work; return whether more is due before the next window."""
-        outcome = self._initialisation.work_off(explained=not self.unexplained)
+        outcome = self._initialisation.run_slice(explained=not self.unexplained)
         if isinstance(outcome, Start):
             self._take_over(outcome)
         elif outcome is not None:
             self._freeze_if_possible()
-        return self._initialisation.owing
+        return self._initialisation.is_due
 
     def _take_over(self, start: Start) -> None:
         """Go on from a start."""
@@ -287,12 +287,12 @@ class FilterRun:
 
     def _freeze_if_possible(self) -> None:
         """Relinearise no window again where the initialisation allows it."""
-        if self._initialisation.may_freeze(best(self._bank).belief):
+        if self._initialisation.may_freeze(best(self._bank).gaussian):
             self.phase = Phase.TRACKING
 
     def _best_point(self) -> Point | None:
         return self._point_of(best(self._bank)) if self._bank else None
 
-    def _point_of(self, track: HypothesisFilter) -> Point:
-        moments = MeanAndCovariance.of(track.belief, self._variables)
+    def _point_of(self, filtered: HypothesisFilter) -> Point:
+        moments = MeanAndCovariance.of(filtered.gaussian, self._variables)
         return self._layout.point(moments.mean, moments.deviation)

@@ -33,7 +33,7 @@ class SquareRootInformation:
     root : (v, v + 2), Fortran order: the triangle R, beside it z of the correction for noise that rows and values
         share, and z of the least-squares mean: x = R^-1 (their sum)
     innovations : sensor by sensor
-    feigned : (b, b + 1) as of `WhitenedWindow`, summed over all windows
+    bias_information : (b, b + 1) as of `WhitenedWindow`, summed over all windows
     nis, measured : sum of the normalised innovations squared over all windows, and their number
     last_nis, last_measured : the same of the last update
     log_likelihood : of all measurements, up to a constant
@@ -43,7 +43,7 @@ class SquareRootInformation:
 
     root: Array
     innovations: Innovations
-    feigned: Array
+    bias_information: Array
     nis: float = 0.0
     measured: int = 0
     last_nis: float = 0.0
@@ -101,15 +101,15 @@ class SquareRootInformation:
         return replace(self, root=root, carried=carried)
 
 
-def update(belief: SquareRootInformation, window: WhitenedWindow) -> SquareRootInformation:
+def update(gaussian: SquareRootInformation, window: WhitenedWindow) -> SquareRootInformation:
     """Return the Gaussian after a window's measurements.
 
     One factorisation of R above the rows H, beside 0 above 1, beside z above the values. It turns the 1 into a triangle
     U, U^T U the inverse of the innovations' covariance, and the values into U times the innovations: normalised, each
     given those after it. So the rows are taken in reverse.
     """
-    before = belief.root if window.carried is None else _linked_before(belief, window.carried)
-    size, (count, columns), link = len(before), window.rows.shape, len(before) - belief.size
+    before = gaussian.root if window.carried is None else _linked_before(gaussian, window.carried)
+    size, (count, columns), link = len(before), window.rows.shape, len(before) - gaussian.size
     inner = size + count
     triangle = np.zeros((inner + 2, inner + 2), order='F')
     triangle[:size, :size], triangle[:size, inner:] = before[:, :size], before[:, size:]
@@ -119,12 +119,12 @@ def update(belief: SquareRootInformation, window: WhitenedWindow) -> SquareRootI
     if window.carried is not None:
         rows[:, :link] = np.concatenate((window.carried.by_noise, window.carried.by_carried), axis=1)[::-1]
     triangle = dtpqrt(0, _BLOCK, triangle, rows, overwrite_a=True, overwrite_b=True)[0]
-    root = np.empty((belief.size, belief.size + 2), order='F')
+    root = np.empty((gaussian.size, gaussian.size + 2), order='F')
     root[:, :-2], root[:, -2:] = triangle[link:size, link:size], triangle[link:size, inner:]
     carried = None
     if window.carried is not None:
         carried = np.concatenate((triangle[:link, :size], triangle[:link, inner:]), axis=1)
-    score = np.zeros(belief.size)
+    score = np.zeros(gaussian.size)
     score[:columns] = window.shared
     root[:, -2] += dtrtrs(root[:, :-2], score, trans=1)[0]
     left, diagonal = triangle[-count - 2 : -2, -1], triangle.diagonal()[-count - 2 : -2]
@@ -132,25 +132,25 @@ def update(belief: SquareRootInformation, window: WhitenedWindow) -> SquareRootI
     growth = -2.0 * float(np.add.reduce(np.log(np.abs(diagonal))))
     return SquareRootInformation(
         root,
-        belief.innovations.after((left * np.sign(diagonal))[::-1], window.places),
-        belief.feigned + window.feigned,
-        belief.nis + nis,
-        belief.measured + count,
+        gaussian.innovations.after((left * np.sign(diagonal))[::-1], window.places),
+        gaussian.bias_information + window.bias_information,
+        gaussian.nis + nis,
+        gaussian.measured + count,
         nis,
         count,
-        belief.log_likelihood - 0.5 * (nis + window.log_noise + growth),  # docs/trajectory.md, eq. 5
+        gaussian.log_likelihood - 0.5 * (nis + window.log_noise + growth),  # docs/trajectory.md, eq. 5
         carried,
     )
 
 
 def advance(
-    belief: SquareRootInformation, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis
+    gaussian: SquareRootInformation, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis
 ) -> SquareRootInformation:
     """Return the Gaussian at the next window's first knot, under a hypothesis of what acts and drifts."""
-    if window.carried is not None and belief.carried is not None:
-        return _advanced_with_link(belief, belief.carried, window, window.carried, variables, hypothesis)
-    root = belief.root
-    advanced = belief.with_root(_eliminated(root, *_stepped(root[: variables.head], window, variables, hypothesis)))
+    if window.carried is not None and gaussian.carried is not None:
+        return _advanced_with_link(gaussian, gaussian.carried, window, window.carried, variables, hypothesis)
+    root = gaussian.root
+    advanced = gaussian.with_root(_eliminated(root, *_stepped(root[: variables.head], window, variables, hypothesis)))
     if variables.walks.shape[1]:
         walk = np.sqrt(window.length) * variables.walks
         advanced = advanced.with_root(_walked(advanced.root, walk, len(variables.scale)))
@@ -179,25 +179,25 @@ def _stepped(
     return back, noise, rest
 
 
-def _linked_before(belief: SquareRootInformation, carried: TwistLink) -> Array:
+def _linked_before(gaussian: SquareRootInformation, carried: TwistLink) -> Array:
     """Return the root (2 k + v, 2 k + v + 2) before a window, with the noise q and c of the integrated twist on top.
 
     Where no c has been carried to it, that is as uncertain as a first pose.
     """
-    count, size = carried.by_carried.shape[1], belief.size
+    count, size = carried.by_carried.shape[1], gaussian.size
     root = np.zeros((2 * count + size, 2 * count + size + 2), order='F')
     root[:count, :count] = _identity(count)
     own = slice(count, 2 * count)
-    if belief.carried is None:
+    if gaussian.carried is None:
         root[own, own] = _identity(count) / OPEN_LENGTH
     else:
-        root[own, count:] = belief.carried
-    root[2 * count :, 2 * count :] = belief.root
+        root[own, count:] = gaussian.carried
+    root[2 * count :, 2 * count :] = gaussian.root
     return root
 
 
 def _advanced_with_link(
-    belief: SquareRootInformation,
+    gaussian: SquareRootInformation,
     rows: Array,
     window: WhitenedWindow,
     carried: TwistLink,
@@ -208,7 +208,7 @@ def _advanced_with_link(
 
     `rows` (2 k, 2 k + v + 2) are those of q and c after the update; the rest is as for `advance`.
     """
-    root, head, columns, count = belief.root, variables.head, len(variables.scale), len(carried.way_value)
+    root, head, columns, count = gaussian.root, variables.head, len(variables.scale), len(carried.way_value)
     # q = back (c' - c - noise w + value - rows x), put into the rows that know of it.
     gain = rows[:, :count] @ carried.back
     state = np.concatenate((rows[:, 2 * count :], root[:head]))
@@ -230,35 +230,35 @@ def _advanced_with_link(
     whole[ahead:, ahead:] = root[head:, head:]
     if variables.walks.shape[1]:
         whole = _walked(whole, np.sqrt(window.length) * variables.walks, count + columns)
-    return belief.with_root(np.array(whole[count:, count:], order='F'), whole[:count].copy())
+    return gaussian.with_root(np.array(whole[count:, count:], order='F'), whole[:count].copy())
 
 
-def pose_reset(belief: SquareRootInformation, variables: Variables) -> SquareRootInformation:
+def pose_reset(gaussian: SquareRootInformation, variables: Variables) -> SquareRootInformation:
     """Return the Gaussian with an unknown pose error: the chain was broken. The rows below its own are the marginal."""
-    root, poses = belief.root.copy(), variables.poses
+    root, poses = gaussian.root.copy(), variables.poses
     root[:poses] = 0.0
     root[:poses, :poses] = variables.prior()[1][:poses, :poses]
-    return belief.with_root(_forgotten(root, variables))
+    return gaussian.with_root(_forgotten(root, variables))
 
 
-def new_motion(belief: SquareRootInformation, variables: Variables) -> SquareRootInformation:
+def new_motion(gaussian: SquareRootInformation, variables: Variables) -> SquareRootInformation:
     """Return the Gaussian at the beginning of another motion: pose error, momentum and what each motion draws anew."""
-    root, head = belief.root.copy(), variables.head
+    root, head = gaussian.root.copy(), variables.head
     root[:head] = 0.0
     root[:head, :head] = variables.prior()[1][:head, :head]
     if variables.renewed.shape[1]:
         root = _walked(root, variables.renewed, len(variables.scale))
-    return belief.with_root(_forgotten(root, variables))
+    return gaussian.with_root(_forgotten(root, variables))
 
 
 def momentum_inflation(
-    belief: SquareRootInformation, window: WhitenedWindow, variables: Variables, sizes: Array
+    gaussian: SquareRootInformation, window: WhitenedWindow, variables: Variables, sizes: Array
 ) -> SquareRootInformation:
     """Return the Gaussian with a momentum that may have jumped in the window before, which is much like this one.
 
     Parameters
     ----------
-    belief, window : at the first knot of the window in which the jump is noticed
+    gaussian, window : at the first knot of the window in which the jump is noticed
     variables : of the filter
     sizes : (6,) standard deviations of the jump of (P, L)
     """
@@ -267,14 +267,14 @@ def momentum_inflation(
     # It came at any time of the window: for half of it, with a standard deviation of the square root of 1/12.
     change[POSE, :6] = 0.5 * window.moved * sizes
     change[POSE, 6:] = np.sqrt(1.0 / 12.0) * window.moved * sizes
-    return inflated(belief, variables.gather[: variables.head, :12] @ change)
+    return inflated(gaussian, variables.gather[: variables.head, :12] @ change)
 
 
-def inflated(belief: SquareRootInformation, noise: Array) -> SquareRootInformation:
+def inflated(gaussian: SquareRootInformation, noise: Array) -> SquareRootInformation:
     """Return the Gaussian with noise (h, w) added to its first h variables."""
-    root, head = belief.root, len(noise)
+    root, head = gaussian.root, len(noise)
     back = root[:head, :head]
-    return belief.with_root(_eliminated(root, back, back @ noise, root[:head, head:]))
+    return gaussian.with_root(_eliminated(root, back, back @ noise, root[:head, head:]))
 
 
 def _eliminated(root: Array, back: Array, noise: Array, rest: Array) -> Array:

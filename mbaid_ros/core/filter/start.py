@@ -121,7 +121,7 @@ class MultiStart:
             result = max(results, key=lambda each: each.merit)
             relinearised, bank, other_leads = yield from self._choose_hypothesis(stacks, result)
         accepted = other_leads or (result.acceptable and not any(result.is_rivalled_by(other) for other in results))
-        covariance = MeanAndCovariance.of(best(bank).belief, self.batch.variables).covariance(BODY_PLACES)
+        covariance = MeanAndCovariance.of(best(bank).gaussian, self.batch.variables).covariance(BODY_PLACES)
         curvature = self.batch.curvature(stacks, best(bank)) if accepted else None
         while count < len(windows):
             more = windows[count : count + STACK]
@@ -159,11 +159,11 @@ class MultiStart:
         linearisation's. Where the first explains them too, the gain must not come from noise in the rows.
         """
         first, *others = self.hypotheses
-        longest = result.track.longest
-        bank: Bank = (result.track,)
+        longest = result.filtered.longest
+        bank: Bank = (result.filtered,)
         if others:
             priors = tuple(self.batch.prior(each, longest) for each in others)
-            bank = (result.track, *(yield from self.batch.filter(result.relinearised, priors)))
+            bank = (result.filtered, *(yield from self.batch.filter(result.relinearised, priors)))
         leading = best(bank).hypothesis
         if leading is first:
             return result.relinearised, bank, False
@@ -171,7 +171,7 @@ class MultiStart:
         if other is None:
             return result.relinearised, clamped(bank), False
         needed = not result.consistent or self._is_hardly_shifted(other)
-        if not (needed and other.acceptable and other.consistent and far_better(other.track, result.track)):
+        if not (needed and other.acceptable and other.consistent and far_better(other.filtered, result.filtered)):
             return result.relinearised, clamped(bank), False
         priors = tuple(self.batch.prior(each, longest) for each in self.hypotheses)
         bank = yield from self.batch.filter(other.relinearised, priors)

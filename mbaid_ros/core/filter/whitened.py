@@ -29,7 +29,7 @@ class WhitenedWindow:
         first knot; the last is a factor of the joint noise that accumulates until then
     back : (2 p, 2 p) inverse of the transition of pose error and momentum
     shared : (v,) mean score by noise that rows and value share
-    feigned : (b, b + 1) information M of the body by noise in the rows, and M times the body
+    bias_information : (b, b + 1) information M of the body by noise in the rows, and M times the body
     moved : (6, 6) derivative of the next pose error by the momentum, SI units
     brought : (p, v) change of the momentum until the next window by the variables
     inertial, in_base_axes : (p, f) change of the momentum by a constant force and torque, as its axes are
@@ -47,7 +47,7 @@ class WhitenedWindow:
     process: Array
     back: Array
     shared: Array
-    feigned: Array
+    bias_information: Array
     moved: Array
     brought: Array
     inertial: Array

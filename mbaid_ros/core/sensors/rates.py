@@ -202,7 +202,7 @@ class TwistFrame:
         self._waiting = [windows[-1]]
         return results[-len(windows) :]
 
-    def work_off(self) -> None:
+    def run_slice(self) -> None:
         """Evaluate the last window now, not when the next one comes."""
         if self._waiting:
             self._evaluate(self._waiting)

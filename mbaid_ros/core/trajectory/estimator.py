@@ -82,7 +82,7 @@ class TrajectoryEstimator:
 
     def _filter(self, window: Samples, knots: Averaged, origin: int) -> Solved | NoSolution:
         """Filter one window, and return the solution by then, or why there is none."""
-        while self.work_off():
+        while self.run_slice():
             pass
         self._plane.update(window)
         self._samples += len(window)
@@ -99,15 +99,15 @@ class TrajectoryEstimator:
 
     def _solution(self, run: FilterRun, now: Instant, window: Samples) -> Solved:
         """Judge the solution of the best hypothesis, and return it with its history."""
-        track, layout, origin = run.best, self._runs.layout, self._averaging.origin
+        filtered, layout, origin = run.best, self._runs.layout, self._averaging.origin
         moments = run.moments()
         sizes = moments.sizes(layout)
         verdict = self._with_causes(run, judge(self._runs.evidence(run, sizes, window)))
         verdict = with_undeclared_orbit(verdict, moments, layout)
         # Where the data contradict the model, the verdict names what would have to be further off.
         too_small = [underestimated_text(*each) for each in sizes.sure if verdict.adequate]
-        acting = track.hypothesis.disturbed and track.hypothesis.physical
-        estimated = [f'{track.hypothesis.name}; estimated along, which widens the intervals'] if acting else []
+        acting = filtered.hypothesis.disturbed and filtered.hypothesis.physical
+        estimated = [f'{filtered.hypothesis.name}; estimated along, which widens the intervals'] if acting else []
         x, factor = moments.published(sizes, layout, _REPORTED)
         covariance = (factor @ factor.T + moments.variables.outside[np.ix_(_REPORTED, _REPORTED)]) * verdict.widening
         return Solved(
@@ -115,8 +115,8 @@ class TrajectoryEstimator:
                 x=x,
                 covariance=covariance,
                 cautious_covariance=covariance,
-                cost=track.belief.nis,
-                redundancy=track.belief.measured,
+                cost=filtered.gaussian.nis,
+                redundancy=filtered.gaussian.measured,
                 origin=origin,
                 plane=self._plane.plane(self._kernel.target),
                 curvatures=run.curvatures(explained=verdict.adequate),
@@ -124,7 +124,7 @@ class TrajectoryEstimator:
             ),
             instant=now,
             verdict=verdict,
-            events=(*forces(track, moments), *self._runs.events(moments), *jumps(track, moments, origin)),
+            events=(*forces(filtered, moments), *self._runs.events(moments), *jumps(filtered, moments, origin)),
             budget=error_budget(moments, layout, self._settings.uncertainty, sizes),
             thrusters=thrusters(moments, layout),
             delay=joint_delay(moments, layout),
@@ -167,10 +167,10 @@ class TrajectoryEstimator:
             kernel = self._runs.layout.point(state).side.kernel
         return brought(window, kernel.with_target(state[BODY]))
 
-    def work_off(self) -> bool:
+    def run_slice(self) -> bool:
         """Run a slice of the background work; return whether more is due before the next window."""
         run = self._runs.run
-        return run is not None and (run.work_off() or self._runs.isolation.work_off())
+        return run is not None and (run.run_slice() or self._runs.isolation.run_slice())
 
     def knowledge(self) -> Posterior | None:
         """Return the posterior at the end of the run; None without a solution, or where nothing locates the base."""

@@ -67,9 +67,9 @@ def _known(moments: MeanAndCovariance) -> bool:
     return bool(moments.deviation[BODY.start] < _KNOWN * moments.mean[BODY.start])
 
 
-def forces(track: HypothesisFilter, moments: MeanAndCovariance) -> tuple[Event, ...]:
+def forces(filtered: HypothesisFilter, moments: MeanAndCovariance) -> tuple[Event, ...]:
     """Return the constant force and torque as an event, if it is significant."""
-    axes = track.hypothesis.force
+    axes = filtered.hypothesis.force
     if axes == 'none':
         return ()
     value, factor = moments.force, moments.force_factor
@@ -79,11 +79,11 @@ def forces(track: HypothesisFilter, moments: MeanAndCovariance) -> tuple[Event, 
     return (Event(0.0, 'ramp', value[:3], value[3:], constant_force(axes)),)
 
 
-def jumps(track: HypothesisFilter, moments: MeanAndCovariance, origin: Array) -> tuple[Event, ...]:
+def jumps(filtered: HypothesisFilter, moments: MeanAndCovariance, origin: Array) -> tuple[Event, ...]:
     """Return the jumps of the momentum, without the effect of a constant force; origin (3,) m of the run."""
-    levels = [*((jump.before, jump.pushed) for jump in track.jumps), (moments.mean[MOMENTUM], track.pushed)]
-    events, cause = [], PULSE if len(track.jumps) <= MOST_JUMPS else SYMPTOM
-    for jump, (after, pushed) in zip(track.jumps, levels[1:], strict=True):
+    levels = [*((jump.before, jump.pushed) for jump in filtered.jumps), (moments.mean[MOMENTUM], filtered.pushed)]
+    events, cause = [], PULSE if len(filtered.jumps) <= MOST_JUMPS else SYMPTOM
+    for jump, (after, pushed) in zip(filtered.jumps, levels[1:], strict=True):
         change = after - jump.before - moments.by_force(pushed - jump.pushed)
         angular = change[3:] + cross(origin, change[:3])
         events.append(Event(jump.time, 'step', change[:3], angular, cause))

@@ -156,14 +156,14 @@ class TargetRuns:
         """Return a run over the windows since a change of the target: the posterior of the robot carries over."""
         slack = _SETTLING * self._settings.window
         windows = self.isolation.since(change.time + slack)
-        belief = run.belief_before(change.time, slack)
-        before = None if belief is None else MeanAndCovariance.of(belief, self.variables)
+        gaussian = run.gaussian_before(change.time, slack)
+        before = None if gaussian is None else MeanAndCovariance.of(gaussian, self.variables)
         jumped = jumps(run.best, run.moments(), origin) if run.started else ()
         self._earlier = (*self.events(before), *(jump for jump in jumped if jump.time < change.time - slack))
         text = target_changed_text(change.time, exchanged=change.exchanged)
         self._change = ChangedTarget(change.time, text, change.exchanged, before)
-        if belief is not None:
-            after = another_body(belief, self.variables, exchanged=change.exchanged)
+        if gaussian is not None:
+            after = another_body(gaussian, self.variables, exchanged=change.exchanged)
             moments = MeanAndCovariance.of(after, self.variables)
             prior = UnknownsPrior(moments.mean[BODY.stop :], moments.factor[BODY.stop :])
             self.layout = replace(self.layout, known=prior)
@@ -172,7 +172,7 @@ class TargetRuns:
 
     def evidence(self, run: FilterRun, sizes: PriorScaleFactors, latest: Samples) -> Evidence:
         """Return the evidence for and against the model of a run that has started, after its latest window."""
-        belief, hypothesis = run.best.belief, run.best.hypothesis
+        gaussian, hypothesis = run.best.gaussian, run.best.hypothesis
         # A hypothesis that acts or drifts takes up what would show where the robot is wrong.
         undisturbed = run.moments_of_first().sizes(self.layout) if hypothesis.disturbed else sizes
         beside_prior = sizes if hypothesis.physical else undisturbed
@@ -180,8 +180,8 @@ class TargetRuns:
         declared = self._settings.constant != 'none'
         instead, gain = ('', 0.0) if declared else undisturbed.likeliest
         return Evidence(
-            nis=belief.nis / max(belief.measured, 1),
-            innovations=belief.innovations,
+            nis=gaussian.nis / max(gaussian.measured, 1),
+            innovations=gaussian.innovations,
             distances={kind_in_words(cause): value for cause, value in beside_prior.distances.items()},
             jumps=len(run.best.jumps),
             unconfirmed=run.unconfirmed or self.isolation.open_jumps(run),

@@ -147,8 +147,8 @@ def attainable(robot: str, truth: Truth, errors: ModelErrors, sizes: ErrorSizes)
     state[MOMENTUM], state[BODY] = momentum, own.target.parameters
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         state[place] = np.linalg.lstsq(unknown.factor, _true(unknown, errors), rcond=None)[0]
-    belief = _followed(layout, own_variables, windows, state)
-    moments = MeanAndCovariance.of(belief, own_variables)
+    gaussian = _followed(layout, own_variables, windows, state)
+    moments = MeanAndCovariance.of(gaussian, own_variables)
     jacobian = physical_jacobian(own.target.parameters)
     deviation = np.sqrt(np.sum((jacobian @ moments.factor[BODY]) ** 2, axis=1))
     error = jacobian @ (moments.mean - state)[BODY]
@@ -177,10 +177,10 @@ def _windows(robot: str, truth: Truth, errors: ModelErrors, length: float) -> tu
 def _followed(layout: Layout, own: Variables, windows: list[Window], state: Array) -> SquareRootInformation:
     """Return the posterior after windows, all linearised at a state."""
     steps = LinearisationCache(layout, own).all_whitened(stacked(windows), layout.point(state))
-    belief = SquareRootInformation.prior(own)
+    gaussian = SquareRootInformation.prior(own)
     for place, (_, step) in enumerate(steps):
-        belief = update(belief if place == 0 else advance(belief, steps[place - 1][1], own, UNDISTURBED), step)
-    return belief
+        gaussian = update(gaussian if place == 0 else advance(gaussian, steps[place - 1][1], own, UNDISTURBED), step)
+    return gaussian
 
 
 def _true(unknown: Unknown, errors: ModelErrors) -> Array:

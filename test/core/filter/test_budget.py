@@ -38,12 +38,12 @@ def uncertainty(joints: int, *, given: bool) -> Uncertainty:
     return Uncertainty(each, each, each, 2e-3, 2e-3, 0.02, known, 0.5 if given else 0.0)
 
 
-def measured(belief: SquareRootInformation, seed: int, truth: Array) -> tuple[SquareRootInformation, Array]:
-    """Return a belief after measurements of unit variance, and their rows."""
-    rows = np.random.default_rng(seed).normal(size=(60, belief.size))
+def measured(gaussian: SquareRootInformation, seed: int, truth: Array) -> tuple[SquareRootInformation, Array]:
+    """Return a gaussian after measurements of unit variance, and their rows."""
+    rows = np.random.default_rng(seed).normal(size=(60, gaussian.size))
     known = np.column_stack((rows, np.zeros(60), rows @ truth))
-    root = np.asarray(np.linalg.qr(np.vstack((belief.root, known)), mode='r'))
-    return belief.with_root(root[: belief.size]), rows
+    root = np.asarray(np.linalg.qr(np.vstack((gaussian.root, known)), mode='r'))
+    return gaussian.with_root(root[: gaussian.size]), rows
 
 
 def blocks(layout: Layout, filter_variables: Variables, *, given: bool) -> dict[str, Flags]:
@@ -71,8 +71,8 @@ def test_each_prior_has_its_share_and_noise_the_rest(name: str, given: bool) -> 
     state = np.zeros(layout.size)
     state[BODY] = robot.target.parameters
     prior = SquareRootInformation.prior(of_filter)
-    belief, rows = measured(prior, 1, of_filter.gather @ state)
-    moments = MeanAndCovariance.of(belief, of_filter)
+    gaussian, rows = measured(prior, 1, of_filter.gather @ state)
+    moments = MeanAndCovariance.of(gaussian, of_filter)
     declared = replace(moments.sizes(layout), each=np.ones(layout.size - BODY.stop))
     found = error_budget(moments, layout, known, declared)
     zeros = np.array([cause.startswith('zero') for unknown in layout.unknowns for cause in unknown.causes])

@@ -176,7 +176,7 @@ def test_windows_together_are_windows_one_by_one_with_many_unknowns(robot: Momen
         (one,) = single.update([window], 0)
         # What is put off is done in between, all of it or some, or at the next window.
         for _ in range(number % 3 * 2):
-            single.work_off()
+            single.run_slice()
         assert same(one, whole)
 
 

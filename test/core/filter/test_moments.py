@@ -35,10 +35,10 @@ class Case:
         self.space: Variables = variables(self.layout, PlaneDetector(robot.model), uncertainty)
         rng = np.random.default_rng(5)
         self.windows = [self._window(rng, unseen) for _ in range(windows)]
-        belief = SquareRootInformation.prior(self.space)
+        gaussian = SquareRootInformation.prior(self.space)
         for white in self.windows:
-            belief = advance(update(belief, white), white, self.space, UNDISTURBED)
-        self.moments = MeanAndCovariance.of(belief, self.space)
+            gaussian = advance(update(gaussian, white), white, self.space, UNDISTURBED)
+        self.moments = MeanAndCovariance.of(gaussian, self.space)
 
     def _window(self, rng: np.random.Generator, unseen: slice) -> WhitenedWindow:
         size = self.layout.size
@@ -185,25 +185,25 @@ def test_noise_in_rows_feigns_the_information_that_it_has_on_average(seed: int) 
         # E[(d rows)^T covariance^-1 (d rows)] of an error of the joints with unit covariance.
         information += size * np.einsum('abn,ac,cdn->bd', slope, np.linalg.inv(covariance), slope)
     at = information @ (space.gather[BODY, BODY] @ model.body)
-    assert prepare(model, space).feigned == pytest.approx(np.column_stack((information, at)), rel=1e-8)
+    assert prepare(model, space).bias_information == pytest.approx(np.column_stack((information, at)), rel=1e-8)
 
 
 def test_what_is_feigned_adds_up_and_widens_the_body_and_what_goes_with_it() -> None:
     rng = np.random.default_rng(4)
     space = drawn_variables(rng)
     white = [prepare(drawn_window(rng), space) for _ in range(2)]
-    belief = SquareRootInformation.prior(space)
+    gaussian = SquareRootInformation.prior(space)
     for each in white:
-        belief = update(belief, each)
-    assert belief.feigned == pytest.approx(white[0].feigned + white[1].feigned)
-    moments = MeanAndCovariance.of(belief, space)
+        gaussian = update(gaussian, each)
+    assert gaussian.bias_information == pytest.approx(white[0].bias_information + white[1].bias_information)
+    moments = MeanAndCovariance.of(gaussian, space)
     rows = np.arange(6, BODY.stop)  # momentum and body
     covariance = moments.covariance(rows)
     information = np.zeros((len(rows), len(rows)))
     gather = space.gather[BODY, BODY]
     # Of these drawn windows' information, what is left of a hundredth of the joints' noise.
-    small = MeanAndCovariance.of(replace(belief, feigned=1e-4 * belief.feigned), space)
-    information[6:, 6:] = 1e-4 * gather.T @ belief.feigned[:, :-1] @ gather
+    small = MeanAndCovariance.of(replace(gaussian, bias_information=1e-4 * gaussian.bias_information), space)
+    information[6:, 6:] = 1e-4 * gather.T @ gaussian.bias_information[:, :-1] @ gather
     expected = np.linalg.inv(np.eye(len(rows)) - covariance @ information)
     for which in (rows, BODY_PLACES):
         times = small.amplification(small.factor_of(space.spread[which]), which)
@@ -219,11 +219,11 @@ def test_intervals_hold_where_much_of_what_seems_known_is_noise() -> None:
     values = truth * motion + noise * rng.standard_normal((runs, count))
     # The residual y - x h has the rows' noise, too, as its part of the noise: S = noise^2 + x^2 of_row^2.
     size = noise**2 + truth**2 * of_row**2
-    feigned = count * of_row**2 / size
+    bias_information = count * of_row**2 / size
 
     def step(x: Array) -> Array:
         residual = values - x[:, None] * rows
-        score = np.sum(rows * residual, axis=1) / size + x * feigned  # on average zero at the truth
+        score = np.sum(rows * residual, axis=1) / size + x * bias_information  # on average zero at the truth
         return np.asarray(x + score / (np.sum(rows**2, axis=1) / size))
 
     found: Array = np.full(runs, 0.7)
@@ -231,9 +231,11 @@ def test_intervals_hold_where_much_of_what_seems_known_is_noise() -> None:
         found = step(found)
     information = np.mean(np.sum(rows**2, axis=1)) / size
     seems = np.sqrt(1.0 / information)
-    found_of = InformationCorrection.of(np.array([[1.0 / information]]), np.array([[feigned, feigned]]), np.ones(1))
+    found_of = InformationCorrection.of(
+        np.array([[1.0 / information]]), np.array([[bias_information, bias_information]]), np.ones(1)
+    )
     wider = np.hypot(1.0 + found_of.gain[0, 0] / information, found_of.score[0, 0] / np.sqrt(information))
-    assert feigned / information == pytest.approx(0.41, abs=0.05)
+    assert bias_information / information == pytest.approx(0.41, abs=0.05)
     assert np.mean(found) == pytest.approx(truth, abs=0.02)
     assert np.std(found) > 1.3 * seems
     assert np.std(found) == pytest.approx(wider * seems, rel=0.08)

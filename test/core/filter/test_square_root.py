@@ -20,9 +20,9 @@ from mbaid_ros.core.results.evidence import Innovations
 from mbaid_ros.core.unknowns.environment import UNDISTURBED, Hypothesis
 
 
-def covariance_of(belief: SquareRootInformation, space: Variables) -> Array:
+def covariance_of(gaussian: SquareRootInformation, space: Variables) -> Array:
     """Return the covariance of the state."""
-    factor = MeanAndCovariance.of(belief, space).factor
+    factor = MeanAndCovariance.of(gaussian, space).factor
     return np.asarray(factor @ factor.T)
 
 
@@ -72,17 +72,17 @@ def test_the_filter_is_least_squares(seed: int) -> None:
     rng = np.random.default_rng(seed)
     space = variables(rng)
     models = [window(rng) for _ in range(4)]
-    belief = SquareRootInformation.prior(space)
+    gaussian = SquareRootInformation.prior(space)
     for model in models:
         white = prepare(model, space)
-        belief = advance(update(belief, white), white, space, UNDISTURBED)
+        gaussian = advance(update(gaussian, white), white, space, UNDISTURBED)
     mean, covariance, likelihood, shift = batch(models, space)
-    moments = MeanAndCovariance.of(belief, space)
-    assert space.spread @ belief.least_squares == pytest.approx(mean, rel=1e-8, abs=1e-8)
-    assert covariance_of(belief, space) == pytest.approx(covariance, rel=1e-8, abs=1e-8)
+    moments = MeanAndCovariance.of(gaussian, space)
+    assert space.spread @ gaussian.least_squares == pytest.approx(mean, rel=1e-8, abs=1e-8)
+    assert covariance_of(gaussian, space) == pytest.approx(covariance, rel=1e-8, abs=1e-8)
     assert moments.variance == pytest.approx(np.diag(covariance), rel=1e-8, abs=1e-8)
-    assert belief.log_likelihood == pytest.approx(likelihood, rel=1e-9)
-    assert belief.measured == 48
+    assert gaussian.log_likelihood == pytest.approx(likelihood, rel=1e-9)
+    assert gaussian.measured == 48
     assert moments.shift == pytest.approx(shift, rel=1e-8, abs=1e-8)
     assert moments.mean == pytest.approx(mean + shift, rel=1e-8, abs=1e-8)
 
@@ -119,7 +119,7 @@ def test_a_constant_force_moves_the_momentum() -> None:
     white = prepare(model, space)
     state, wrench = rng.normal(size=STATE), rng.normal(size=6)
     known = np.concatenate((space.gather @ state, np.linalg.solve(space.force, wrench)))
-    belief = SquareRootInformation(
+    gaussian = SquareRootInformation(
         np.column_stack((np.eye(STATE + 6), np.zeros(STATE + 6), known)), Innovations.none(6), np.zeros((10, 11))
     )
     force, torque = wrench[:3], wrench[3:]
@@ -129,7 +129,7 @@ def test_a_constant_force_moves_the_momentum() -> None:
         'body': (turned, model.rotation @ torque + np.cross(model.position, turned)),
     }
     for hypothesis in (Hypothesis('', force='inertial'), Hypothesis('', force='body')):
-        after = MeanAndCovariance.of(advance(belief, white, space, hypothesis), space)
+        after = MeanAndCovariance.of(advance(gaussian, white, space, hypothesis), space)
         linear, angular = acting[hypothesis.force]
         assert after.mean[LINEAR] == pytest.approx(state[LINEAR] + 0.5 * linear)
         assert after.mean[ANGULAR] == pytest.approx(state[ANGULAR] + 0.5 * angular)
@@ -144,9 +144,9 @@ def test_walks_add_their_variance() -> None:
     rng = np.random.default_rng(2)
     space = variables(rng)
     white = prepare(window(rng), space)
-    belief = SquareRootInformation.prior(space)
+    gaussian = SquareRootInformation.prior(space)
     still, walked = (
-        covariance_of(advance(belief, white, space, hypothesis), space)
+        covariance_of(advance(gaussian, white, space, hypothesis), space)
         for hypothesis in (UNDISTURBED, Hypothesis('', momentum=3.0, position=2.0, orientation=1.0))
     )
     expected = np.zeros(STATE)
@@ -157,14 +157,14 @@ def test_walks_add_their_variance() -> None:
 def test_a_broken_chain_keeps_momentum_and_body() -> None:
     rng = np.random.default_rng(3)
     space = variables(rng)
-    belief = update(SquareRootInformation.prior(space), prepare(window(rng), space))
-    broken = pose_reset(belief, space)
+    gaussian = update(SquareRootInformation.prior(space), prepare(window(rng), space))
+    broken = pose_reset(gaussian, space)
     before, after, prior = (
-        MeanAndCovariance.of(each, space) for each in (belief, broken, SquareRootInformation.prior(space))
+        MeanAndCovariance.of(each, space) for each in (gaussian, broken, SquareRootInformation.prior(space))
     )
     assert np.array_equal(after.mean[6:], before.mean[6:])
     covariance = covariance_of(broken, space)
-    assert covariance[6:, 6:] == pytest.approx(covariance_of(belief, space)[6:, 6:], rel=1e-9, abs=1e-12)
+    assert covariance[6:, 6:] == pytest.approx(covariance_of(gaussian, space)[6:, 6:], rel=1e-9, abs=1e-12)
     assert np.all(after.mean[:6] == 0.0)
     assert covariance[:6, 6:] == pytest.approx(np.zeros((6, STATE - 6)), abs=1e-12)
     assert covariance[:6, :6] == pytest.approx(np.diag(prior.variance[:6]), abs=1e-12)
@@ -174,11 +174,13 @@ def test_a_jump_loosens_the_momentum_and_the_pose_it_moved() -> None:
     rng = np.random.default_rng(4)
     space = variables(rng)
     model = window(rng)
-    belief = update(SquareRootInformation.prior(space), prepare(model, space))
+    gaussian = update(SquareRootInformation.prior(space), prepare(model, space))
     sizes = np.arange(1.0, 7.0)
-    loose = momentum_inflation(belief, prepare(model, space), space, sizes)
-    added = covariance_of(loose, space) - covariance_of(belief, space)
-    assert MeanAndCovariance.of(loose, space).mean == pytest.approx(MeanAndCovariance.of(belief, space).mean, abs=1e-9)
+    loose = momentum_inflation(gaussian, prepare(model, space), space, sizes)
+    added = covariance_of(loose, space) - covariance_of(gaussian, space)
+    assert MeanAndCovariance.of(loose, space).mean == pytest.approx(
+        MeanAndCovariance.of(gaussian, space).mean, abs=1e-9
+    )
     assert added[6:12, 6:12] == pytest.approx(np.diag(sizes**2), abs=1e-9)
     # It may have come at any time of the window: uniform, with a mean of a half and a mean square of a third.
     moved = model.transition[:, 6:12] * sizes
@@ -193,11 +195,11 @@ def test_covariances_stay_symmetric_and_positive() -> None:
     models = [window(rng, 1e-4) for _ in range(20)]
     # A chain that neither grows nor dies: what it brings along decays a little.
     windows = [prepare(replace(model, transition=0.9 * model.transition), space) for model in models]
-    belief = SquareRootInformation.prior(space, 6)
+    gaussian = SquareRootInformation.prior(space, 6)
     for number in range(3000):
         white = windows[number % len(windows)]
-        belief = advance(update(belief, white), white, space, Hypothesis('', force='inertial'))
-    factor = belief.factor
+        gaussian = advance(update(gaussian, white), white, space, Hypothesis('', force='inertial'))
+    factor = gaussian.factor
     covariance = factor @ factor.T
     assert np.array_equal(covariance, covariance.T)
     assert np.linalg.eigvalsh(covariance).min() > 0.0
@@ -277,10 +279,10 @@ def test_the_linked_filter_is_least_squares() -> None:  # noqa: PLR0915
         several[()] = twist
         covariance = positive(rng) + common
         models.append((replace(model, pose_covariance=covariance, integrated=several), twist, common))
-    belief = SquareRootInformation.prior(space)
+    gaussian = SquareRootInformation.prior(space)
     for model, _, _ in models:
         white = prepare(model, space)
-        belief = advance(update(belief, white), white, space, UNDISTURBED)
+        gaussian = advance(update(gaussian, white), white, space, UNDISTURBED)
     # All at once, over the first state, c, and the noise q of each window's way.
     size = STATE + 6 + 6 * count
     whole: Array = np.eye(STATE, size)
@@ -312,6 +314,8 @@ def test_the_linked_filter_is_least_squares() -> None:  # noqa: PLR0915
         whole, constant = step @ whole, step @ constant
         constant[:6] += model.drift
     solved = np.linalg.inv(information)
-    moments = MeanAndCovariance.of(belief, space)
-    assert space.spread @ belief.least_squares == pytest.approx(whole @ (solved @ right) + constant, rel=1e-6, abs=1e-6)
+    moments = MeanAndCovariance.of(gaussian, space)
+    assert space.spread @ gaussian.least_squares == pytest.approx(
+        whole @ (solved @ right) + constant, rel=1e-6, abs=1e-6
+    )
     assert moments.factor @ moments.factor.T == pytest.approx(whole @ solved @ whole.T, rel=1e-6, abs=1e-6)

@@ -43,13 +43,13 @@ def test_what_is_done_before_a_window_does_not_depend_on_the_calls(seed: int, si
         task.begin(bits(sizes, done))
     for number in range(40):
         for task in (at_leisure, at_once):
-            task.owe(owed)
+            task.allot_steps(owed)
         for _ in range(int(rng.integers(0, 8))):
-            if at_leisure.work_off():
+            if at_leisure.run_slice():
                 found['at leisure'] = number
         for name, task in (('at leisure', at_leisure), ('at once', at_once)):
-            while task.owing:
-                if task.work_off():
+            while task.is_due:
+                if task.run_slice():
                     found[name] = number
         assert ways[0] == ways[1]
     assert ways[0] == sizes
@@ -61,16 +61,16 @@ def test_a_slice_is_bounded_and_larger_states_take_fewer_steps() -> None:
     done: list[int] = []
     task = BackgroundTask[str](24)
     task.begin(bits([1] * 500, done))
-    task.owe(400)
-    task.work_off()
+    task.allot_steps(400)
+    task.run_slice()
     assert len(done) == SLICE
     larger: list[int] = []
     task = BackgroundTask[str](140)
     task.begin(bits([1] * 500, larger))
-    task.owe(400)
-    task.work_off()
+    task.allot_steps(400)
+    task.run_slice()
     assert len(larger) == SLICE // 2
-    assert task.owing
+    assert task.is_due
 
 
 def test_what_fails_is_over() -> None:
@@ -80,12 +80,12 @@ def test_what_fails_is_over() -> None:
 
     task = BackgroundTask[str](24)
     task.begin(failing())
-    task.owe(10)
+    task.allot_steps(10)
     with pytest.raises(np.linalg.LinAlgError):
-        task.work_off()
+        task.run_slice()
     assert not task.under_way
-    assert task.work_off() is None
-    assert not task.owing
+    assert task.run_slice() is None
+    assert not task.is_due
 
 
 def spied(monkeypatch: pytest.MonkeyPatch, *, failing: bool) -> list[int]:
@@ -161,8 +161,8 @@ class Young:
     def passed(self, point: Point) -> tuple[HypothesisFilter, MeanAndCovariance]:
         """Return what all windows lead to, linearised at a point."""
         passed = returned(self.passes.relinearise(in_stacks(self.windows), point))
-        (track,) = returned(self.passes.filter(passed, (self.passes.prior(UNDISTURBED),)))
-        return track, MeanAndCovariance.of(track.belief, self.passes.variables)
+        (filtered,) = returned(self.passes.filter(passed, (self.passes.prior(UNDISTURBED),)))
+        return filtered, MeanAndCovariance.of(filtered.gaussian, self.passes.variables)
 
     def at(self, moments: MeanAndCovariance) -> Point:
         """Return the point that moments lead to."""
@@ -182,10 +182,10 @@ def young(servicer: Truth) -> Young:
     return Young(servicer)
 
 
-def taken_over(initialisation: Initialisation, track: HypothesisFilter, point: Point, covariance: Array) -> None:
+def taken_over(initialisation: Initialisation, filtered: HypothesisFilter, point: Point, covariance: Array) -> None:
     """Have it go on from a search that has led to a hypothesis, with the body's covariance by then."""
-    start = Start((track,), point, accepted=True, covariance=covariance, curvature=None)
-    initialisation.take_over(start, track)
+    start = Start((filtered,), point, accepted=True, covariance=covariance, curvature=None)
+    initialisation.take_over(start, filtered)
 
 
 def ratio(shift: Array, covariance: Array) -> float:
@@ -193,9 +193,9 @@ def ratio(shift: Array, covariance: Array) -> float:
 
 
 def test_it_is_the_step_of_the_next_pass(young: Young) -> None:
-    track, moments = young.passed(young.far())
+    filtered, moments = young.passed(young.far())
     _, after = young.passed(young.at(moments))
-    found = returned(young.passes.displacement(in_stacks(young.windows), track))
+    found = returned(young.passes.displacement(in_stacks(young.windows), filtered))
     assert found.shifts[0] == pytest.approx(after.mean[BODY] - moments.mean[BODY], rel=1e-9, abs=1e-12)
 
 
@@ -211,24 +211,24 @@ def test_passes_that_have_come_to_a_point_are_not_displaced_and_one_from_afar_is
 
 
 def test_it_is_asked_once_the_body_is_better_known_and_kept_until_windows_are_linearised_anew(young: Young) -> None:
-    track, moments = young.passed(young.far())
+    filtered, moments = young.passed(young.far())
     covariance = moments.covariance(BODY_PLACES)
     asked = []
     for before in (covariance, 3.0 * covariance):  # no better known than where they were linearised, or better
         initialisation = Initialisation(young.passes, (UNDISTURBED,), len(young.windows), ENOUGH)
         initialisation.windows = list(young.windows)
         initialisation._searched = len(young.windows)
-        taken_over(initialisation, track, young.point, before)
-        initialisation.check_displacement(track)
+        taken_over(initialisation, filtered, young.point, before)
+        initialisation.check_displacement(filtered)
         initialisation.allot()
-        asked.append(initialisation.owing)
+        asked.append(initialisation.is_due)
     assert asked == [False, True]
-    while initialisation.owing:
-        initialisation.work_off(explained=True)
+    while initialisation.is_due:
+        initialisation.run_slice(explained=True)
     assert initialisation._due == len(young.windows)  # a search is due with the next window
     displaced = [initialisation._displaced]
-    taken_over(initialisation, track, young.point, 3.0 * covariance)
+    taken_over(initialisation, filtered, young.point, 3.0 * covariance)
     displaced.append(initialisation._displaced)  # better known than where they were linearised anew: not checked yet
-    taken_over(initialisation, track, young.point, covariance)
+    taken_over(initialisation, filtered, young.point, covariance)
     displaced.append(initialisation._displaced)
     assert displaced == [True, True, False]

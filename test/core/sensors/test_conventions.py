@@ -28,7 +28,7 @@ def verdict(declared: str, samples: Samples) -> TwistFrame:
     judge = TwistFrame(declared)
     for window in windows(samples):
         judge.update([window])
-    judge.work_off()
+    judge.run_slice()
     return judge
 
 
@@ -93,10 +93,10 @@ def test_windows_at_once_say_what_they_say_one_by_one(seed: int) -> None:
     assert in_parts.update(cut[:7]) + in_parts.update([]) + in_parts.update(cut[7:]) == told
     for window, expected in zip(cut, told, strict=True):
         assert at_leisure.update([window]) == [expected]
-        at_leisure.work_off()
+        at_leisure.run_slice()
     judges = (singly, together, in_parts, at_leisure)
     for judge in judges:
-        judge.work_off()
+        judge.run_slice()
     assert len({judge.share for judge in judges}) == 1
     assert [contradiction for contradiction, _ in told[:2]] == ['', '']
     contradiction, gain = told[-1]

@@ -70,12 +70,12 @@ def test_a_mass_that_is_held_takes_the_centre_of_mass_along(servicer7: MomentumK
     uncertainty = Uncertainty(target=TargetPrior(MASS, MASS_STD, COM, COM_STD))
     space = variables(Layout.of(servicer7, ()), PlaneDetector(servicer7.model), uncertainty)
     held = 100.0
-    belief = SquareRootInformation.prior(space, mass=held)
-    moments = MeanAndCovariance.of(belief, space)
+    gaussian = SquareRootInformation.prior(space, mass=held)
+    moments = MeanAndCovariance.of(gaussian, space)
     assert moments.mean[BODY][:4] == pytest.approx([held, *(held * np.array(COM))])
     # Nearer than it would be held is what is known of it.
     assert moments.deviation[BODY.start] == pytest.approx(MASS_STD)
-    assert belief.log_likelihood == 0.0
+    assert gaussian.log_likelihood == 0.0
 
 
 def test_a_mass_that_is_known_is_the_one_to_start_from() -> None:
