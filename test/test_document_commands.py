@@ -41,41 +41,16 @@ def test_a_kind_of_block_is_in_no_other_document_than_those_tested_below(kind: s
     assert {path for path in DOCUMENTS if blocks(path, kind)} == documents
 
 
-# A document's commands run with less data in the default run, and as printed in the long one.
-SHORTER = {
-    'docs/calibration.md': {'--output before': '--output before --duration 20'},
-    'docs/campaigns.md': {'config/table1_campaign.yaml': 'short.yaml', 'seeds: 4': 'seeds: 1'},
-    'docs/plan.md': {'plan.relative_std:=[0.0005]': 'plan.effort:=10 -p plan.relative_std:=[0.00065]'},
-    'docs/simulator.md': {'--duration 60': '--duration 24', 'time:=30.0': 'time:=12.0', 'time: 30.0': 'time: 12.0'},
-    'docs/tutorial.md': {'--duration 30': '--duration 12'},
-}
-SHORT_CAMPAIGN = r"""sed -e 's/^seeds: .*/seeds: 1/' -e 's#: table1#: config/table1#' \
-    config/table1_campaign.yaml > short.yaml
-"""
-
-
-def shortened(document: str, commands: str) -> str:
-    for old, new in SHORTER[document].items():
-        assert old in commands
-        commands = commands.replace(old, new)
-    return (SHORT_CAMPAIGN if 'short.yaml' in commands else '') + commands
-
-
 @pytest.mark.parametrize(
-    ('document', 'short'),
+    'document',
     [
-        *(pytest.param(name, True, id=f'{name} shortened') for name in SHORTER),
-        *(
-            pytest.param(name, False, id=name, marks=[pytest.mark.long] if name in SHORTER else [])
-            for name in names(DOCUMENTS)
-            if blocks(ROOT / name, 'run')
-        ),
+        pytest.param(name, marks=[] if name == 'README.md' else [pytest.mark.long])
+        for name in names(DOCUMENTS)
+        if blocks(ROOT / name, 'run')
     ],
 )
-def test_the_commands_run_as_printed(document: str, short: bool, tmp_path: Path) -> None:
+def test_the_commands_run_as_printed(document: str, tmp_path: Path) -> None:
     commands = ''.join(block.text for block in blocks(ROOT / document, 'run'))
-    if short:
-        commands = shortened(document, commands)
     with project(tmp_path) as folder:
         run = bash(''.join(prelude() if document != 'README.md' else []) + commands, folder)
     assert (run.returncode, run.stderr) == (0, ''), run.stdout
@@ -103,6 +78,7 @@ def test_the_way_with_ros_finds_both_packages_and_leads_to_the_executables(tmp_p
     assert 'usage: replay' in run.stdout
 
 
+@pytest.mark.long
 def test_pytest_finds_the_test_that_is_to_have_more_runs(tmp_path: Path) -> None:
     (block,) = blocks(CAMPAIGNS, 'collected')
     asked = {'PYTEST_ADDOPTS': '--collect-only --quiet'}
