@@ -26,11 +26,11 @@ from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.streams import Windows
+from mbaid_ros.planning.goal import Wanted
 from mbaid_ros.planning.limits import BaseLimits, joint_limits
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import Plan
 from mbaid_ros.planning.planner import Planner, PlanSettings
-from mbaid_ros.planning.search import Wanted
 from mbaid_ros.planning.splines import Splines
 from mbaid_ros.session import make_estimator
 from mbaid_ros.session.methods import make_reporting

@@ -24,7 +24,7 @@ from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import DataError, MbaidError
 from mbaid_ros.nodes.diagnostics import Diagnostics, NodeClock
 from mbaid_ros.nodes.planning import AdviceTask, Planning
-from mbaid_ros.nodes.publication import EstimatePublication
+from mbaid_ros.nodes.publishers import EstimatePublication
 from mbaid_ros.nodes.reports import RunLog, RunState, remarks
 from mbaid_ros.nodes.subscriptions import DescriptionSubscription, Subscriptions, qos, quiet_publisher, tf_message
 from mbaid_ros.session import Session

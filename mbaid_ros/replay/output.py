@@ -18,7 +18,7 @@ from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array, Flags, quaternion_from_rotation
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNCHECKED, UNITS, rounded
-from mbaid_ros.core.results.publication import Debris
+from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
 from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.messages import JOINT_MISSING

@@ -13,7 +13,7 @@ from mbaid_ros.cdr import Packets
 from mbaid_ros.core.capture import Capture, Phase
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.publication import Debris
+from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.samples import Stamps
 from mbaid_ros.core.sensors.levels import SensorLevels

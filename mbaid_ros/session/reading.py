@@ -17,7 +17,7 @@ from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream
 from mbaid_ros.core.sensors.base import AttachedFrame, measured_orientation
 from mbaid_ros.core.sensors.external_momentum import StoredMomentum
-from mbaid_ros.core.sensors.imu import DeadReckoning, Gyro
+from mbaid_ros.core.sensors.gyro import DeadReckoning, Gyro
 from mbaid_ros.core.sensors.joints import JointMerge
 from mbaid_ros.core.sensors.streams import OTHER_CLOCK, Gate, Reorder
 from mbaid_ros.messages import (

@@ -15,7 +15,7 @@ from mbaid_ros.core.capture import Capture, CaptureEstimator, Phase
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.publication import Debris, debris
+from mbaid_ros.core.results.published_inertia import Debris, debris
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import physical

@@ -13,7 +13,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import KnownJointsConfig, TargetPriorConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import rotation_from_quaternion
-from mbaid_ros.core.results.publication import Frame
+from mbaid_ros.core.results.published_inertia import Frame
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.momentum import Storage

@@ -22,8 +22,8 @@ from mbaid_ros.core.filter.measured_window import (
     twist_covariance,
     twist_measurement,
 )
-from mbaid_ros.core.filter.prediction import Bodies, Prediction, by_deflections, predict
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
+from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, by_deflections, predict
 from mbaid_ros.core.filter.window import Stack
 from mbaid_ros.core.geometry import Array, Integers, cross, exp
 from mbaid_ros.core.robot.model import express

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from mbaid_ros.core.array_record import ArrayRecord
-from mbaid_ros.core.filter.prediction import Bodies, Prediction, gains_by_unknowns, joint_gains
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, BODY, Layout
+from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, gains_by_unknowns, joint_gains
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import Stack
 from mbaid_ros.core.geometry import Array, Integers

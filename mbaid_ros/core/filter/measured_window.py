@@ -12,8 +12,8 @@ import numpy as np
 
 from mbaid_ros.core.filter.integrated_twist import IntegratedTwist, weights_of_ways
 from mbaid_ros.core.filter.knots import Midpoints, gradient
-from mbaid_ros.core.filter.prediction import Prediction
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
+from mbaid_ros.core.filter.twist_prediction import Prediction
 from mbaid_ros.core.filter.window import Stack
 from mbaid_ros.core.geometry import Array, cross, crossed, rotate, rotate_back, skew
 from mbaid_ros.core.unknowns.declaration import ImuMotion, Reading

@@ -17,7 +17,7 @@ from std_msgs.msg import String
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.publication import DebrisPublication, InertiaPublication, is_complete
+from mbaid_ros.core.results.published_inertia import DebrisPublication, InertiaPublication, is_complete
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.nodes.markers import Display
 from mbaid_ros.nodes.planning import Planning

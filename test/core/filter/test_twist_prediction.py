@@ -9,8 +9,8 @@ import pytest
 
 from derivatives import central_difference
 from mbaid_ros.core.filter.knots import Midpoints
-from mbaid_ros.core.filter.prediction import Bodies, Prediction, gains_by_unknowns, joint_gains, predict
 from mbaid_ros.core.filter.state import Layout
+from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, gains_by_unknowns, joint_gains, predict
 from mbaid_ros.core.geometry import Array, cross, exp, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
