@@ -104,7 +104,7 @@ def test_the_readme_has_every_topic_and_service_of_the_estimator() -> None:
     section = text[text.index('## Topics and services') : text.index('## Methods')]
     named = set(re.findall(r'^\| `(~/\w+)` \|', section, re.MULTILINE))
     sources = (
-        ROOT / 'mbaid_ros' / 'nodes' / f'{name}.py' for name in ('estimating', 'publication', 'markers', 'planning')
+        ROOT / 'mbaid_ros' / 'nodes' / f'{name}.py' for name in ('estimating', 'publishers', 'markers', 'planning')
     )
     assert named == {name for path in sources for name in re.findall(r"'(~/\w+)'", path.read_text(encoding='utf-8'))}
 
