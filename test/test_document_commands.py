@@ -43,11 +43,15 @@ def test_a_kind_of_block_is_in_no_other_document_than_those_tested_below(kind: s
 
 # A document's commands run with less data in the default run, and as printed in the long one.
 SHORTER = {
-    'docs/calibration.md': {'--output before': '--output before --duration 20'},
-    'docs/campaigns.md': {'config/table1_campaign.yaml': 'short.yaml', 'seeds: 4': 'seeds: 1'},
-    'docs/plan.md': {'plan.relative_std:=[0.0005]': 'plan.effort:=10 -p plan.relative_std:=[0.00065]'},
-    'docs/simulator.md': {'--duration 60': '--duration 24', 'time:=30.0': 'time:=12.0', 'time: 30.0': 'time: 12.0'},
-    'docs/tutorial.md': {'--duration 30': '--duration 12'},
+    'docs/how-to/calibrate.md': {'--output before': '--output before --duration 20'},
+    'docs/how-to/campaigns.md': {'config/table1_campaign.yaml': 'short.yaml', 'seeds: 4': 'seeds: 1'},
+    'docs/how-to/plan.md': {'plan.relative_std:=[0.0005]': 'plan.effort:=10 -p plan.relative_std:=[0.00065]'},
+    'docs/reference/simulator.md': {
+        '--duration 60': '--duration 24',
+        'time:=30.0': 'time:=12.0',
+        'time: 30.0': 'time: 12.0',
+    },
+    'docs/tutorials/first-verdict.md': {'--duration 30': '--duration 12'},
 }
 SHORT_CAMPAIGN = r"""sed -e 's/^seeds: .*/seeds: 1/' -e 's#: table1#: config/table1#' \
     config/table1_campaign.yaml > short.yaml
