@@ -1,4 +1,4 @@
-"""Write docs/planning.md: planned motions against random sinusoids within the same limits, and their outcome."""
+"""Write measured/planning.md: planned motions against random sinusoids within the same limits, and their outcome."""
 
 from __future__ import annotations
 
@@ -192,7 +192,7 @@ def _compared(final: Estimate, plan: Plan, sizes: Array, kernel: MomentumKernel)
 
 def main() -> None:
     """Run the benchmark."""
-    frame = Frame(__doc__, 'planning.md', seeds=20)
+    frame = Frame(__doc__, 'measured/planning.md', seeds=20)
     cases = frame.chosen((Case(*each) for each in product(ROBOTS, SPEEDS, (True, False))), lambda case: case.name)
     work = {case: (case.name, [(case, seed) for seed in frame.seeds]) for case in cases}
     rows = []

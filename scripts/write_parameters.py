@@ -24,7 +24,11 @@ DECLARED: dict[str, type] = {
     'simulator': SimulatorConfig,
     'recorder': RecorderConfig,
 }
-DOCUMENTS = (ROOT / 'README.md', ROOT / 'docs' / 'simulator.md', ROOT / 'docs' / 'calibration.md')
+DOCUMENTS = (
+    ROOT / 'README.md',
+    ROOT / 'docs' / 'reference' / 'simulator.md',
+    ROOT / 'docs' / 'how-to' / 'calibrate.md',
+)
 PLACE = re.compile(r'(<!-- parameters of (\w+) -->\n).*?(<!-- end of parameters -->)', re.DOTALL)
 WIDTH = 120
 

@@ -24,9 +24,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / 'README.md'
-TUTORIAL = ROOT / 'docs' / 'tutorial.md'
-CAMPAIGNS = ROOT / 'docs' / 'campaigns.md'
-DOCUMENTS = [README, *sorted(ROOT.glob('docs/*.md')), ROOT / 'bags' / 'README.md']
+TUTORIAL = ROOT / 'docs' / 'tutorials' / 'first-verdict.md'
+CAMPAIGNS = ROOT / 'docs' / 'how-to' / 'campaigns.md'
+DOCUMENTS = [README, *sorted(ROOT.glob('docs/**/*.md')), ROOT / 'bags' / 'README.md']
 MARK = re.compile(r'run|live|(?:on the graph|run with stand-ins|run by (?P<file>\S+)|collected): .+')
 _BLOCK = re.compile(r'(?:<!-- (?P<mark>[^>]*) -->\n)?^```(?:sh|bash)\n(?P<text>.*?)^```$', re.DOTALL | re.MULTILINE)
 

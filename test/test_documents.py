@@ -31,7 +31,7 @@ def script(name: str) -> dict[str, object]:
 # -- tables
 
 
-@pytest.mark.parametrize('document', ['README.md', 'docs/simulator.md', 'docs/calibration.md'])
+@pytest.mark.parametrize('document', ['README.md', 'docs/reference/simulator.md', 'docs/how-to/calibrate.md'])
 def test_the_tables_of_parameters_are_those_of_the_script(document: str) -> None:
     text = (ROOT / document).read_text(encoding='utf-8')
     assert '<!-- parameters of' in text
@@ -46,11 +46,13 @@ def test_every_threshold_has_a_reason_and_is_in_the_page() -> None:
     assert callable(text)
     assert callable(found)
     assert [f'{each.module}.{each.names[0]}' for each in found() if not each.why] == []
-    assert (ROOT / 'docs' / 'thresholds.md').read_text(encoding='utf-8') == text(), 'run scripts/write_thresholds.py'
+    page = ROOT / 'docs' / 'reference' / 'thresholds.md'
+    assert page.read_text(encoding='utf-8') == text(), 'run scripts/write_thresholds.py'
 
 
 @pytest.mark.parametrize(
-    'document', ['CONTRIBUTING.md', *(f'docs/{name}.md' for name in ('architecture', 'method', 'trajectory', 'orbit'))]
+    'document',
+    ['CONTRIBUTING.md', *(f'docs/explanation/{name}.md' for name in ('architecture', 'method', 'trajectory', 'orbit'))],
 )
 def test_every_file_of_code_that_is_named_is_there(document: str) -> None:
     folders = [ROOT / folder for folder in ('mbaid_ros', 'scripts', 'test')]
@@ -88,7 +90,7 @@ def test_the_readme_has_every_method_and_the_default() -> None:
 
 
 def test_the_page_on_robustness_has_every_bound() -> None:
-    text = (ROOT / 'docs' / 'robustness.md').read_text(encoding='utf-8')
+    text = (ROOT / 'docs' / 'reference' / 'input-handling.md').read_text(encoding='utf-8')
     named = set(re.findall(r'`([A-Z]+(?:_[A-Z]+)*)`', text[text.index('## Files that mean harm') :]))
     assert named == {name for name in vars(limits) if name.isupper()}
 
@@ -117,7 +119,7 @@ def test_the_readme_has_every_key_of_the_json() -> None:
 
 
 def test_the_dependencies_are_those_of_the_project() -> None:
-    text = (ROOT / 'docs' / 'dependencies.md').read_text(encoding='utf-8')
+    text = (ROOT / 'docs' / 'reference' / 'dependencies.md').read_text(encoding='utf-8')
     rows = dict(re.findall(r'^\| `([\w-]+)` \| ([\d., ]+) \|', text, re.MULTILINE))
     requirements = re.findall(r'^([\w-]+)', (ROOT / 'requirements.txt').read_text(encoding='utf-8'), re.MULTILINE)
     assert sorted(rows) == sorted(requirements)
@@ -157,7 +159,7 @@ def test_files_that_are_named_exist(document: str) -> None:
 
 
 def test_equations_that_are_cited_exist() -> None:
-    """By page and number: `docs/method.md, eq. 3` in the code, a link and `eq. 3` in a page."""
+    """By page and number: `docs/explanation/method.md, eq. 3` in the code, a link and `eq. 3` in a page."""
     equations = {
         path.name: re.findall(r'^    .*\S  +\((\d+)\)$', path.read_text(encoding='utf-8'), re.MULTILINE)
         for path in DOCUMENTS

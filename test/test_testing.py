@@ -19,7 +19,7 @@ from mbaid_ros.nodes.subscriptions import TYPES
 from mbaid_ros.outgoing import Frames, estimate_message
 from mbaid_ros.testing import assert_within, deviations, wait_for_estimate
 
-PAGE = ROOT / 'docs' / 'hil.md'
+PAGE = ROOT / 'docs' / 'tutorials' / 'hil-test.md'
 
 
 def message(**changes: object) -> object:
