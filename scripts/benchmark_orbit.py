@@ -1,4 +1,4 @@
-"""Write the tables of docs/explanation/orbit.md: runs in orbit, with wheels inside, and with a thruster off its command.
+"""Write the tables of docs/explanation/orbit.md: runs in orbit, with wheels, and with a thruster off its command.
 
 They are compared with the same runs in empty space. --rows chooses tables: grid, undeclared, circle, wheels, thruster.
 """
