@@ -112,6 +112,9 @@ def as_json(run: Run) -> dict[str, Any]:
         'thrusters': [plain(vars(thruster)) for thruster in final.thrusters],
         'events': events(run),
         'residual': plain(final.residual),
+        'holdout': None
+        if run.holdout is None
+        else {'fraction': run.holdout.fraction, 'ratio': plain(run.holdout.ratio)},
         'causes': [{'cause': cause, 'gain': gain} for cause, gain in final.likely_causes],
         'capture': None if run.capture is None else _capture(run.capture),
         'debris': None if run.debris is None else _debris(run.debris),
@@ -213,6 +216,7 @@ def summary(run: Run) -> str:
         budget = {MAIN_CAUSES: final.budget.told(final.std), UNCHECKED: final.budget.resting()}
         rows += [f'  {what}: {one_line(causes)}' for what, causes in budget.items() if causes]
     rows += [f'  next: {run.advice}'] if run.advice else []
+    rows += [] if run.holdout is None else [f'  {run.holdout.sentence}']
     rows += [] if final.noise is None else [f'  noise: {line}' for line in final.noise.told()]
     rows += [f'  {one_line(line)}' for line in (*_event_lines(run), *likely_causes(run))]
     return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])

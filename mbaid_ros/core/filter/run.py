@@ -176,6 +176,12 @@ class FilterRun:
         return best(self._bank).gaussian.log_likelihood - self._bank[0].gaussian.log_likelihood if self._bank else 0.0
 
     @property
+    def innovations(self) -> Array:
+        """Misfit of each hypothesis with a mechanism over all windows, and number of its innovations, (k, 2)."""
+        physical = [each for each in self._bank if each.hypothesis.physical]
+        return np.array([(each.misfit, each.gaussian.measured) for each in physical]).reshape(-1, 2)
+
+    @property
     def unexplained(self) -> bool:
         """Whether there is no start, or it leaves much of the windows unexplained."""
         if self._latest is None:

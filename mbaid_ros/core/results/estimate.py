@@ -99,6 +99,8 @@ class Estimate:
     time_offset, time_offset_std : s, JointState stamps minus true time relative to Odometry; NaN where not estimated
     consistency_correction : size of the projection on physical bodies in standard deviations; 0 is none
     impulse : (6,) what known thrust has changed the momentum by since the first sample
+    innovations : (k, 2) sum of the normalised innovations squared so far, and their number, under each hypothesis of
+        the trajectory filter that has a mechanism; empty where there is none
     samples : number of samples used
     phase : where the run is; see core/capture/estimator.py
     stage : method of the stage that it is from, where the method has several
@@ -125,6 +127,7 @@ class Estimate:
     time_offset_std: float = np.nan
     consistency_correction: float = 0.0
     impulse: Array = field(default_factory=lambda: np.zeros(6))
+    innovations: Array = field(default_factory=lambda: np.zeros((0, 2)))
     samples: int = 0
     phase: Literal['pre_capture', 'post_capture'] = 'post_capture'
     stage: str = ''

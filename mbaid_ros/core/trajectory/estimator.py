@@ -129,6 +129,7 @@ class TrajectoryEstimator:
             thrusters=thrusters(moments, layout),
             delay=joint_delay(moments, layout),
             impulse=self._momentum_change(window, moments.mean),
+            innovations=run.innovations,
         )
 
     def _with_causes(self, run: FilterRun, verdict: Verdict) -> Verdict:
@@ -158,6 +159,7 @@ class TrajectoryEstimator:
             events=self._runs.events(None),
             warnings=(reason, *self._runs.warnings),
             impulse=window.impulse[-1],
+            innovations=run.innovations,
         )
 
     def _momentum_change(self, window: Samples, state: Array) -> Array:

@@ -160,6 +160,7 @@ class Solved:
     thrusters : how far they are off their commands
     delay : value and standard deviation of the joints' delay, s; NaN where it is no unknown
     impulse : (6,) by which thrust and orbit have changed the momentum since the first sample
+    innovations : as of `Estimate`
     """
 
     solution: Solution
@@ -170,6 +171,7 @@ class Solved:
     thrusters: tuple[Thruster, ...]
     delay: tuple[float, float]
     impulse: Array
+    innovations: Array
 
     def completed(self, estimate: Estimate) -> Estimate:
         """Return the estimate of this solution with the history."""
@@ -197,6 +199,7 @@ class NoSolution:
     events: tuple[Event, ...]
     warnings: tuple[str, ...]
     impulse: Array
+    innovations: Array
 
 
 def estimates(
@@ -228,7 +231,7 @@ def estimates(
                 events=each.events,
                 warnings=each.warnings,
             )
-        made.append(estimate.after_thrust(each.impulse))
+        made.append(replace(estimate.after_thrust(each.impulse), innovations=each.innovations))
     return made
 
 
