@@ -188,7 +188,7 @@ class PriorComparison:
         """Return the largest gains of log-likelihood (...), and the factors k up to `most` that do it."""
         return self._largest([factor for factor in _FACTORS if factor <= most])
 
-    def likely_sizes(self, too_small: float, doubt: float) -> tuple[Array, Array, Array]:
+    def likely_sizes(self, too_small: float | Array, doubt: float | Array) -> tuple[Array, Array, Array]:
         """Return how many times as far from zero each group is as declared: (...) each of what `LikelyScale` has.
 
         The root mean square of one and the likeliest factor, by the chance of either; numbers that the data
@@ -196,7 +196,7 @@ class PriorComparison:
 
         Parameters
         ----------
-        too_small : chance that they are declared too certain, before the data are asked
+        too_small : chance that they are declared too certain, before the data are asked; of all groups or (...) each
         doubt : chance afterwards up to which that counts for nothing
         """
         # Only a mean larger than the data expect can gain by a factor.

@@ -125,7 +125,7 @@ class TrajectoryEstimator:
             instant=now,
             verdict=verdict,
             events=(*forces(filtered, moments), *self._runs.events(moments), *jumps(filtered, moments, origin)),
-            budget=error_budget(moments, layout, self._settings.uncertainty, sizes),
+            budget=partial(error_budget, moments, layout, self._settings.uncertainty, sizes),
             thrusters=thrusters(moments, layout),
             delay=joint_delay(moments, layout),
             impulse=self._momentum_change(window, moments.mean),

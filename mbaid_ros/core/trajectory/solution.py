@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance, PriorScaleFactors
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout, Point
 from mbaid_ros.core.filter.variables import Variables
-from mbaid_ros.core.geometry import Array, cross
+from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.results.estimate import (
     PULSE,
     SYMPTOM,
@@ -23,7 +23,7 @@ from mbaid_ros.core.results.estimate import (
     changed_by,
     constant_force,
 )
-from mbaid_ros.core.results.parameters import SENSOR_NOISE, ErrorBudget
+from mbaid_ros.core.results.parameters import SENSOR_NOISE, DeferredBudget, ErrorBudget
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.results.status import MOST_JUMPS, Verdict
 from mbaid_ros.core.robot.momentum import physical_jacobian, standard
@@ -94,7 +94,7 @@ _ROUNDING = 1e-3  # of a variance: a share further below zero is a difference of
 
 
 def error_budget(
-    moments: MeanAndCovariance, layout: Layout, uncertainty: Uncertainty, sizes: PriorScaleFactors
+    moments: MeanAndCovariance, layout: Layout, uncertainty: Uncertainty, sizes: PriorScaleFactors, known: Flags
 ) -> ErrorBudget:
     """Return the variance by source of the ten parameters; NaN where unknown. The rest of all priors is sensor noise.
 
@@ -103,29 +103,37 @@ def error_budget(
     moments, layout : of the filter
     uncertainty : priors of target and momentum, where they are given
     sizes : scale factors of the unknowns' priors
+    known : (10,) which parameters are determined
     """
+    given = []
+    if uncertainty.target.given:
+        given.append(('target prior', moments.variables.body))
+    if uncertainty.linear_momentum > 0.0:
+        given.append(('momentum prior', slice(moments.variables.poses, moments.variables.head)))
+    names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
+    return DeferredBudget(names, lambda: _shares(moments, layout, [which for _, which in given], sizes, known))
+
+
+def _shares(
+    moments: MeanAndCovariance, layout: Layout, given: list[slice], sizes: PriorScaleFactors, known: Flags
+) -> tuple[Array, Flags]:
+    """Return the shares (10, c), and which are unchecked, as of `error_budget`; `given` are variables with a prior."""
     variables = moments.variables
     jacobian, part = physical_jacobian(moments.mean[BODY]), moments.factor_of(variables.spread[BODY])
     factor = jacobian @ moments.amplification(part, BODY_PLACES) @ part
     errors = moments.contributions(factor, layout).T * sizes.each
     squares = errors**2
-    given = []
-    if uncertainty.target.given:
-        given.append(('target prior', variables.body))
-    if uncertainty.linear_momentum > 0.0:
-        given.append(('momentum prior', slice(variables.poses, variables.head)))
-    priors = np.array([_of_a_prior(factor, moments, variables, which) for _, which in given]).reshape(-1, len(factor))
+    priors = np.array([_of_a_prior(factor, moments, variables, which) for which in given]).reshape(-1, len(factor))
     total = np.sum(factor**2, axis=1) + np.sum(moments.by_score(jacobian @ part) ** 2, axis=1)
     noise = total - np.sum((errors / sizes.each) ** 2, axis=1) - priors.sum(axis=0)
     noise = np.where(noise < -_ROUNDING * total, np.nan, np.maximum(noise, 0.0))
     parts = np.column_stack((noise, squares @ layout.belongs, priors.T))
-    names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
     with np.errstate(divide='ignore', invalid='ignore'):
         shares = parts / parts.sum(axis=1, keepdims=True)
     unchecked = np.zeros(shares.shape, dtype=bool)
     declared = slice(1, 1 + len(layout.causes))
     unchecked[:, declared] = shares[:, declared] > _seen(errors, sizes.covariance, layout)
-    return ErrorBudget(names, shares, unchecked)
+    return np.where(known[:, None], shares, np.nan), unchecked
 
 
 def _seen(errors: Array, covariance: Array, layout: Layout) -> Array:
@@ -156,7 +164,7 @@ class Solved:
     instant : when
     verdict : on the model
     events : what has acted or changed
-    budget : parts of the variance
+    budget : returns the parts of the variance
     thrusters : how far they are off their commands
     delay : value and standard deviation of the joints' delay, s; NaN where it is no unknown
     impulse : (6,) by which thrust and orbit have changed the momentum since the first sample
@@ -167,7 +175,7 @@ class Solved:
     instant: Instant
     verdict: Verdict
     events: tuple[Event, ...]
-    budget: ErrorBudget
+    budget: Callable[[Flags], ErrorBudget]
     thrusters: tuple[Thruster, ...]
     delay: tuple[float, float]
     impulse: Array
@@ -176,11 +184,10 @@ class Solved:
     def completed(self, estimate: Estimate) -> Estimate:
         """Return the estimate of this solution with the history."""
         known = estimate.identifiable
-        shares = np.where(known[:, None], self.budget.shares, np.nan)
         return replace(
             estimate,
             stage='trajectory',
-            budget=replace(self.budget, shares=shares) if known.any() else None,
+            budget=self.budget(known) if known.any() else None,
             causes=tuple((cause.text, cause.gain) for cause in self.verdict.causes),
             events=self.events,
             thrusters=self.thrusters,
@@ -279,5 +286,5 @@ def _with_linear_momentum_unknown(estimate: Estimate) -> Estimate:
 
 
 def _deviation(moments: MeanAndCovariance, place: slice) -> Array:
-    """Return the standard deviations of a part of the state."""
-    return np.sqrt(moments.covariance(np.arange(place.start, place.stop)).diagonal())
+    """Return the standard deviations of some unknowns of the state."""
+    return np.sqrt(moments.of_unknowns.diagonal()[place.start - BODY.stop : place.stop - BODY.stop])
