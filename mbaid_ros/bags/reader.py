@@ -2,40 +2,45 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
-from itertools import compress, islice
+from itertools import compress
+from math import inf
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import numpy as np
 from rosbags.serde import SerdeError
 from rosbags.typesys import TypesysError
 from rosbags.typesys.store import Typestore
 
 from mbaid_ros import limits
-from mbaid_ros.bags.chunks import MCAP_MAGIC, Block, Raw, UnindexedError, in_blocks, of_length
+from mbaid_ros.bags.chunks import Block, Raw, UnindexedError, in_blocks, of_length
 from mbaid_ros.bags.compression import is_compressed, unpacked
 from mbaid_ros.bags.folder import Recorded, Timed
-from mbaid_ros.bags.sources import DAMAGE, IndexedSource, SalvagedSource, Source, Topic, UnpackedSource, by_name
+from mbaid_ros.bags.opening import files_of, open_file, reason_of
+from mbaid_ros.bags.sources import DAMAGE, IndexedSource, Source, Topic, by_name
 from mbaid_ros.bags.sqlite import unread_log
 from mbaid_ros.bags.types import ADDED, defined, is_standard, message_types
 from mbaid_ros.cdr import packer
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.core.samples import Stamps
-from mbaid_ros.files import require_regular
 
-BAG_FILES = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd', '.mcap.zst', '.db3.zst')
-ROS1_MAGIC = b'#ROSBAG V2.0'
+_SIMULATED = 10**15  # ns: clocks of simulations begin at zero, others in 1970
 
 
 class BagReader:
     """A recorded bag, a rosbag2 folder (MCAP or sqlite3) or a bare ``.mcap`` or ``.db3`` file; a context manager.
 
+    Parameters
+    ----------
+    path : of the bag
+    start, end : s from the bag's first message, between which messages are read
+
     Attributes
     ----------
-    topics : the topics by name
+    topics : the topics by name, with all their messages
     messages : number of messages on all of them
     warnings : for the user, one line each; reading may add to them
 
@@ -45,8 +50,10 @@ class BagReader:
         There is no bag, or not one message in it.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, start: float = 0.0, end: float = inf) -> None:
         self.path = Path(path)
+        self._slice = start, end
+        self._first: int | None = None  # ns, when the bag's first message was recorded
         self.warnings: list[str] = []
         self._sources = self._open()
         self.topics, left_out = by_name(topic for source in self._sources for topic in source.topics.values())
@@ -91,6 +98,8 @@ class BagReader:
     def blocks(self, topics: Collection[str]) -> Iterator[Block]:
         """Yield the messages of topics in recorded order, a chunk at a time; damaged bytes end it, with a warning."""
         chosen = set(topics)
+        if self._first is None and self._slice != (0.0, inf):
+            self._first = self._begin()
         for source in self._sources:
             read = 0
             reason = ''
@@ -99,13 +108,35 @@ class BagReader:
             try:
                 for block in source.blocks(own):
                     read += len(block)
-                    yield from _without_compression(block)
+                    yield from _without_compression(self._within(block))
             except (*DAMAGE, OSError) as error:
-                reason = _reason(error)
+                reason = reason_of(error)
             expected = sum(own.values())
             if reason or read < expected:
                 because = f': {reason}' if reason else ''
                 self.warnings.append(f"bag '{self.path}' is damaged: read {read} of {expected} messages{because}")
+
+    def _within(self, block: Block) -> Block:
+        """Return the messages between start and end."""
+        if self._first is None:
+            return block
+        start, end = self._slice
+        inside = (block.times >= self._first + 1e9 * start) & (block.times <= self._first + 1e9 * end)
+        chosen = inside.tolist()
+        return Block(list(compress(block.topics, chosen)), list(compress(block.contents, chosen)), block.times[inside])
+
+    def _begin(self) -> int:
+        """Return when the first message of all topics was recorded, ns."""
+        for source in self._sources:
+            zero = False
+            with suppress(*DAMAGE, OSError):
+                for block in source.blocks(self.topics):
+                    if np.any(block.times > 0):
+                        first = int(block.times[np.argmax(block.times > 0)])
+                        zero |= bool(block.times[0] == 0)
+                        return 0 if zero and first < _SIMULATED else first  # or zeros were never filled in
+                    zero |= len(block) > 0
+        return 0
 
     def raw(self, topics: Collection[str] | None = None) -> Iterator[Raw]:
         """Yield (topic, CDR bytes, log time in ns) in recorded order, as `blocks` does; of all topics by default."""
@@ -221,7 +252,7 @@ class BagReader:
         if not self.path.exists():
             raise DataError(f"bag '{self.path}' does not exist")
         if not self.path.is_dir():
-            return [_open_file(self.path)]
+            return [open_file(self.path)]
         # With its metadata; or else, where that or a file is incomplete, file by file.
         reason = ''
         try:
@@ -231,8 +262,8 @@ class BagReader:
         except FileNotFoundError:
             reason = 'it does not exist'
         except (*DAMAGE, OSError) as error:
-            reason = _reason(error)
-        sources = [_open_file(file) for file in _files(self.path, reason)]
+            reason = reason_of(error)
+        sources = [open_file(file) for file in files_of(self.path, reason)]
         if reason and all(source.complete for source in sources):
             self.warnings.append(
                 f"metadata.yaml of bag '{self.path}' cannot be used ({reason}): its files are read in the order of "
@@ -252,47 +283,3 @@ def _without_compression(block: Block) -> Iterator[Block]:
         else (topic, data, time)
         for topic, data, time in block
     )
-
-
-def _reason(error: Exception) -> str:
-    return ' '.join(str(error).split())[:200] or type(error).__name__
-
-
-def _files(folder: Path, reason: str) -> list[Path]:
-    """Return the files of a folder that may hold messages, in their order; its metadata have a reason to be no use."""
-    entries = list(islice(folder.iterdir(), limits.FOLDER_FILES + 1))
-    if len(entries) > limits.FOLDER_FILES:
-        raise DataError(f"folder '{folder}' holds more than {limits.FOLDER_FILES} files, which is the limit")
-    files = [path for path in sorted(entries, key=_natural_order) if path.name.endswith(BAG_FILES)]
-    if not files:
-        why = f'there is no .mcap and no .db3 file in it; metadata.yaml: {reason}'
-        raise DataError(f"folder '{folder}' is not a bag: {why}")
-    return files
-
-
-def _open_file(file: Path) -> Source:
-    require_regular(file, 'bag')
-    if file.suffix in {'.zst', '.zstd'}:
-        return UnpackedSource(file, _open_file)
-    try:
-        return IndexedSource(file)
-    except OSError as error:
-        raise DataError(f"bag '{file}' cannot be read: {error.strerror or error}") from error
-    except DAMAGE as error:
-        with file.open('rb') as stream:
-            head = stream.read(len(MCAP_MAGIC))
-        if head == MCAP_MAGIC:
-            return SalvagedSource(file)
-        if file.suffix == '.mcap' and MCAP_MAGIC.startswith(head):
-            raise DataError(f"bag '{file}' holds no messages: it was cut off before the first one") from error
-        if head == ROS1_MAGIC[: len(head)] and head:
-            command = f'rosbags-convert --src {file.name} --dst FOLDER'
-            raise DataError(f"bag '{file}' is one of ROS 1; accepted: the same converted, by {command}") from error
-        if log := unread_log(file):
-            raise DataError(f"bag '{file}' cannot be read: {log}") from error
-        raise DataError(f"'{file}' is not a bag; accepted: a rosbag2 folder, an .mcap file or a .db3 file") from error
-
-
-def _natural_order(path: Path) -> list[int | str]:
-    """Sort ``bag_2`` before ``bag_10``, as the recorder numbers the parts of a bag."""
-    return [int(part) if part.isdecimal() else part for part in re.split(r'(\d+)', path.name)]

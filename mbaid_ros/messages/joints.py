@@ -53,6 +53,7 @@ class JointReader:
         self.others: tuple[str, ...] = ()  # what the last message that was laid out held beside the joints
         self.unknown: tuple[str, ...] = ()  # names of the last message that lacked a joint
         self.missing: tuple[str, ...] = ()
+        self.not_finite: Counter[str] = Counter()  # messages with a NaN or infinite value, by field and joint
         self.heard: dict[str, None] = {}  # every name that a message has had, in order; a bounded number
 
     def read(self, messages: Sequence[Any]) -> tuple[dict[Joints, JointStream], Counter[str]]:
@@ -77,10 +78,14 @@ class JointReader:
         streams = {}
         for joints, read in runs.items():
             wheels = [place for place, joint in enumerate(joints) if joint >= self._first_wheel]
-            stream = _finite_joints(read, wheels, dropped)
+            stream, lacking = _finite_joints(read, wheels, dropped)
+            self.not_finite.update({self._field(joints[place]): count for place, count in lacking.items()})
             if len(stream.stamp):
                 streams[joints] = stream
         return streams, +dropped
+
+    def _field(self, joint: int) -> str:
+        return f'{"position" if joint < self._first_wheel else "velocity"} of {self._names[joint]}'
 
     @staticmethod
     def _misfit(shape: _Shape) -> str:
@@ -132,8 +137,13 @@ class _Layout(NamedTuple):
 _Run = tuple[_Layout, _Shape, list[Any]]  # messages in a row that have the same shape
 
 
-def _finite_joints(runs: Sequence[_Run], wheels: Sequence[int], dropped: Counter[str]) -> JointStream:
-    """Return what messages hold that have every position, and the speed of every wheel; others are counted."""
+def _finite_joints(
+    runs: Sequence[_Run], wheels: Sequence[int], dropped: Counter[str]
+) -> tuple[JointStream, dict[int, int]]:
+    """Return what messages hold that have every position, and the speed of every wheel; others are counted.
+
+    The second result is the number of messages that lack each of these, by its column.
+    """
     parts = [(layout, *shape.columns(messages)) for layout, shape, messages in runs]
     stream = JointStream(
         np.concatenate([stamp for _, stamp, _, _ in parts]),
@@ -141,14 +151,17 @@ def _finite_joints(runs: Sequence[_Run], wheels: Sequence[int], dropped: Counter
         np.concatenate([layout.chosen(velocity) for layout, _, _, velocity in parts]),
     )
     stream.position[:, wheels] = 0.0
-    finite = np.all(np.isfinite(stream.position), axis=1) & np.all(np.isfinite(stream.velocity[:, wheels]), axis=1)
+    known = np.isfinite(stream.position)
+    known[:, wheels] = np.isfinite(stream.velocity[:, wheels])
+    finite = np.all(known, axis=1)
+    lacking = {place: int(count) for place, count in enumerate(np.sum(~known, axis=0).tolist()) if count}
     real = np.all(np.abs(stream.position) < _LARGEST_JOINT, axis=1)
     dropped[NOT_FINITE] += int(np.sum(~finite))
     dropped[NOT_REAL] += int(np.sum(finite & ~real))
     with np.errstate(invalid='ignore'):
         stream.velocity[~(np.abs(stream.velocity) < _LARGEST_VELOCITY)] = np.nan
     usable = finite & real
-    return stream if np.all(usable) else stream[usable]
+    return stream if np.all(usable) else stream[usable], lacking
 
 
 def trajectory_of(message: Any) -> JointTrajectory:

@@ -18,6 +18,7 @@ from mbaid_ros.core.sensors.base import AttachedFrame, Usable, usable_covariance
 from mbaid_ros.messages.fields import OdometryShape, number_of, odometry_shape
 from mbaid_ros.messages.poses import (
     BAD_QUATERNION,
+    LOST_TRACKING,
     NOT_FINITE,
     NOT_REAL,
     POSE_COVARIANCE,
@@ -30,6 +31,7 @@ _LARGEST_POSITION = 1e12  # m: beyond the planets
 _LARGEST_VELOCITY = 1e6  # m/s, rad/s
 _QUATERNION_TOLERANCE = 0.1
 _REMEMBERED = 5  # frames
+_FIELDS = {'position of the base': slice(0, 3), 'orientation of the base': slice(3, 7)}  # columns of an Odometry
 
 _Shape = OdometryShape | OdometryLayout | BasePoseShape
 _Columns = tuple[Stamps, Array, Array, Array]
@@ -70,6 +72,8 @@ class OdometryReader:
         self.frame = ''
         self.frames: list[str] = []
         self.replaced: Counter[str] = Counter()
+        self.not_finite: Counter[str] = Counter()  # messages with a NaN or infinite value, by field
+        self._tracked = False  # whether a pose has been read that is not the placeholder of a lost one
 
     def read(self, messages: Sequence[Any]) -> tuple[BaseStream | None, Counter[str]]:
         """Return the measurements, and dropped messages by cause; a missing twist is NaN, packets may be together."""
@@ -123,18 +127,30 @@ class OdometryReader:
         name = name.lstrip('/')
         return self._attached.get(name) or (self._marker if name not in self._links else None)
 
-    @staticmethod
-    def _usable(numbers: Array, dropped: Counter[str]) -> Flags:
-        """Return which messages have a pose; the others are counted."""
+    def _usable(self, numbers: Array, dropped: Counter[str]) -> Flags:
+        """Return which messages have a pose; the others are counted.
+
+        A tracker that has lost the base publishes zeros, with a quaternion of zeros or the identity.
+        """
         finite = np.all(np.isfinite(numbers[:, :7]), axis=1)
+        for field, columns in _FIELDS.items():
+            lacking = int(np.sum(~np.all(np.isfinite(numbers[:, columns]), axis=1)))
+            self.not_finite.update({field: lacking} if lacking else {})
+        empty = ~np.any(numbers[:, 3:7], axis=1)
+        placeholder = empty | ~np.any(numbers[:, :6], axis=1)
+        tracked = self._tracked | np.logical_or.accumulate(finite & ~placeholder)
+        self._tracked = bool(tracked[-1])
+        lost = finite & (empty | (placeholder & tracked))
+        dropped[LOST_TRACKING] += int(np.sum(lost))
+        finite_pose = finite & ~lost
         with np.errstate(over='ignore', invalid='ignore'):
             length = np.sqrt(np.sum(numbers[:, 3:7] ** 2, axis=1))
             unit = np.abs(length - 1.0) < _QUATERNION_TOLERANCE
             real = np.all(np.abs(numbers[:, :3]) < _LARGEST_POSITION, axis=1)
         dropped[NOT_FINITE] += int(np.sum(~finite))
-        dropped[BAD_QUATERNION] += int(np.sum(finite & ~unit))
-        dropped[NOT_REAL] += int(np.sum(finite & unit & ~real))
-        return np.asarray(finite & unit & real)
+        dropped[BAD_QUATERNION] += int(np.sum(finite_pose & ~unit))
+        dropped[NOT_REAL] += int(np.sum(finite_pose & unit & ~real))
+        return np.asarray(finite_pose & unit & real)
 
     def _stream(self, stamp: Stamps, numbers: Array, pose: Array, twist: Array, declared: Flags) -> BaseStream:
         rotation = rotation_from_quaternion(numbers[:, 3:7])

@@ -20,6 +20,7 @@ TOO_MANY_NAMES = 'more than 10000 names'
 NOT_REAL = 'value beyond anything real'
 WRONG_CHILD_FRAME = 'child_frame_id is no frame on the base'
 BAD_QUATERNION = 'orientation is not a unit quaternion'
+LOST_TRACKING = 'tracking of the base lost, a pose of zeros'
 POSE_COVARIANCE = 'covariance of the pose is none'
 TWIST_COVARIANCE = 'covariance of the twist is none'
 

@@ -5,55 +5,21 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
-from mbaid_ros.bags import BagReader
 from mbaid_ros.cli import warn
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.messages import numbers_of
-from mbaid_ros.replay.inputs import JOINT_STATE_TYPE, ODOMETRY_TYPE
+from mbaid_ros.replay.inputs import between
+from mbaid_ros.replay.rest_readings import FEWEST, SHORTEST, Recording, read_recording
 
-FEWEST = 50  # messages
-SHORTEST = 5.0  # s of rest: in less, a cubic takes the slow part of the noise for motion
 _DEGREE = 3
 _BLOCK = 0.5  # s, over which motion is looked for: noise averages out, and a joint that moves gets somewhere
 _FEWEST_IN_BLOCK = 10
 _MOVED = 3.0  # standard deviations of a single sample; what noise leaves of a block's mean is far below one
-
-
-@dataclass(frozen=True)
-class Recording:
-    """The readings in a bag.
-
-    Attributes
-    ----------
-    joint_time, base_time : (n,), (m,) s, stamps since the first one of the joints
-    joint_channels : by name, (n, k) each; (n, 0) where nothing was measured
-    base_channels : by name, (m, 3) each; orientations as rotation vectors from the first one
-    """
-
-    joints: tuple[str, ...]
-    joint_time: Array
-    base_time: Array
-    joint_channels: dict[str, Array]
-    base_channels: dict[str, Array]
-
-    def between(self, begin: float, end: float) -> Recording:
-        """Return the readings from a time to another, s."""
-        joints, bases = ((begin <= time) & (time <= end) for time in (self.joint_time, self.base_time))
-        return Recording(
-            self.joints,
-            self.joint_time[joints],
-            self.base_time[bases],
-            {name: values[joints] for name, values in self.joint_channels.items()},
-            {name: values[bases] for name, values in self.base_channels.items()},
-        )
 
 
 @dataclass(frozen=True)
@@ -66,7 +32,7 @@ class Measured:
 
 def print_noise(arguments: argparse.Namespace) -> int:
     """Print the noise as a parameter file and return the exit code."""
-    measured = measure(arguments.bag, arguments.joint_states, arguments.odom)
+    measured = measure(arguments.bag, arguments.joint_states, arguments.odom, between(arguments))
     warn('noise_at_rest', measured.warnings)
     print('/**:\n  ros__parameters:\n    noise:')
     for name, std in measured.stds.items():
@@ -74,7 +40,7 @@ def print_noise(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def measure(bag: str, joint_states: str, odom: str) -> Measured:
+def measure(bag: str, joint_states: str, odom: str, part: tuple[float, float] = (0.0, math.inf)) -> Measured:
     """Return the noise of each channel while the joints rest, from two topics of a bag.
 
     Raises
@@ -82,7 +48,9 @@ def measure(bag: str, joint_states: str, odom: str) -> Measured:
     DataError
         The bag cannot be used, or the joints do not rest for `SHORTEST`.
     """
-    recording, warnings = _read(bag, joint_states, odom)
+    recording, warnings = read_recording(bag, joint_states, odom, part)
+    recording, unsteady = without_wheels(recording)
+    warnings += [f"bag '{bag}': {name} turns, and not at constant speed: it is left out" for name in unsteady]
     time = recording.joint_time
     begin, end, moved = longest_rest(time, recording.joint_channels['joint_position'])
     moving = f'{listing(recording.joints[joint] for joint in moved)} {"moves" if len(moved) == 1 else "move"}'
@@ -92,12 +60,12 @@ def measure(bag: str, joint_states: str, odom: str) -> Measured:
             f'{end - begin:.2g} s at most; accepted: {SHORTEST:g} s with the joints braked'
         )
     if moved:
-        part = f'{begin:.3g} s to {end:.3g} s of {time[-1]:.3g} s'
-        warnings.append(f"bag '{bag}': {moving}; measured from {part}, where all joints rest")
+        rest = f'{begin:.3g} s to {end:.3g} s of {time[-1]:.3g} s'
+        warnings.append(f"bag '{bag}': {moving}; measured from {rest}, where all joints rest")
         recording = recording.between(begin, end)
         if min(len(recording.joint_time), len(recording.base_time)) < FEWEST:
             raise DataError(
-                f"bag '{bag}' has fewer than {FEWEST} messages of a topic from {part}; there all joints rest"
+                f"bag '{bag}' has fewer than {FEWEST} messages of a topic from {rest}; there all joints rest"
             )
     loose = [name for name, values in recording.base_channels.items() if wanders(recording.base_time, values)]
     if loose:
@@ -109,79 +77,26 @@ def measure(bag: str, joint_states: str, odom: str) -> Measured:
     return Measured({name: scatter(values) for name, values in channels.items()}, tuple(warnings))
 
 
-def _read(bag: str, joint_states: str, odom: str) -> tuple[Recording, list[str]]:
-    """Return the readings in a bag, and warnings about it."""
-    with BagReader(bag) as recording:
-        for topic, kind in ((joint_states, JOINT_STATE_TYPE), (odom, ODOMETRY_TYPE)):
-            recording.require(topic, kind)
-        joints = [message for _, message, _ in recording.read([joint_states])]
-        bases = [message for _, message, _ in recording.read([odom])]
-        warnings = list(dict.fromkeys(recording.warnings))
-    for topic, messages in ((joint_states, joints), (odom, bases)):
-        if len(messages) < FEWEST:
-            raise DataError('; '.join([f"bag '{bag}' has fewer than {FEWEST} messages of '{topic}'", *warnings]))
-    where, base_where = (f"topic '{topic}' of bag '{bag}'" for topic in (joint_states, odom))
-    names, begin = _names(joints, where), _stamp(joints[0])
-    joint_time, base_time = _times(joints, begin, where), _times(bases, begin, base_where)
-    try:
-        position, orientation, linear, angular = np.split(np.array(list(map(numbers_of, bases))), [3, 7, 10], axis=1)
-        turns = Rotation.from_quat(orientation)
-        found = Recording(
-            joints=names,
-            joint_time=joint_time,
-            base_time=base_time,
-            joint_channels={
-                'joint_position': np.array([joint.position for joint in joints]),
-                'joint_velocity': np.array([joint.velocity for joint in joints]),
-            },
-            base_channels={
-                'base_position': position,
-                'base_orientation': (turns[0].inv() * turns).as_rotvec(),
-                'base_linear_velocity': linear,
-                'base_angular_velocity': angular,
-            },
-        )
-    except ValueError as error:  # messages of unequal lengths, no rotation
-        raise DataError(f"bag '{bag}' cannot be used: {error}") from error
-    return found, warnings
+def without_wheels(recording: Recording) -> tuple[Recording, list[str]]:
+    """Return the readings without joints that turn all along, and the names of those of changing speed.
 
-
-def _names(joints: Sequence[Any], topic: str) -> tuple[str, ...]:
-    """Return the names of the joints, which must be the same in each message, as the numbers of readings."""
-    names = tuple(joints[0].name)
-    for joint in joints:
-        if tuple(joint.name) != names:
-            raise DataError(f'messages on {topic} name other joints; accepted: the same in each')
-        positions, velocities = len(joint.position), len(joint.velocity)
-        if not {positions, velocities} <= {0, len(names)}:
-            raise DataError(
-                f'a message on {topic} has {len(names)} names, {positions} positions and {velocities} velocities; '
-                'accepted: as many as names, or none'
-            )
-    return names
-
-
-def _times(messages: Sequence[Any], origin: int, topic: str) -> Array:
-    """Return the stamps of messages, s since an origin in ns; refuse stamps that go back or were never filled in."""
-    stamps = np.array([_stamp(message) for message in messages])
-    back = np.flatnonzero(np.diff(stamps) < 0)
-    if back.size:
-        before, after = 1e-9 * stamps[back[0] : back[0] + 2]
-        raise DataError(
-            f'a message on {topic} is stamped {after:.3f} s, after one of {before:.3f} s; accepted: stamps that do not '
-            'go back'
-        )
-    lasting = 1e-9 * float(stamps[-1] - stamps[0])
-    if lasting < SHORTEST:
-        raise DataError(
-            f'messages on {topic} last {lasting:.2g} s by their stamps; accepted: {SHORTEST:g} s with the joints braked'
-        )
-    return np.asarray(1e-9 * (stamps - origin))
-
-
-def _stamp(message: object) -> int:
-    stamp = message.header.stamp  # type: ignore[attr-defined]
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    A wheel at constant speed is at rest. Its positions show the jitter of the stamps, and count only without others.
+    """
+    time, position = recording.joint_time, recording.joint_channels['joint_position']
+    if not len(time) or not position.shape[1]:
+        return recording, []
+    wheels = np.abs(position[-1] - position[0]) > 2.0 * np.pi
+    line = np.polynomial.polynomial.polyvander(time, 1)
+    steady = position - line @ np.linalg.lstsq(line, position, rcond=None)[0]
+    _, _, moved = longest_rest(time, steady)
+    unsteady = wheels & np.isin(np.arange(len(wheels)), moved)
+    left = ~wheels if not np.all(wheels) else ~unsteady
+    if not np.any(wheels) or not np.any(left):
+        return recording, []
+    channels = recording.joint_channels | {'joint_position': np.where(wheels, steady, position)}
+    kept = {name: values[:, left] if values.shape[1] else values for name, values in channels.items()}
+    names = np.array(recording.joints)
+    return replace(recording, joints=tuple(names[left].tolist()), joint_channels=kept), names[unsteady].tolist()
 
 
 def scatter(values: Array) -> float:

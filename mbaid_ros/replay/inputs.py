@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass, replace
+from math import inf
 from typing import TYPE_CHECKING
 
 from mbaid_ros.core.errors import ParameterError
@@ -30,6 +31,21 @@ ODOMETRY, POSE, TF = '/odom', '/pose', '/tf'
 THRUST, STORED_MOMENTUM, IMU = '/thrust', '/stored_momentum', '/imu'
 
 
+def between(arguments: argparse.Namespace) -> tuple[float, float]:
+    """Return the seconds from a bag's first message between which it is read.
+
+    Raises
+    ------
+    ParameterError
+        There is nothing between the two.
+    """
+    start, end = getattr(arguments, 'start', None) or 0.0, getattr(arguments, 'end', None)
+    end = inf if end is None else end
+    if end <= start:
+        raise ParameterError(f'--start {start:g} and --end {end:g} leave nothing; accepted: an end after the start')
+    return start, end
+
+
 @dataclass(frozen=True)
 class Inputs:
     """The topics to read; an empty name stands for the usual topic, where a bag has it.
@@ -38,6 +54,7 @@ class Inputs:
     ----------
     odometry : locates the base: of type nav_msgs/Odometry, or one of POSE_TYPES; empty is /odom or else /pose
     located : whether anything locates the base; else an IMU has to be there
+    start, end : s from a bag's first message, between which it is read
     """
 
     joint_states: str = '/joint_states'
@@ -46,6 +63,13 @@ class Inputs:
     stored_momentum: str = ''
     imu: str = ''
     located: bool = True
+    start: float = 0.0
+    end: float = inf
+
+    @property
+    def sliced(self) -> bool:
+        """Whether only a part of a bag is read."""
+        return (self.start, self.end) != (0.0, inf)
 
     @staticmethod
     def from_arguments(arguments: argparse.Namespace, config: EstimatorConfig) -> Inputs:
@@ -62,7 +86,8 @@ class Inputs:
             )
         base = arguments.odom or arguments.pose or (TF if config.pose.tf_child_frame else '')
         others = arguments.thrust, arguments.stored_momentum, arguments.imu
-        return Inputs(arguments.joint_states, base, *others, located=not config.imu.alone)
+        start, end = between(arguments)
+        return Inputs(arguments.joint_states, base, *others, located=not config.imu.alone, start=start, end=end)
 
     def resolved(self, bag: BagReader) -> Inputs:
         """Return the same with the topic of a bag that locates the base."""

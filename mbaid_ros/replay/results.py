@@ -173,7 +173,7 @@ class Arrivals:
     def __init__(self) -> None:
         self.first: int | None = None  # ns
         self._last = 0  # ns
-        self._count = 0
+        self.count = 0
         self._stride = 1  # messages from one whose time is kept to the next one
         self._times, self._intervals = array('q'), array('q')  # ns; since the message before
         # Interval and its begin, ns, number of the message after it.
@@ -187,10 +187,10 @@ class Arrivals:
             self.first = self._last = int(times[0])
         intervals = np.diff(times, prepend=self._last)
         self._keep_longest(times, intervals)
-        kept = slice(-self._count % self._stride, None, self._stride)
+        kept = slice(-self.count % self._stride, None, self._stride)
         self._times.frombytes(times[kept].tobytes())
         self._intervals.frombytes(intervals[kept].tobytes())
-        self._count, self._last = self._count + len(times), int(times[-1])
+        self.count, self._last = self.count + len(times), int(times[-1])
         while len(self._times) > _KEPT:
             self._times, self._intervals = self._times[::2], self._intervals[::2]
             self._stride *= 2
@@ -199,13 +199,18 @@ class Arrivals:
         least = self._longest[:, 0].min() if len(self._longest) == _LISTED else np.iinfo(np.int64).min
         long = np.flatnonzero(intervals > least)
         if len(long):
-            new = np.column_stack((intervals[long], times[long] - intervals[long], self._count + long))
+            new = np.column_stack((intervals[long], times[long] - intervals[long], self.count + long))
             both = np.concatenate((self._longest, new))
             self._longest = both[np.argsort(-both[:, 0], kind='stable')[:_LISTED]]
 
+    @property
+    def span(self) -> float:
+        """Time from the first message to the last, s."""
+        return 0.0 if self.first is None else 1e-9 * (self._last - self.first)
+
     def statistics(self, topic: str, type_name: str, messages: int, origin: int) -> TopicStatistics:
         """Return the statistics of a topic whose bag claims a number of messages; times are since an origin, ns."""
-        span = 0.0 if self.first is None else 1e-9 * (self._last - self.first)
+        span = self.span
         rate = (messages - 1) / span if span > 0.0 else float('nan')
         return TopicStatistics(topic, type_name, messages, rate, self._gaps(origin), self._rates(origin, span))
 

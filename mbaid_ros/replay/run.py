@@ -14,11 +14,13 @@ from mbaid_ros.bags import BagReader, BagWriter, Recorded, message_class
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.capture import Capture
+from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.published_inertia import Debris, DebrisPublication, InertiaPublication
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.messages import stamps_of
 from mbaid_ros.outgoing import Frames, MessageTypes, debris_message, estimate_message, inertia_message
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.results import Arrivals, History, LastPose, Run, TopicStatistics
@@ -31,6 +33,7 @@ INERTIA_TOPIC = '/estimator/inertia'
 
 # How the calls are spread does not change the numbers; this many messages keep the arrays long and the memory short.
 _MESSAGES_AT_ONCE = 4_000
+_BROKEN = 3.0  # times longer or shorter than its stamps, from which a recording's times are wrong, not just played fast
 
 # Called now and then with the number of messages read and that of all.
 Progress = Callable[[int, int], None]
@@ -54,6 +57,9 @@ def feed(bag: BagReader, inputs: Inputs, add: Callable[[Recorded], None], progre
             yield
             if progress:
                 progress(count, total)
+    if not count and inputs.sliced:
+        until = '' if inputs.end == np.inf else f' until {inputs.end:g} s'
+        raise DataError(f"bag '{bag.path}' holds no messages from {inputs.start:g} s on{until}")
     yield
     if progress:
         progress(total, total)
@@ -118,13 +124,14 @@ def replay_bag(
     session = Session(config, urdf)
     robot = session.robot
     history = History()
-    with BagReader(path) as bag:
+    with BagReader(path, inputs.start, inputs.end) as bag:
         inputs = inputs.resolved(bag)
         intake = _Intake(session, inputs, inputs.topics(bag))
         for _ in feed(bag, inputs, intake.add, progress):
             _keep(session.process(), session, history, writer)
+        topics = intake.statistics(bag)
         survey = session.model_summary()
-        warnings = (*bag.warnings, *survey.warnings, *intake_warnings(session))
+        warnings = (*bag.warnings, *intake.warnings, *survey.warnings, *intake_warnings(session))
     knowledge = session.posterior()
     final = history.last or Estimate(method=config.method, status='waiting')
     return Run(
@@ -132,7 +139,7 @@ def replay_bag(
         target_link=robot.target_link,
         final=final,
         history=history.entries(),
-        topics=intake.statistics(bag),
+        topics=topics,
         used=session.used,
         dropped=dict(session.dropped),
         missing_joints=missing_joints(session),
@@ -163,6 +170,8 @@ class _Intake:
         self._session = session
         self._inputs = inputs
         self._arrivals = {topic: Arrivals() for topic in topics}
+        self._stamped = {topic: Arrivals() for topic in (inputs.joint_states, inputs.odometry)}  # by header stamps
+        self.warnings: list[str] = []
         self.pose = LastPose(session.robot.model, session.config.frame_prefix)
 
     def add(self, messages: Recorded) -> None:
@@ -170,16 +179,31 @@ class _Intake:
         self._inputs.add_to(self._session, messages)
         for topic, times in messages.times.items():
             self._arrivals[topic].add(times)
-        self.pose.add_joint_states(messages.of(self._inputs.joint_states))
-        self.pose.add_odometry(self._session.base_source.poses(messages.of(self._inputs.odometry)))
+        joints = messages.of(self._inputs.joint_states)
+        poses = self._session.base_source.poses(messages.of(self._inputs.odometry))
+        self._stamped[self._inputs.joint_states].add(stamps_of(joints))
+        self._stamped[self._inputs.odometry].add(stamps_of(poses))
+        self.pose.add_joint_states(joints)
+        self.pose.add_odometry(poses)
 
     def statistics(self, bag: BagReader) -> tuple[TopicStatistics, ...]:
-        """Return the statistics of each topic."""
+        """Return the statistics of each topic, by header stamps where the bag's times of recording cannot be."""
+        for topic, stamped in self._stamped.items():
+            span = self._arrivals[topic].span if topic in self._arrivals else stamped.span
+            if stamped.span > 0.0 and not 1.0 / _BROKEN < span / stamped.span < _BROKEN:
+                self.warnings.append(
+                    f'the messages on {topic} were recorded within {span:.3g} s, by their stamps they last '
+                    f'{stamped.span:.3g} s: rates are by the stamps'
+                )
+                self._arrivals = self._arrivals | self._stamped
         origin = min((each.first for each in self._arrivals.values() if each.first is not None), default=0)
         return tuple(
-            arrivals.statistics(topic, bag.topics[topic].type, bag.topics[topic].count, origin)
+            arrivals.statistics(topic, bag.topics[topic].type, self._count(bag, topic), origin)
             for topic, arrivals in self._arrivals.items()
         )
+
+    def _count(self, bag: BagReader, topic: str) -> int:
+        return self._arrivals[topic].count if self._inputs.sliced else bag.topics[topic].count
 
 
 def _keep(estimates: Sequence[Estimate], session: Session, history: History, writer: EstimateWriter | None) -> None:
@@ -243,7 +267,7 @@ def read_motions(path: str, config: EstimatorConfig, urdf: str, inputs: Inputs) 
 
     session = Session(config, urdf, collect)
     notes: tuple[str, ...] = ()
-    with progress_bar(path) as progress, BagReader(path) as bag:
+    with progress_bar(path) as progress, BagReader(path, inputs.start, inputs.end) as bag:
         resolved = inputs.resolved(bag)
         for _ in feed(bag, resolved, lambda messages: resolved.add_to(session, messages), progress):
             estimates = session.process()

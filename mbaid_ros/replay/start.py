@@ -203,6 +203,7 @@ def _noise_parser() -> ArgumentParser:
     add('bag', metavar='BAG', help='rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file')
     add('--joint-states', default=Inputs.joint_states, metavar='TOPIC', help='default: %(default)s')
     add('--odom', default=ODOMETRY, metavar='TOPIC', help='default: %(default)s')
+    _add_slice(parser)
     return parser
 
 
@@ -230,6 +231,15 @@ def _add_processes(parser: ArgumentParser) -> None:
 def _add_bags(parser: ArgumentParser) -> None:
     words = 'rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file'
     parser.add_argument('bags', nargs='+', metavar='BAG', help=words)
+    _add_slice(parser)
+
+
+def _add_slice(parser: ArgumentParser) -> None:
+    add = parser.add_argument
+    add('--start', type=number(0.0, 's'), metavar='S', help="where to begin, s from the bag's first message")
+    add(
+        '--end', type=number(0.0, 's', exclusive=True), metavar='S', help="where to end, s from the bag's first message"
+    )
 
 
 def _add_topics(parser: ArgumentParser) -> None:

@@ -14,6 +14,8 @@ from mbaid_ros.messages import (
     BAD_QUATERNION,
     IMU_FRAME,
     JOINT_MISSING,
+    LOST_TRACKING,
+    NOT_FINITE,
     POSE_COVARIANCE,
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
@@ -23,6 +25,7 @@ from mbaid_ros.session.session import Session
 
 _APART = 1_000_000_000  # ns between the newest stamps of the two topics: more is no delay
 _MANY_OUTLIERS = 0.01  # share of the odometry
+_LISTED = 3  # fields with NaN that are named
 _NO_COVARIANCE = (
     'not finite, not symmetric, not positive definite or of no real size; the noise of the parameters stands in for it'
 )
@@ -35,6 +38,8 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
         JOINT_MISSING: _lacking(session),
         WRONG_CHILD_FRAME: _wrong_child_frame(session),
         BAD_QUATERNION: 'its length is not 1',
+        LOST_TRACKING: 'what locates the base has not seen it',
+        NOT_FINITE: _not_finite(session),
         ZERO_STAMP: 'the publisher has to fill in header.stamp',
         LATE: f'reorder_time is {config.reorder_time:g} s',
         OTHER_CLOCK: 'it has to start again, too, or its clock to be set',
@@ -75,6 +80,11 @@ def obstacles(session: Session) -> list[str]:
     found = [session.problem] if session.problem else []
     if _never_held(session):
         found.append(f'{JOINT_MISSING}: {_lacking(session)}')
+    for topic, reader in ((JOINTS, intake.joint_reader), (ODOMETRY, intake.odometry_reader)):
+        for field, count in reader.not_finite.items():
+            if 2 * count > received[topic]:
+                most = f'{count} of {received[topic]} messages'
+                found.append(f'{field} is NaN or infinite in {most} on {topic}: look at its driver')
     if IMU in newest and received[JOINTS] and not received[IMU]:
         found.append('imu.noise_density is set, and nothing comes on imu')
     if session.config.imu.orientation and received[IMU] and not intake.orientation_measured:
@@ -135,6 +145,12 @@ def _outliers(session: Session) -> str:
 def _outlying_joint(session: Session) -> str:
     joint = session.synchroniser.outlying_joint
     return '' if joint is None else f'most often that of {session.robot.model.joint_names[joint]}'
+
+
+def _not_finite(session: Session) -> str:
+    intake = session.intake
+    fields = intake.joint_reader.not_finite + intake.odometry_reader.not_finite
+    return ', '.join(f'{field} in {count}' for field, count in fields.most_common(_LISTED))
 
 
 def _links_on_base(session: Session) -> list[str]:

@@ -257,3 +257,50 @@ def test_what_is_not_measured_has_no_number(bag: str, tmp_path: Path, capsys: py
     assert '      # joint_velocity: not measured' in lines
     assert '      # base_linear_velocity: not measured' in lines
     assert sum('not measured' in line for line in lines) == 2
+
+
+def with_wheel(angle: Callable[[float], float], speed: float = 400.0) -> Change:
+    """Return what adds a wheel at an angle over time (s), read between -pi and pi."""
+
+    def change(number: int, message: Any) -> Any:
+        shown = float(np.angle(np.exp(1j * angle(number / RATE))))
+        position, velocity = np.append(message.position, shown), np.append(message.velocity, speed)
+        return replace(message, name=[*message.name, 'wheel'], position=position, velocity=velocity)
+
+    return change
+
+
+def test_a_wheel_at_constant_speed_is_at_rest_and_another_one_is_named(bag: str, tmp_path: Path) -> None:
+    steady = measure(changed(bag, tmp_path / 'steady', with_wheel(lambda time: 400.0 * time)), *TOPICS)
+    assert steady.warnings == ()
+    assert steady.stds == pytest.approx(NOISE, rel=0.15)
+    spun_up = with_wheel(lambda time: 400.0 * time + 0.5 * time**2)
+    (warning,) = (found := measure(changed(bag, tmp_path / 'spun up', spun_up), *TOPICS)).warnings
+    assert 'wheel turns, and not at constant speed: it is left out' in warning
+    assert found.stds == pytest.approx(NOISE, rel=0.15)
+
+
+def test_joints_at_a_half_turn_lost_poses_and_nan_do_not_change_the_noise(bag: str, tmp_path: Path) -> None:
+    def joints(number: int, message: Any) -> Any:
+        position: Array = np.array(message.position)
+        position[2] = np.angle(np.exp(1j * (np.pi + position[2] - 0.2)))
+        position[3] = 0.0 if number % 90 == 50 else position[3]
+        position[5] = np.nan
+        return replace(message, position=position)
+
+    def base(number: int, message: Any) -> Any:
+        if number % 100 != 60:
+            return message
+        pose = message.pose.pose
+        zero = replace(pose.orientation, x=0.0, y=0.0, z=0.0, w=0.0)
+        return replace(message, pose=replace(message.pose, pose=replace(pose, orientation=zero)))
+
+    found = measure(changed(bag, tmp_path / 'odd', joints, base), *TOPICS)
+    assert found.stds == pytest.approx(NOISE, rel=0.15)
+    text = ' '.join(found.warnings)
+    for part in (
+        'joint6 has no position',
+        '11 messages not used: joint position far',
+        '10 messages not used: tracking',
+    ):
+        assert part in text

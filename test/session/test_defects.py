@@ -34,6 +34,7 @@ from mbaid_ros.core.two_stage import YOUNG
 from mbaid_ros.messages import (
     BAD_QUATERNION,
     JOINT_MISSING,
+    LOST_TRACKING,
     NOT_FINITE,
     POSE_COVARIANCE,
     TWIST_COVARIANCE,
@@ -268,10 +269,24 @@ def test_a_link_of_the_robot_that_is_fixed_to_the_base_is_found_by_itself() -> N
         (changed(ODOMETRY, lambda m: setattr(m, 'child_frame_id', '')), WRONG_CHILD_FRAME, "''; accepted: 'base_link'"),
         (
             changed(ODOMETRY, lambda m: setattr(m.pose.pose, 'orientation', defects._fields('xyzw', np.zeros(4)))),
+            LOST_TRACKING,
+            'has not seen it',
+        ),
+        (
+            changed(ODOMETRY, lambda m: setattr(m.pose.pose, 'orientation', defects._fields('xyzw', np.ones(4)))),
             BAD_QUATERNION,
             'length is not 1',
         ),
-        (changed(JOINTS, lambda m: setattr(m, 'position', m.position * np.nan)), NOT_FINITE, NOT_FINITE),
+        (
+            changed(JOINTS, lambda m: setattr(m, 'position', m.position * np.nan)),
+            NOT_FINITE,
+            'position of joint1 is NaN or infinite in 200 of 200 messages on joint_states',
+        ),
+        (
+            changed(ODOMETRY, lambda m: setattr(m.pose.pose.position, 'y', np.nan)),
+            NOT_FINITE,
+            'position of the base is NaN or infinite in 200 of 200 messages on odom',
+        ),
         (changed(JOINTS, lambda m: setattr(m, 'name', list('abcdefg'))), JOINT_MISSING, 'they hold a, b, c, d, e, f'),
     ],
 )
@@ -282,8 +297,27 @@ def test_what_cannot_be_used_is_told(
     result, session = estimates(ROBOT, spoil(messages))
     assert result == []
     assert session.dropped[cause] == 200
-    assert any(sentence in reason for reason in explain(session, session.dropped))
     assert any(sentence in warning for warning in intake_warnings(session))
+
+
+@pytest.mark.parametrize('at_once', [1, 100_000])
+def test_poses_of_zeros_are_lost_tracking_once_the_base_was_seen(at_once: int) -> None:
+    def lost(message: Any) -> None:
+        message.pose.pose.position = defects._fields('xyz', np.zeros(3))
+        message.pose.pose.orientation = defects._fields('xyzw', np.array([0.0, 0.0, 0.0, 1.0]))
+
+    def spoiled(first: int, last: int) -> list[Arrival]:
+        messages = arrivals(ROBOT, 4.0, 2)
+        for place, arrival in enumerate(each for each in messages if each.topic == ODOMETRY):
+            if first <= place < last:
+                lost(arrival.message)
+        return messages
+
+    result, session = estimates(ROBOT, spoiled(100, 250), at_once=at_once)
+    assert session.dropped[LOST_TRACKING] == 150
+    assert result[-1].status != 'inconsistent'
+    _, session = estimates(ROBOT, spoiled(0, 400), at_once=at_once)
+    assert session.dropped[LOST_TRACKING] == 0  # a base that is held, to the bit
 
 
 @pytest.mark.parametrize('at_once', [1, 100_000])

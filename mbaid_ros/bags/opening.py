@@ -1,0 +1,63 @@
+"""Opening the files of a bag, and saying in one line why one cannot be opened."""
+
+from __future__ import annotations
+
+import re
+from itertools import islice
+from pathlib import Path
+
+from mbaid_ros import limits
+from mbaid_ros.bags.chunks import MCAP_MAGIC
+from mbaid_ros.bags.sources import DAMAGE, IndexedSource, SalvagedSource, Source, UnpackedSource
+from mbaid_ros.bags.sqlite import unread_log
+from mbaid_ros.core.errors import DataError
+from mbaid_ros.files import require_regular
+
+BAG_FILES = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd', '.mcap.zst', '.db3.zst')
+ROS1_MAGIC = b'#ROSBAG V2.0'
+
+
+def reason_of(error: Exception) -> str:
+    """Return an error in one line."""
+    return ' '.join(str(error).split())[:200] or type(error).__name__
+
+
+def files_of(folder: Path, reason: str) -> list[Path]:
+    """Return the files of a folder that may hold messages, in their order; its metadata have a reason to be no use."""
+    entries = list(islice(folder.iterdir(), limits.FOLDER_FILES + 1))
+    if len(entries) > limits.FOLDER_FILES:
+        raise DataError(f"folder '{folder}' holds more than {limits.FOLDER_FILES} files, which is the limit")
+    files = [path for path in sorted(entries, key=_natural_order) if path.name.endswith(BAG_FILES)]
+    if not files:
+        why = f'there is no .mcap and no .db3 file in it; metadata.yaml: {reason}'
+        raise DataError(f"folder '{folder}' is not a bag: {why}")
+    return files
+
+
+def open_file(file: Path) -> Source:
+    """Return a file's messages; a DataError says why there are none."""
+    require_regular(file, 'bag')
+    if file.suffix in {'.zst', '.zstd'}:
+        return UnpackedSource(file, open_file)
+    try:
+        return IndexedSource(file)
+    except OSError as error:
+        raise DataError(f"bag '{file}' cannot be read: {error.strerror or error}") from error
+    except DAMAGE as error:
+        with file.open('rb') as stream:
+            head = stream.read(len(MCAP_MAGIC))
+        if head == MCAP_MAGIC:
+            return SalvagedSource(file)
+        if file.suffix == '.mcap' and MCAP_MAGIC.startswith(head):
+            raise DataError(f"bag '{file}' holds no messages: it was cut off before the first one") from error
+        if head == ROS1_MAGIC[: len(head)] and head:
+            command = f'rosbags-convert --src {file.name} --dst FOLDER'
+            raise DataError(f"bag '{file}' is one of ROS 1; accepted: the same converted, by {command}") from error
+        if log := unread_log(file):
+            raise DataError(f"bag '{file}' cannot be read: {log}") from error
+        raise DataError(f"'{file}' is not a bag; accepted: a rosbag2 folder, an .mcap file or a .db3 file") from error
+
+
+def _natural_order(path: Path) -> list[int | str]:
+    """Sort ``bag_2`` before ``bag_10``, as the recorder numbers the parts of a bag."""
+    return [int(part) if part.isdecimal() else part for part in re.split(r'(\d+)', path.name)]

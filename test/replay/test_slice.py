@@ -1,0 +1,74 @@
+"""`--start` and `--end`: a part of a bag, in seconds from its first message; and bags without times of recording."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mbaid_ros.bags import BagReader, BagWriter
+from mbaid_ros.replay.start import replay
+from recorded import JOINT_STATE, ODOMETRY
+
+BAG = Path(__file__).parents[2] / 'bags' / 'servicer7_mid'
+ROBOT = BAG.parents[1] / 'config' / 'servicer7.urdf'
+TRUE_MASS = 162.0  # kg
+EPOCH = 1_700_000_000_000_000_000  # ns
+
+
+def result_of(bag: Path, tmp_path: Path, *words: str) -> dict[str, Any]:
+    file = tmp_path / 'result.json'
+    parameters = f'{ROBOT.with_suffix("")}_estimator.yaml'
+    replay([str(bag), '--model', str(ROBOT), '--params', parameters, '--json', str(file), *words])
+    found: dict[str, Any] = json.loads(file.read_text())
+    return found
+
+
+def recorded_at_zero(path: Path, count: int) -> Path:
+    """Write the bag in real time, its first messages as recorded at time 0."""
+    with BagReader(BAG) as before, BagWriter(path) as after:
+        for topic, kind in (('/joint_states', JOINT_STATE), ('/odom', ODOMETRY)):
+            after.add_topic(topic, kind)
+        for place, (topic, message, time) in enumerate(before.read(['/joint_states', '/odom'])):
+            message.header.stamp.sec += EPOCH // 10**9
+            after.write(topic, message, 0 if place < count else EPOCH + time)
+    return path
+
+
+def test_a_part_of_a_bag_is_read(tmp_path: Path) -> None:
+    found = result_of(BAG, tmp_path, '--start', '20', '--end', '40', '--method', 'difference')
+    assert found['span_s'] == pytest.approx(20.0, abs=0.1)
+    assert found['samples'] == pytest.approx(1000, abs=3)
+    with BagReader(BAG, 20.0, 40.0) as bag:
+        times = np.array([time for _, _, time in bag.raw(['/odom'])])
+    assert 20e9 <= times[0] < times[-1] <= 40e9
+    assert len(times) == pytest.approx(1000, abs=2)
+
+
+@pytest.mark.parametrize(
+    ('words', 'text'),
+    [
+        (('--start', '100'), 'holds no messages from 100 s on'),
+        (('--start', '10', '--end', '5'), '--start 10 and --end 5 leave nothing; accepted: an end after the start'),
+        (('--start', '-1'), "'-1' is not accepted; accepted: a number >= 0 s"),
+    ],
+)
+def test_a_part_that_is_none_is_refused(words: tuple[str, ...], text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert replay([str(BAG), '--model', str(ROBOT), *words]) == 2
+    assert text in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('count', [20, 100_000])
+def test_times_of_recording_that_were_never_filled_in_are_not_used(tmp_path: Path, count: int) -> None:
+    bag = recorded_at_zero(tmp_path / 'bag', count)
+    report = tmp_path / 'report.html'
+    words = ('--method', 'difference', '--report', str(report))
+    warnings = result_of(bag, tmp_path, *words)['warnings']
+    assert any('by their stamps they last 60 s: rates are by the stamps' in text for text in warnings)
+    assert report.read_text().count('<td class="n">3001</td><td class="n">50</td>') == 2
+    if count < 100:
+        part = result_of(bag, tmp_path, '--start', '20', '--end', '40', '--method', 'difference')
+        assert part['samples'] == pytest.approx(1000, abs=3)
