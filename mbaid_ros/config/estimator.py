@@ -20,6 +20,7 @@ from mbaid_ros.config.model_errors import (
     OdometryMountConfig,
     TargetPriorConfig,
 )
+from mbaid_ros.config.flexible import FlexibleConfig
 from mbaid_ros.config.parameters import parameter
 from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.config.sensors import ImuConfig, NoiseConfig, PoseConfig
@@ -214,6 +215,7 @@ class EstimatorConfig:
     calibration: SelfCalibrationConfig = field(default_factory=SelfCalibrationConfig)
     known_links: KnownLinksConfig = field(default_factory=KnownLinksConfig)
     known_joints: KnownJointsConfig = field(default_factory=KnownJointsConfig)
+    flexible: FlexibleConfig = field(default_factory=FlexibleConfig)
     odometry_mount: OdometryMountConfig = field(default_factory=OdometryMountConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     target_prior: TargetPriorConfig = field(default_factory=TargetPriorConfig)
