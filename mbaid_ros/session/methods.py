@@ -67,6 +67,8 @@ def make_estimator(
         second = _trajectory(config, known, reporting)
         if config.disturbance.constant != 'none' or config.imu.alone:
             return second  # the first stage takes the momentum for constant, and needs poses
+        if config.flexible.joints:
+            return second  # nor does it know of joints that swing
         return TwoStageEstimator(_difference(config, known, reporting), second)
     return _paper(config, kernel)
 

@@ -10,6 +10,7 @@ import numpy as np
 from mbaid_ros.config.capture import ThrustConfig
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig, make_orbit, make_storage
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.flexible import FlexibleConfig
 from mbaid_ros.config.model_errors import KnownJointsConfig, TargetPriorConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import rotation_from_quaternion
@@ -17,6 +18,7 @@ from mbaid_ros.core.results.published_inertia import Frame
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.momentum import Storage
+from mbaid_ros.core.robot.springs import Springs
 from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.sensors.external_momentum import FallingFrame
 from mbaid_ros.core.unknowns.bodies import TargetPrior
@@ -164,6 +166,29 @@ def storage(config: WheelsConfig, model: RobotModel) -> Storage:
     return wheels + Storage.published(model.link(config.momentum_frame), config.momentum_std)
 
 
+def springs(config: FlexibleConfig, model: RobotModel) -> Springs:
+    """Return the springs of passive joints as declared.
+
+    Raises
+    ------
+    ParameterError
+        A name is no joint's, a joint has no frequency, or mimics another.
+    """
+    passive = config.passive(model.joint_names)
+    followers = [name for name in passive if name not in model.independent_joints]
+    if followers:
+        raise ParameterError(
+            f"parameter 'flexible.joints' has '{followers[0]}', which mimics another joint; accepted: "
+            f'{listing(model.independent_joints)}'
+        )
+    return Springs(
+        tuple(model.joint_names.index(name) for name in passive),
+        2.0 * np.pi * np.array([joint.frequency for joint in passive.values()]),
+        np.array([joint.damping for joint in passive.values()]),
+        np.zeros((2, len(passive))),
+    )
+
+
 def _spin_deviations(config: WheelsConfig) -> tuple[float, ...]:
     """Return the standard deviation of each spin inertia, kg m^2; 0 for a published momentum, which has none."""
     wheels = (config.spin_inertia_relative_std * inertia for inertia in config.spin_inertias)
@@ -205,6 +230,7 @@ def with_surroundings(
     position, orientation = mount
     alone = config.imu.alone  # without odometry there is no mount, and the frame has no momentum
     tracking = _joint_values(config.known_joints, 'tracking_std', model)
+    passive = config.flexible.passive(model.joint_names).values()
     return Uncertainty(
         *joints,
         mount_position=0.0 if alone else position,
@@ -223,6 +249,9 @@ def with_surroundings(
         torque=config.disturbance.torque_std,
         tracking=tracking,
         tracking_time=(_TRACKING_TIME,) * len(tracking),
+        spring_frequency=[joint.frequency_relative_std for joint in passive],
+        spring_ratio=[joint.damping_std for joint in passive],
+        spring_start=[joint.initial_std for joint in passive],
     )
 
 

@@ -76,6 +76,9 @@ def joint_noise(
     apart = np.concatenate([each * (place[2] - place[0]) for each, place in zip(size, places, strict=True)])
     length = apart + np.concatenate(size)
     deviation = np.concatenate([np.sqrt(stack.joint_variance / stack.samples) for stack in stacks])
+    if kernel.springs.count:  # nothing reads passive joints: their errors are those of the parameters
+        deviation = np.repeat(deviation, kernel.model.joints // deviation.shape[-1], axis=-1)
+        deviation[..., list(kernel.springs.joints)] = 0.0
     # At position level the turn of A itself remains, and F~ A dq.
     remainder = by_position[1] + slope @ middle - (last - first) / apart
     by_unknowns = gains_by_unknowns(layout, kernel, bodies[index[1]], middle[:, ANGULAR_FIRST])[:, ANGULAR_FIRST]

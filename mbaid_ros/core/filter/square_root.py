@@ -238,6 +238,8 @@ def pose_reset(gaussian: SquareRootInformation, variables: Variables) -> SquareR
     root, poses = gaussian.root.copy(), variables.poses
     root[:poses] = 0.0
     root[:poses, :poses] = variables.prior()[1][:poses, :poses]
+    if variables.broken.shape[1]:
+        root = _walked(root, variables.broken, len(variables.scale))
     return gaussian.with_root(_forgotten(root, variables))
 
 

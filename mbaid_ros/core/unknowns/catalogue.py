@@ -41,6 +41,7 @@ from mbaid_ros.core.unknowns.environment import (
     orbit_shape,
     thrusters,
 )
+from mbaid_ros.core.unknowns.flexible import SpringErrors, StartingSwing, spring_errors, starting_swing
 from mbaid_ros.core.unknowns.joints import (
     FlexibleJoints,
     JointPlacements,
@@ -61,6 +62,7 @@ for _unknown in (
     *(KnownBodies, JointPlacements, JointTracking, FlexibleJoints),
     *(OdometryMount, OdometryScale, OdometryTurning, TwistBias, TwistLate),
     *(TimeOffset, ClockDrift, Gravity, OrbitShape, ExternalTorque),
+    *(SpringErrors, StartingSwing),
 ):
     _WORDS.update(_unknown.words)
 _LARGEST_SIZE = 10.0  # that is tried (docs/trajectory.md, eq. 8): beyond it, how many times is not known
@@ -94,6 +96,9 @@ class Uncertainty:
     torque: float = 0.0  # N m, of a torque from outside in base axes
     tracking: Sequence[float] = ()  # of each joint: rad or m, how far it wanders from its reading; empty is not at all
     tracking_time: Sequence[float] = ()  # s, over which it does
+    spring_frequency: Sequence[float] = ()  # of each passive joint: relative, of its natural frequency
+    spring_ratio: Sequence[float] = ()  # of its damping ratio
+    spring_start: Sequence[float] = ()  # rad or m, of its deflection at the start
 
 
 def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
@@ -115,7 +120,22 @@ def _not_calibrated(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[U
         spin_inertias(kernel, uncertainty.spin_inertias),
         thrusters(uncertainty.thrusters, *thrust),
         joint_tracking(kernel.model.joint_names, uncertainty.tracking, uncertainty.tracking_time),
+        *_of_springs(kernel, uncertainty),
     )
+
+
+def _of_springs(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
+    """Return the springs of passive joints, and how these swing at the start."""
+    springs = kernel.springs
+    if not springs.count:
+        return ()
+    names = [kernel.model.joint_names[joint] for joint in springs.joints]
+    nothing = np.zeros(springs.count)
+    frequency, ratio, start = (
+        part if len(part) else nothing
+        for part in (uncertainty.spring_frequency, uncertainty.spring_ratio, uncertainty.spring_start)
+    )
+    return spring_errors(names, frequency, ratio), starting_swing(names, start, springs.rate)
 
 
 def _of_sensors(uncertainty: Uncertainty) -> tuple[Unknown, ...]:

@@ -1,0 +1,83 @@
+"""Passive joints: natural frequency and damping of each, and how it swings at the first instant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown, Words, diagonal
+
+FREQUENCY, DAMPING, SWING = 'frequency', 'damping', 'swing'
+
+
+@dataclass(frozen=True, eq=False)
+class SpringErrors(Unknown):
+    """Of each passive joint: relative error of its natural frequency, and error of its damping ratio.
+
+    Attributes
+    ----------
+    joints : names
+    """
+
+    joints: tuple[str, ...]
+
+    words: ClassVar = {
+        FREQUENCY: Words(
+            'the frequencies of passive joints',
+            'flexible.<joint>.frequency_relative_std',
+            'the frequency of {}: measure it (flexible)',
+            lambda name, value: f'the frequency of {name} is off by {100.0 * np.sum(value):+.3g} %: correct flexible',
+        ),
+        DAMPING: Words(
+            'the damping of passive joints',
+            'flexible.<joint>.damping_std',
+            'the damping of {}: measure it (flexible)',
+            lambda name, value: f'the damping ratio of {name} is off by {np.sum(value):+.2g}: correct flexible',
+        ),
+    }
+    in_equations = False
+
+    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+        """Return the nominal model with these springs; a damper never drives."""
+        springs, each = side.kernel.springs, value.reshape(-1, 2)
+        rate = springs.rate * np.exp(each[:, 0])
+        return replace(
+            side,
+            kernel=side.kernel.swinging(replace(springs, rate=rate, ratio=np.maximum(springs.ratio + each[:, 1], 0.0))),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class StartingSwing(Unknown):
+    """Of each passive joint: deflection (rad or m) and rate at the first instant after a gap or the start."""
+
+    words: ClassVar = {
+        SWING: Words('how passive joints swing at the start', 'flexible.<joint>.initial_std'),
+    }
+    in_equations = False
+    of_a_motion = True
+    of_a_chain = True
+
+    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+        """Return the nominal model with this start."""
+        springs = side.kernel.springs
+        return replace(
+            side, kernel=side.kernel.swinging(replace(springs, start=springs.start + value.reshape(-1, 2).T))
+        )
+
+
+def spring_errors(joints: Sequence[str], frequencies: Sequence[float], ratios: Sequence[float]) -> SpringErrors:
+    """Return them as an unknown: relative standard deviations of frequencies, and those of damping ratios."""
+    labels = tuple(f'{kind}:{name}' for name in joints for kind in (FREQUENCY, DAMPING))
+    return SpringErrors(diagonal(np.column_stack((frequencies, ratios)).ravel()), labels, tuple(joints))
+
+
+def starting_swing(joints: Sequence[str], deviations: Sequence[float], rates: Sequence[float]) -> StartingSwing:
+    """Return it as an unknown: standard deviations of deflections, rad or m; natural frequencies, rad/s."""
+    each = np.asarray(deviations, dtype=float)
+    labels = tuple(f'{SWING}:{name}' for name in joints for _ in range(2))
+    return StartingSwing(diagonal(np.column_stack((each, each * np.asarray(rates))).ravel()), labels)
