@@ -132,9 +132,7 @@ class InMuJoCo:
             mujoco.set_mjcb_control(None)
             mujoco.set_mjcb_passive(None)
         count = len(joints)
-        position, velocity, effort, pose, twist = np.split(
-            np.array(rows), np.cumsum([count, count, count, 7]), axis=1
-        )
+        position, velocity, effort, pose, twist = np.split(np.array(rows), np.cumsum([count, count, count, 7]), axis=1)
         orientation = np.roll(pose[:, 3:], -1, axis=1)
         return Truth(
             time=np.array(instants),

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.linalg import expm
 
 from mbaid_ros.core.filter.knots import Midpoints
-from mbaid_ros.core.filter.prediction import Bodies, Prediction, passive_motion
 from mbaid_ros.core.filter.state import Layout, Point
+from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, passive_motion
 from mbaid_ros.core.filter.window import Stack
 from mbaid_ros.core.geometry import Array, Flags, Integers
 
