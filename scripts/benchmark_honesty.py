@@ -1,4 +1,4 @@
-"""Write measured/honesty.md: in which of many conditions the estimator is silently wrong, and the causes that it names."""
+"""Write honesty.md: in which of many conditions the estimator is silently wrong, and the causes that it names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write measured/paper-claims.md: the paper's claims beside measurements of its recursion on its own case, without noise.
+"""Write paper-claims.md: the paper's claims beside measurements of its recursion on its own case, without noise.
 
 Exit code 1: a settling time differs by more than 10 % from that of an independent implementation, or the parameters of
 a spatial servicer are not found.
