@@ -1,4 +1,4 @@
-"""Write reference/thresholds.md: every number of the estimators that is no parameter, with the reason beside it."""
+"""Write thresholds.md: every number of the estimators that is no parameter, with the reason beside it."""
 
 from __future__ import annotations
 

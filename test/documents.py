@@ -24,6 +24,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / 'README.md'
+REFERENCE = ROOT / 'docs' / 'reference'
+INSTALL = ROOT / 'docs' / 'how-to' / 'install.md'
 TUTORIAL = ROOT / 'docs' / 'tutorials' / 'first-verdict.md'
 CAMPAIGNS = ROOT / 'docs' / 'how-to' / 'campaigns.md'
 DOCUMENTS = [README, *sorted(ROOT.glob('docs/**/*.md')), ROOT / 'bags' / 'README.md']

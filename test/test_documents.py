@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 import pytest
 import yaml
 
-from documents import DOCUMENTS, README, ROOT, names
+from documents import DOCUMENTS, README, REFERENCE, ROOT, names
 from made_runs import run
 from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -31,7 +31,9 @@ def script(name: str) -> dict[str, object]:
 # -- tables
 
 
-@pytest.mark.parametrize('document', ['README.md', 'docs/reference/simulator.md', 'docs/how-to/calibrate.md'])
+@pytest.mark.parametrize(
+    'document', ['docs/reference/parameters.md', 'docs/reference/simulator.md', 'docs/how-to/calibrate.md']
+)
 def test_the_tables_of_parameters_are_those_of_the_script(document: str) -> None:
     text = (ROOT / document).read_text(encoding='utf-8')
     assert '<!-- parameters of' in text
@@ -62,8 +64,8 @@ def test_every_file_of_code_that_is_named_is_there(document: str) -> None:
     assert [name for name in sorted(named) if not any(file.endswith(f'/{name}') for file in files)] == []
 
 
-def test_the_readme_has_every_parameter_of_the_estimator_with_default_and_unit() -> None:
-    text = README.read_text(encoding='utf-8')
+def test_the_page_has_every_parameter_of_the_estimator_with_default_and_unit() -> None:
+    text = (REFERENCE / 'parameters.md').read_text(encoding='utf-8')
     text = text[text.index('<!-- parameters of estimator -->') : text.index('<!-- end of parameters -->')]
     rows = re.findall(r'^\| `([a-z_.]+)` \| `(.*?)` \| (.*?) \| .+ \|$', text, re.MULTILINE)
     table = {name: (default, unit) for name, default, unit in rows}
@@ -82,38 +84,36 @@ def test_the_readme_has_every_parameter_of_the_estimator_with_default_and_unit()
             assert default == str(list(spec.default))
 
 
-def test_the_readme_has_every_method_and_the_default() -> None:
-    text = README.read_text(encoding='utf-8')
-    section = text[text.index('## Methods') : text.index('## Parameters')]
-    assert sorted(re.findall(r'^\| `(\w+)` \|', section, re.MULTILINE)) == sorted({'method', *METHODS})
-    assert f'The default is `{EstimatorConfig().method}`' in section
+def test_the_page_has_every_method_and_the_default() -> None:
+    text = (REFERENCE / 'methods.md').read_text(encoding='utf-8')
+    assert sorted(re.findall(r'^\| `(\w+)` \|', text, re.MULTILINE)) == sorted({'method', *METHODS})
+    assert f'The default is `{EstimatorConfig().method}`' in text
 
 
-def test_the_page_on_robustness_has_every_bound() -> None:
+def test_the_page_on_inputs_has_every_bound() -> None:
     text = (ROOT / 'docs' / 'reference' / 'input-handling.md').read_text(encoding='utf-8')
-    named = set(re.findall(r'`([A-Z]+(?:_[A-Z]+)*)`', text[text.index('## Files that mean harm') :]))
+    named = set(re.findall(r'`([A-Z]+(?:_[A-Z]+)*)`', text[text.index('## Bounds of files') :]))
     assert named == {name for name in vars(limits) if name.isupper()}
 
 
 def test_the_readme_has_every_executable() -> None:
-    section = README.read_text(encoding='utf-8').split('| executable | does |')[1].split('\n\n')[0]
+    section = README.read_text(encoding='utf-8').split('| executable | use |')[1].split('\n\n')[0]
     named = {name for row in section.splitlines() for name in re.findall(r'`(\w+)`', row.split('|')[1] if row else '')}
     assert named == set(re.findall(r"'(\w+) = mbaid_ros", (ROOT / 'setup.py').read_text(encoding='utf-8')))
 
 
-def test_the_readme_has_every_topic_and_service_of_the_estimator() -> None:
-    text = README.read_text(encoding='utf-8')
-    section = text[text.index('## Topics and services') : text.index('## Methods')]
-    named = set(re.findall(r'^\| `(~/\w+)` \|', section, re.MULTILINE))
+def test_the_page_has_every_topic_and_service_of_the_estimator() -> None:
+    text = (REFERENCE / 'topics.md').read_text(encoding='utf-8')
+    named = set(re.findall(r'^\| `(~/\w+)` \|', text, re.MULTILINE))
     sources = (
         ROOT / 'mbaid_ros' / 'nodes' / f'{name}.py' for name in ('estimating', 'publishers', 'markers', 'planning')
     )
     assert named == {name for path in sources for name in re.findall(r"'(~/\w+)'", path.read_text(encoding='utf-8'))}
 
 
-def test_the_readme_has_every_key_of_the_json() -> None:
-    text = README.read_text(encoding='utf-8')
-    section = text[text.index('## JSON of replay') : text.index('Exit code 0')]
+def test_the_page_has_every_key_of_the_json() -> None:
+    text = (REFERENCE / 'json.md').read_text(encoding='utf-8')
+    section = text[text.index('## Keys') : text.index('## Exit codes')]
     rows = re.findall(r'^\| (`.*?`) \|', section, re.MULTILINE)
     assert {key for row in rows for key in re.findall(r'`(\w+)`', row)} == set(as_json(run()))
 
