@@ -1,4 +1,4 @@
-"""Sphinx configuration of the site, for `make docs` and rosdoc2: the pages of docs/, the README and the public modules."""
+"""Sphinx configuration of the site, for `make docs` and rosdoc2: pages of docs/, README and public modules."""  # noqa: INP001
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _OVERVIEW = HERE / 'overview.md'
 _LINK = re.compile(r'\]\(([\w/.-]+\.md)\)')
 
 
-def _write_overview(app: Any) -> None:
+def _write_overview(_: Any) -> None:
     """Copy the README into the site, its links relative to docs/."""
     text = README.read_text(encoding='utf-8')
     text = re.sub(r'\]\((?!https?:|#)(?!docs/)', '](../', text).replace('](docs/', '](')
@@ -52,7 +52,7 @@ def _write_overview(app: Any) -> None:
         _OVERVIEW.write_text(text, encoding='utf-8')
 
 
-def _adapt(app: Any, name: str, source: list[str]) -> None:
+def _adapt(_: Any, name: str, source: list[str]) -> None:
     """Link the README's copy; end the index with a table of contents, one for each of its sections."""
     source[0] = re.sub(r'\]\((?:\.\./)+README\.md', '](/overview.md', source[0])
     if name == 'index':
