@@ -150,6 +150,13 @@ def test_links_lead_somewhere(document: str) -> None:
         assert not anchor or anchor in anchors(target), f'{path}#{anchor}'
 
 
+@pytest.mark.parametrize('folder', ['mbaid_ros', 'scripts', 'test'])
+def test_pages_that_code_names_exist(folder: str) -> None:
+    for path in (ROOT / folder).rglob('*.py'):
+        for page in re.findall(r'\bdocs/[\w/-]+\.md\b', path.read_text(encoding='utf-8')):
+            assert (ROOT / page).is_file(), f'{path}: {page}'
+
+
 @pytest.mark.parametrize('document', names(DOCUMENTS))
 def test_files_that_are_named_exist(document: str) -> None:
     text = (ROOT / document).read_text(encoding='utf-8')
@@ -236,4 +243,10 @@ def test_the_versions_agree() -> None:
     assert ET.parse(ROOT / 'msg_defs' / 'package.xml').getroot().findtext('version') == version
     assert f"version='{version}'" in (ROOT / 'setup.py').read_text()
     assert yaml.safe_load((ROOT / 'CITATION.cff').read_text())['version'] == version
-    assert f'\n{version} (' in (ROOT / 'CHANGELOG.rst').read_text()
+    releases = re.findall(r'^(\d+\.\d+\.\d+) \(', (ROOT / 'CHANGELOG.rst').read_text(), re.MULTILINE)
+    assert releases[0] == version
+    assert releases == sorted(releases, reverse=True)
+
+
+def test_the_lines_of_the_changelog_fit_a_narrow_terminal() -> None:
+    assert [line for line in (ROOT / 'CHANGELOG.rst').read_text().splitlines() if len(line) > 100] == []
