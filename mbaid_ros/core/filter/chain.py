@@ -1,4 +1,4 @@
-"""The error chain of a window, linear in the state at its first knot (docs/trajectory.md, eq. 2).
+"""The error chain of a window, linear in the state at its first knot (trajectory.md, eq. 2).
 
 The error xi = (theta, rho) is that of the measured pose: R_true = Exp(theta) R, p_true = p + rho. From knot to knot it
 changes by the predicted motion less the measured one.

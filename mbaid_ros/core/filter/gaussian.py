@@ -30,7 +30,7 @@ _SURE = 0.9  # probability that something is further off than declared, from whi
 
 @dataclass(frozen=True, eq=False)
 class PriorScaleFactors:
-    """Variance components of the unknowns' priors (Koch 1999, section 3.6; docs/trajectory.md, eq. 7).
+    """Variance components of the unknowns' priors (Koch 1999, section 3.6; trajectory.md, eq. 7).
 
     Where what the windows see of a kind of unknowns is as far off as k times its declared deviation would make it, what
     they do not see probably is as well. A single thing, or a part of one, may be mistaken where all others of its kind
@@ -97,7 +97,7 @@ class PriorScaleFactors:
     def beside(self, contributions: Array) -> Array:
         """Return the columns (m, n) that a covariance factor gains, of the contributions (e, m) of each number.
 
-        Numbers s times as far off add s^2 - 1 times the square of their contribution (docs/trajectory.md, eq. 7).
+        Numbers s times as far off add s^2 - 1 times the square of their contribution (trajectory.md, eq. 7).
         """
         larger = self.each > 1.0
         return np.asarray(contributions[larger].T * np.sqrt(self.each[larger] ** 2 - 1.0))
@@ -251,7 +251,7 @@ class MeanAndCovariance:
     def published(self, sizes: PriorScaleFactors, layout: Layout, rows: Integers) -> tuple[Array, Array]:
         """Return some numbers (r,) of the state, the body's among them, and a covariance factor (r, w), as published.
 
-        With the correction for noise in the rows (docs/trajectory.md, eq. 14), and the priors scaled (eq. 7).
+        With the correction for noise in the rows (trajectory.md, eq. 14), and the priors scaled (eq. 7).
         """
         body, attenuation = self._attenuated
         part = self.factor_of(self.variables.spread[rows])
@@ -274,7 +274,7 @@ class MeanAndCovariance:
 
     @cached_property
     def _attenuated(self) -> tuple[Array, InformationCorrection]:
-        """A covariance factor (b, v) of the body's variables, and their correction (docs/trajectory.md, eq. 14)."""
+        """A covariance factor (b, v) of the body's variables, and their correction (trajectory.md, eq. 14)."""
         variables = self.variables
         body = self.factor_of(np.eye(variables.own)[variables.body])
         mean = variables.gather[variables.body, BODY] @ self.mean[BODY]

@@ -130,7 +130,7 @@ def errors_in_variables_bias(precision: Array, slope: Array, body: Array, variab
     weighed = precision[:, None] @ of_body  # (B, n, 6, b)
     windows, joints, numbers, count = of_body.shape
     flat = of_body.reshape(windows, joints * numbers, count)
-    information = np.swapaxes(flat, 1, 2) @ weighed.reshape(flat.shape)  # M of docs/trajectory.md, eq. 13
+    information = np.swapaxes(flat, 1, 2) @ weighed.reshape(flat.shape)  # M of trajectory.md, eq. 13
     at = variables.gather[variables.body, BODY] @ body[..., None]
     return np.concatenate((information, information @ at), axis=-1)
 
@@ -143,7 +143,7 @@ def no_bias(variables: Variables) -> Array:
 
 @dataclass(frozen=True)
 class InformationCorrection:
-    """Correction of the body's b variables for M (docs/trajectory.md, eqs. 13 and 14), P their covariance without it.
+    """Correction of the body's b variables for M (trajectory.md, eqs. 13 and 14), P their covariance without it.
 
     Attributes
     ----------

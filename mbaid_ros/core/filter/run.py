@@ -30,7 +30,7 @@ _HELD, _WELL_KNOWN, _CURVED, _UNIT = 16.0, 1e-3, 0.1, 0.01
 
 
 class LinearisationPoint:
-    """The linearisation point of the windows to come (docs/trajectory.md, eq. 6).
+    """The linearisation point of the windows to come (trajectory.md, eq. 6).
 
     Each window is blind along some directions: all masses and momenta growing together, say, or CoM and odometry mount
     displaced together. Linearised at another point these are others, and together the windows would seem to see them.

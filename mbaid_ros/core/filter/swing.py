@@ -1,4 +1,4 @@
-"""How passive joints swing along the windows, and how that depends on the parameters (docs/appendages.md).
+"""How passive joints swing along the windows, and how that depends on the parameters (appendages.md).
 
 Their state x = (deflections, s) at the midpoints of intervals follows from the motion of joints and base, the momentum
 and the parameters, step by step from the first instant on. Windows are linearised along it; its derivatives by the

@@ -156,7 +156,7 @@ class PriorComparison:
 
     If the prior is right, the posterior mean m varies about zero with S = 1 - P, P the posterior covariance; if the
     numbers are k times as far off, with S + (k^2 - 1) S^2. With k times the standard deviation, prior information falls
-    by D = 1 - 1/k^2, and the log-likelihood of the data grows by (docs/trajectory.md, eq. 8)
+    by D = 1 - 1/k^2, and the log-likelihood of the data grows by (trajectory.md, eq. 8)
 
         1/2 m^T (1/D - P)^-1 m  -  1/2 log|1 - D P|  -  n log k
 

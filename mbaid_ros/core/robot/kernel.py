@@ -344,7 +344,7 @@ def _put_regressor(matrix: Array, link: _Motion) -> None:
     """Write the (6, 10, N) Y of a link; see `momentum.regressor`."""
     axes, position, velocity, rate = link.axes, link.position, link.velocity, link.rate
     of_mass, of_first, of_inertia = matrix[:, 0], matrix[:, 1:4].swapaxes(0, 1), matrix[3:, 4:]
-    # P = m v + [w]x R h (docs/method.md, eq. 1)
+    # P = m v + [w]x R h (method.md, eq. 1)
     first = _cross(rate, axes)
     of_mass[:3], of_first[:, :3] = velocity, first
     # L_b = m r x v + ([r]x [w]x R - [v]x R) h + R bracket(R^T w) vec(I_o) (eq. 2, about the base's origin)

@@ -1,4 +1,4 @@
-"""Passive joints, which a spring holds: how their deflections and momenta change (docs/appendages.md).
+"""Passive joints, which a spring holds: how their deflections and momenta change (appendages.md).
 
 The state of each is its deflection and s, the component along its axis of the momentum of all that it carries: no rate
 is differentiated.

@@ -65,7 +65,7 @@ for _unknown in (
     *(SpringErrors, StartingSwing),
 ):
     _WORDS.update(_unknown.words)
-_LARGEST_SIZE = 10.0  # that is tried (docs/trajectory.md, eq. 8): beyond it, how many times is not known
+_LARGEST_SIZE = 10.0  # that is tried (trajectory.md, eq. 8): beyond it, how many times is not known
 _LEAST_STD = 1e-6  # least standard deviation of a number in its unit: exact beside others of the same unknown
 
 

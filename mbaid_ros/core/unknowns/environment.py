@@ -108,7 +108,7 @@ class Circle:
 
 @dataclass(frozen=True, eq=False)
 class OrbitShape(_Pushing):
-    """The numbers k, h and d of an orbit beside its circle (docs/orbit.md)."""
+    """The numbers k, h and d of an orbit beside its circle (orbit.md)."""
 
     circle: Circle
 
