@@ -74,7 +74,8 @@ def _scores(
 ) -> tuple[dict[str, Score], dict[str, dict[str, Score]]]:
     """Return the scores by method, and by method and row."""
     truths = {run.name: _truth(folder / run.name / dataset.TRUTH) for run in runs}
-    whole, rows = {}, {}
+    whole: dict[str, Score] = {}
+    rows: dict[str, dict[str, Score]] = {}
     for method, by_run in found.items():
         whole[method] = score(list(by_run.values()), [truths[name] for name in by_run])
         rows[method] = {}

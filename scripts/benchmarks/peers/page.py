@@ -20,8 +20,10 @@ _COLOURS = {True: '#0072b2', False: '#d55e00'}  # of this package, of others: bl
 
 def main_table(methods: Sequence[Method], whole: Mapping[str, Score], rows: Scores) -> str:
     """Return the table of all methods over all their runs, the most accurate first."""
-    header = ('method', 'error / bound', 'worst row', 'coverage', 'rows that hold')
-    header += ('silently wrong', 'no answer', 'time, s', 'memory, MB', 'needs')
+    header = [
+        *('method', 'error / bound', 'worst row', 'coverage', 'rows that hold', 'silently wrong', 'no answer'),
+        *('time, s', 'memory, MB', 'needs'),
+    ]
     lines = []
     for method in sorted(methods, key=lambda each: (np.isnan(whole[each.name].median), whole[each.name].median)):
         own, by_row = whole[method.name], rows[method.name]

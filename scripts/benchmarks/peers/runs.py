@@ -25,10 +25,10 @@ from benchmarks.frame import resident
 from benchmarks.peers.dataset import BAG, KNOWN, URDF
 from benchmarks.peers.recording import Known
 from benchmarks.peers.registry import load
+from mbaid_ros.core.geometry import Array
 
 LIMIT = 300  # s, of a run
 _PRELOADED = 'benchmarks.peers.ours'
-_Answer = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,9 @@ def outcome_of(name: str, folder: Path) -> Outcome:
     """Return what a method makes of a run, in this process."""
     method, before = load(name), resident()
     urdf, known = (folder / URDF).read_text(encoding='utf-8'), Known.read(folder / KNOWN)
-    parameters, std, doubt, failure = np.full(10, np.nan), np.full(10, np.nan), '', ''
+    parameters: Array = np.full(10, np.nan)
+    std: Array = np.full(10, np.nan)
+    doubt, failure = '', ''
     wall, processor = time.perf_counter(), time.process_time()
     try:
         with contextlib.redirect_stdout(io.StringIO()):

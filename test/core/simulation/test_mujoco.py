@@ -9,12 +9,11 @@ import pytest
 
 from benchmarks.in_mujoco import InMuJoCo
 from floating import true_momentum
-from mbaid_ros.core.geometry import Array, cross, exp, quaternion_from_rotation, rotate, rotation_from_quaternion, vec
+from mbaid_ros.core.geometry import Array, cross, exp, rotate, rotation_from_quaternion, vec
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.momentum import physical, standard
-from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import BodyPoses, Surroundings, Tide

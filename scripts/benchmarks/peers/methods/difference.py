@@ -1,4 +1,4 @@
-"""This package's method `difference`."""
+"""The method `difference` of this package."""
 
 from __future__ import annotations
 

@@ -58,8 +58,9 @@ class _Motion:
             target.append(states.regressor)
         velocities = (samples.base_linear_velocity[:1], samples.base_angular_velocity[:1])
         start = np.concatenate([rotate_back(samples.base_rotation[:1], each) for each in velocities], axis=1)[0]
-        parts = (np.stack(known, axis=-1), np.stack(target, axis=1), samples.joint_velocity)
-        return _Motion(*(0.5 * (part[1:] + part[:-1]) for part in parts), start)
+        parts: list[Array] = [np.stack(known, axis=-1), np.stack(target, axis=1), samples.joint_velocity]
+        middle = [0.5 * (part[1:] + part[:-1]) for part in parts]
+        return _Motion(middle[0], middle[1], middle[2], start)
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""mujoco.sysid (PyPI `mujoco[sysid]`), a servoed rollout matched to the poses. It starts from the URDF."""
+"""mujoco.sysid (PyPI `mujoco[sysid]`): a servoed rollout matched to the poses, from a start at the URDF."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""mujoco.sysid (PyPI `mujoco[sysid]`), a servoed rollout matched to the poses. It starts from 1.3 times the masses of the URDF."""
+"""mujoco.sysid (PyPI `mujoco[sysid]`), as `mujoco_sysid`, from a start 30 % off the URDF."""
 
 from __future__ import annotations
 

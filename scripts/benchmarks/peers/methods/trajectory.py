@@ -1,4 +1,4 @@
-"""This package's method `trajectory`."""
+"""The method `trajectory` of this package."""
 
 from __future__ import annotations
 
