@@ -61,7 +61,7 @@ class InMuJoCo:
         site = np.roll(quaternion_from_rotation(back), 1)
         base.add_site(name='odometry', pos=-back @ self.errors.mount[3:], quat=site)
         for joint, (stiffness, damping) in (springs or {}).items():
-            spec.joint(joint).stiffness, spec.joint(joint).damping = stiffness, damping
+            spec.joint(joint).stiffness[0], spec.joint(joint).damping[0] = stiffness, damping
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self.place = [self.model.joint(joint).qposadr[0] for joint in robot.joint_names]

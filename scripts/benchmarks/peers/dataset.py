@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.data import START
+from benchmarks.data import START, model
 from benchmarks.peers.conditions import TORQUES, Condition, Moved, declared, moved
 from benchmarks.peers.recording import JOINTS, ODOMETRY
 from mbaid_ros.bags import BagWriter
@@ -67,7 +67,7 @@ def _complete(folder: Path, run: Run) -> bool:
 
 def _make(run: Run, folder: Path) -> None:
     motion = moved(run.condition, run.seed, run.seconds)
-    case, target = run.condition.case, motion.nominal.last_link
+    case, target = run.condition.case, model(run.condition.robot).last_link
     # Robots and levels draw apart, and what differs does, too.
     seed = zlib.crc32(run.condition.name.encode()) << 32 | run.seed
     rng = np.random.default_rng([seed, 1])
