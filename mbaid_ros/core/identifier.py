@@ -14,10 +14,11 @@ from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples
 from mbaid_ros.core.sensors.external_momentum import FallingFrame, Thrust
 from mbaid_ros.core.sensors.gyro import Gyro
 from mbaid_ros.core.sensors.levels import FoundNoise, SensorLevels
-from mbaid_ros.core.sensors.rates import FEWEST, GyroFrame, TwistFrame, with_rates
+from mbaid_ros.core.sensors.rates import FEWEST, with_rates
 from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.core.window_checks import WindowChecks
 
 RATE_MISSING = 'velocity missing, and too few positions to take it from'
 
@@ -80,7 +81,7 @@ class Identifier:
     estimator : the method
     window : s, length of a window
     maximum_gap : s, longest odometry interval that is interpolated
-    twist_frame : 'child' or 'inertial', as the base's twist was read
+    checks : of windows before they are identified; None makes those of the twist's frame alone
     thrust : as commanded; None without any
     noise : follows how noisy the sensors are; None takes it as declared
     falling : the frame of the orbit; None where there is none
@@ -92,7 +93,7 @@ class Identifier:
         estimator: Estimator,
         window: float,
         maximum_gap: float,
-        twist_frame: str = 'child',
+        checks: WindowChecks | None = None,
         thrust: Thrust | None = None,
         noise: FoundNoise | None = None,
         *,
@@ -105,14 +106,10 @@ class Identifier:
         self._windows = Windows(window)
         self._noise = noise
         self._levels: dict[float, SensorLevels] = {}  # by the end of the latest windows, s
-        self._twist_frame = TwistFrame(twist_frame)
-        self._gyro_frame = GyroFrame()
-        self._watched = gyro is not None and gyro.on_base
-        self._wrong_gyro: tuple[float, Reason] | None = None  # since when (s) the IMU is known to be misread, and how
+        self._checks = checks or WindowChecks()
         self._thrust = thrust
         self._falling = falling
         self._window = window
-        self._contradictions: dict[float, Reason] = {}  # of the twist's frame, by the end of the latest windows, s
         self._notes: dict[str, float] = {}  # what a user should know of the data, and since when (s)
         self.used = 0
         self.end_of_window: int | None = None  # ns, stamp that closes the window that is open
@@ -147,8 +144,6 @@ class Identifier:
         closed = self._prepared(self._windows.push(samples))
         if not closed:
             return []
-        for window in closed:
-            self._watch(window)
         estimates = self._estimator.update(closed, self.synchroniser.origin)
         if self._levels:
             estimates = [replace(each, noise=self._levels.get(each.time)) for each in estimates]
@@ -156,15 +151,8 @@ class Identifier:
 
     def run_slice(self) -> bool:
         """Let the method do a part of its deferred work, and look at the twist's frame; return whether some is left."""
-        self._twist_frame.run_slice()
+        self._checks.run_slice()
         return isinstance(self._estimator, Deferring) and self._estimator.run_slice()
-
-    def _watch(self, window: Samples) -> None:
-        """Look whether an IMU measures in other axes or units than declared."""
-        if self._watched and self._wrong_gyro is None:
-            text = self._gyro_frame.update(window)
-            if text:
-                self._wrong_gyro = float(window.time[0]), Reason(text, 'conflict', self._gyro_frame.gain)
 
     def _prepared(self, windows: list[Samples]) -> list[Samples]:
         """Return closed windows with the velocities their method needs, without those that cannot have them."""
@@ -176,11 +164,7 @@ class Identifier:
             each = [self._noise.applied(window, self.origin) for window in windows]
             windows = [window for window, _ in each]
             self._levels = {float(window.time[-1]): levels for window, levels in each}
-        contradictions = zip(windows, self._twist_frame.update(windows), strict=True)
-        # Poses and twist contradict each other without a model of the robot: as a cause, that comes first.
-        self._contradictions = {
-            float(window.time[-1]): Reason(text, gain=gain) for window, (text, gain) in contradictions
-        }
+        windows = self._checks.applied(windows)
         return [window for window in map(self._with_rates, windows) if window is not None]
 
     def _with_rates(self, window: Samples) -> Samples | None:
@@ -208,12 +192,7 @@ class Identifier:
         levels = self._levels.get(time)
         texts = [levels.warning] if levels is not None and levels.warning else []
         reasons = notes([*texts, *(text for text, since in self._notes.items() if since <= time)])
-        contradiction = self._contradictions.get(time)
-        if contradiction is not None and contradiction.text:
-            reasons.append(contradiction)
-        if self._wrong_gyro is not None and self._wrong_gyro[0] <= time and self._estimator.method == 'trajectory':
-            reasons.append(self._wrong_gyro[1])
-        return reasons
+        return [*reasons, *self._checks.reasons(time, with_gyro=self._estimator.method == 'trajectory')]
 
 
 def _measured(window: Samples) -> str:

@@ -13,6 +13,7 @@ from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array, log
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise, Stamps
 from mbaid_ros.core.sensors.base import AttachedFrame
+from mbaid_ros.core.sensors.joints import turns_between
 from mbaid_ros.core.sensors.levels import TYPICAL
 from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, Outliers, joint_channels
 from mbaid_ros.messages import OdometryReader
@@ -96,22 +97,13 @@ def _joint_stream(joints: Sequence[Any], where: str) -> tuple[tuple[str, ...], J
     lines = [f'{name} has no position in most messages (NaN)' for name in np.array(names)[~known]]
     position, velocity = position[:, known], velocity[:, known]
     usable = np.all(np.isfinite(position), axis=1)
-    stream = JointStream(
-        stamps[usable], unwrapped(stamps[usable], position[usable], velocity[usable]), velocity[usable]
-    )
+    stream = JointStream(stamps[usable], position[usable], velocity[usable])
+    turns = np.cumsum(turns_between(stream), axis=0)
+    stream.position[1:] -= 2.0 * np.pi * turns
     gate = Outliers[JointStream](_NEAR, joint_channels(float(TYPICAL[0])), JOINT_OUTLIER)
     stream = gate.push(stream) or stream[:0]
     lines += [f'{count} messages not used: {cause}' for cause, count in gate.dropped.items() if count]
     return tuple(np.array(names)[known].tolist()), stream, lines
-
-
-def unwrapped(stamp: Stamps, position: Array, velocity: Array) -> Array:
-    """Return positions (N, n) without jumps of a turn, by the velocities (N, n) where there are any."""
-    step = np.diff(position, axis=0)
-    speed = 0.5 * (velocity[1:] + velocity[:-1])
-    expected = np.where(np.isfinite(speed), speed, 0.0) * (1e-9 * np.diff(stamp))[:, None]
-    turns = np.cumsum(np.round((expected - step) / (2.0 * np.pi)), axis=0)
-    return np.concatenate((position[:1], position[1:] + 2.0 * np.pi * turns))
 
 
 def _base_stream(bases: Sequence[Any], where: str) -> tuple[BaseStream, list[str]]:

@@ -12,15 +12,18 @@ import numpy as np
 
 from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
 from mbaid_ros.config.plan import PlanConfig
+from mbaid_ros.core.diagnosis.held_base import HeldBase
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, Thrust
+from mbaid_ros.core.sensors.joint_rates import JointRates
 from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.core.window_checks import WindowChecks
 from mbaid_ros.messages import number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.methods import make_capture, make_estimator, make_reporting, set_thresholds
 from mbaid_ros.session.model_summary import ModelSummary, summarise
@@ -282,16 +285,18 @@ class _Segment:
         self._capture = make_capture(config, described, robot.known, method)
         robot.begin(self._capture)
         self.thrust = Thrust(model, round(config.thrust.hold * 1e9), uncertain_thrusters(config.thrust, model))
-        noise = config.noise
+        noise, gyro = config.noise, make_gyro(config, model)
+        on_base = gyro is not None and gyro.on_base
+        checks = WindowChecks(config.twist_frame, HeldBase(described), JointRates(model.joint_names), gyro=on_base)
         self.identifier = Identifier(
             self._capture or method(described, robot.known),
             config.window,
             config.maximum_gap,
-            config.twist_frame,
+            checks,
             self.thrust,
             FoundNoise(noise.declared, described.model.joints, noise.undeclared, estimate=noise.estimate),
             falling=falling_frame(config.orbit, model),
-            gyro=make_gyro(config, model),
+            gyro=gyro,
         )
 
     @property

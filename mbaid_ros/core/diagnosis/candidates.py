@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbaid_ros.core.diagnosis.base_axes import axis_conventions
 from mbaid_ros.core.diagnosis.conventions import FITTED, Fit, conventions, fitted, point_as_described
 from mbaid_ros.core.diagnosis.passes import SLIPPING, FilterPasses, WhitenedWindows, Work, attempted
 from mbaid_ros.core.diagnosis.ranking import WORTH, CandidateCause, Change, IsolationResult
@@ -214,7 +215,9 @@ class CandidateCauses:
     def _fits(self, windows: Sequence[Window]) -> Work[list[Fit]]:
         """Return the fits of windows under the conventions that are possible, the declared ones first."""
         found = []
-        for convention in conventions(self.layout.kernel):
+        axes = axis_conventions(self.layout.kernel, windows)
+        yield FITTED
+        for convention in (*conventions(self.layout.kernel), *axes):
             if convention.possible(windows):
                 found.append(fitted(self.layout.kernel, windows, convention, _EVERY))
                 yield FITTED // _EVERY

@@ -76,7 +76,7 @@ def conventions(kernel: MomentumKernel) -> Iterator[Convention]:
             change = partial(_joints, change=partial(np.multiply, scale))
             yield Convention(text, same, change, joint_range=_TURN)
     for text, pose, far in _POSES:
-        yield Convention(text, same, partial(_poses, change=pose), base_range=far)
+        yield Convention(text, same, partial(with_poses, change=pose), base_range=far)
     yield from _masses(kernel, same)
 
 
@@ -126,7 +126,7 @@ _POSES: tuple[tuple[str, Callable[[Knots], Knots], float], ...] = (
 )
 
 
-def _poses(windows: Sequence[Window], change: Callable[[Knots], Knots]) -> list[Window]:
+def with_poses(windows: Sequence[Window], change: Callable[[Knots], Knots]) -> list[Window]:
     """Return windows with other poses; a twist is in the axes of poses as they were read, and left out."""
     return [replace(each, knots=change(each.knots)) for each in map(without_twist, windows)]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.geometry import Array, Flags, Integers
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.status import Reason, Severity, with_reasons
 from mbaid_ros.core.robot.model import RobotModel
@@ -20,6 +20,9 @@ from mbaid_ros.core.samples import JointStream, Stamps
 _FEWEST = 10  # readings with a symptom, from which it is no accident
 _SOURCES = 0.02  # share of readings from another source: single outliers, which are dropped, are fewer
 _SPIKE = 50.0  # standard deviations, and times the motion over two readings, of a step to another source and back
+_QUARTER = 0.5 * np.pi  # rad between two readings: of a half turn the direction is not known
+_FAR = 1000.0  # rad, that no arm turns by, in degrees neither
+_MOST_STEPS = 0.5  # share of such steps: outliers and turns of wrapped angles are fewer
 _COARSE = 10.0  # rad or m, range of whole numbers from which they are no positions
 _HEAVY = 0.01  # share of the robot's mass, from which a link's inertia matters
 _REACH = 10.0  # times the robot's size, that no link's radius of gyration reaches
@@ -36,6 +39,8 @@ class _Readings:
     spikes: int = 0
     whole: Flags | None = None
     range: tuple[Array, Array] | None = None
+    rates: bool = False  # whether the latest ones have velocities
+    fast: Integers | None = None  # steps of more than a quarter turn, by joint
 
 
 class PlainFaults:
@@ -63,6 +68,7 @@ class PlainFaults:
             if columns:
                 own = tuple(kind[column] for column in columns)
                 readings = self._kinds.setdefault(kind, _Readings(own))
+                readings.rates |= bool(np.isfinite(stream.velocity[:, columns]).any())
                 self._check(readings, stream.stamp, stream.position[:, columns])
 
     def applied(self, estimate: Estimate) -> Estimate:
@@ -76,6 +82,8 @@ class PlainFaults:
                 place, text = check(self._model, self._noise, readings, joined, len(position))
                 if text:
                     self._found[symptom] = (int(stamp[place]), Reason(text, severity, _CERTAIN))
+        lowest, highest = _range(readings, position)
+        readings.range = lowest[-1], highest[-1]
         readings.count += len(position)
         readings.last = joined[-2:]
 
@@ -110,15 +118,19 @@ def _two_sources(model: RobotModel, noise: float, readings: _Readings, joined: A
     )
 
 
+def _range(readings: _Readings, position: Array) -> tuple[Array, Array]:
+    """Return the lowest and highest of all readings up to each of the new ones, (N, k)."""
+    low, high = readings.range or (position[0], position[0])
+    return np.minimum(np.minimum.accumulate(position), low), np.maximum(np.maximum.accumulate(position), high)
+
+
 def _ticks(model: RobotModel, _noise: float, readings: _Readings, joined: Array, new: int) -> tuple[int, str]:
     """Test for whole numbers over a wide range: counts of an encoder, or degrees."""
     position = joined[len(joined) - new :]
-    low, high = readings.range or (np.full(position.shape[1], np.inf), np.full(position.shape[1], -np.inf))
     whole = np.ones(position.shape[1], dtype=bool) if readings.whole is None else readings.whole
     wholes = np.logical_and.accumulate((position == np.round(position)) & whole, axis=0)
-    lowest = np.minimum(np.minimum.accumulate(position, axis=0), low)
-    highest = np.maximum(np.maximum.accumulate(position, axis=0), high)
-    readings.whole, readings.range = wholes[-1], (lowest[-1], highest[-1])
+    lowest, highest = _range(readings, position)
+    readings.whole = wholes[-1]
     wide = wholes & (highest - lowest > _COARSE)
     enough = (readings.count + 1 + np.arange(new) >= _FEWEST)[:, None]
     places = np.flatnonzero(np.any(wide & enough, axis=1))
@@ -133,10 +145,39 @@ def _ticks(model: RobotModel, _noise: float, readings: _Readings, joined: Array,
     )
 
 
+def _too_fast(model: RobotModel, _noise: float, readings: _Readings, joined: Array, new: int) -> tuple[int, str]:
+    """Test for joints without a velocity that turn by more than a quarter from one reading to the next."""
+    if readings.rates or len(joined) < 2:  # wrapped readings stay within a turn, those of wheels go on and on
+        return 0, ''
+    step = np.diff(joined, axis=0)
+    slides = np.array(model.prismatic)[model.transmission.independent[list(readings.joints)]]
+    wrapped = step - 2.0 * np.pi * np.round(step / (2.0 * np.pi))
+    before = np.zeros(step.shape[1], dtype=np.int64) if readings.fast is None else readings.fast
+    late = min(new, len(step))
+    extent = np.subtract(*_range(readings, joined[-late:])[::-1])
+    turns = ((np.abs(wrapped[-late:]) > _QUARTER) & (extent < 2.0 * np.pi)) | (
+        (np.abs(step[-late:]) > np.pi) & (extent > _FAR)
+    )
+    fast = before + np.cumsum(turns & ~slides, axis=0)
+    readings.fast = fast[-1]
+    number = (readings.count + new - late + 1 + np.arange(late))[:, None]
+    certain = (fast >= _FEWEST) & (fast > _MOST_STEPS * number)
+    places = np.flatnonzero(np.any(certain, axis=1))
+    if not len(places):
+        return 0, ''
+    row = int(places[0])
+    name, _ = _named(model, readings, int(np.argmax(certain[row])))
+    return new - late + row, (
+        f'{name} turns by more than a quarter from one reading to the next: how far is not known without its velocity; '
+        'publish velocities, or read it more often'
+    )
+
+
 # By symptom: how grave it is, and its test. Readings that contradict each other make any estimate inconsistent.
 CHECKS: Mapping[str, tuple[Severity, Check]] = {
     'two sources': ('conflict', _two_sources),
     'ticks': ('conflict', _ticks),
+    'too fast': ('conflict', _too_fast),
 }
 
 

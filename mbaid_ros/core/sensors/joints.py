@@ -27,6 +27,8 @@ REDUNDANT = 'joints that other messages hold, too'
 _STILL = 6.0
 _AT_REST = 10  # times the longest interpolated interval, that such messages may be apart
 
+_AGREES = 0.5  # rad, that a fast joint's step is off what its velocity says
+
 Joints = tuple[int, ...]  # indices in the model
 
 
@@ -37,7 +39,7 @@ class _Part:
         self.joints = np.array(joints, dtype=np.intp)
         self.reorder = Reorder[JointStream](reorder_limit)
         self._turning = turning[self.joints]
-        self._last: Array | None = None
+        self._last: JointStream | None = None  # latest reading
         self._turns = np.zeros(len(joints))
         self.waiting: JointStream | None = None
         self.own: list[int] = []  # columns of the joints that this part is used for
@@ -47,13 +49,29 @@ class _Part:
         ordered = self.reorder.push(stream)
         if ordered is None:
             return None
-        before = ordered.position[:1] if self._last is None else self._last[None]
-        self._last = ordered.position[-1].copy()
+        joined = ordered if self._last is None else ordered.concatenate((self._last, ordered))
+        self._last = ordered[-1:]
         # Whole turns are counted, not angles added up: the count is exact however the stream is cut.
-        steps = np.round(np.diff(ordered.position, axis=0, prepend=before) / (2.0 * np.pi))
+        steps = turns_between(joined)
+        if len(steps) < len(ordered.stamp):
+            steps = np.concatenate((np.zeros((1, len(self.joints))), steps))
         turns = self._turns - np.cumsum(np.where(self._turning, steps, 0.0), axis=0)
         self._turns = turns[-1]
         return JointStream(ordered.stamp, ordered.position + 2.0 * np.pi * turns, ordered.velocity)
+
+
+def turns_between(stream: JointStream) -> Array:
+    """Return the jumps of wrapped angles from each reading to the next, (N - 1, n) whole turns.
+
+    A wheel may turn by more than a half between two readings: then its velocity says by how much, if both agree.
+    """
+    step = np.diff(stream.position, axis=0)
+    speed = 0.5 * (stream.velocity[1:] + stream.velocity[:-1])
+    expected = np.nan_to_num(speed) * (1e-9 * np.diff(stream.stamp))[:, None]
+    left = step - expected
+    jumps = np.round(left / (2.0 * np.pi))
+    fast = (np.abs(expected) > np.pi) & (np.abs(left - 2.0 * np.pi * jumps) < _AGREES)
+    return np.where(fast, jumps, np.round(step / (2.0 * np.pi)))
 
 
 class JointMerge:

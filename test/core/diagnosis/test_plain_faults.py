@@ -94,3 +94,31 @@ def test_an_inertia_that_no_body_has_is_warned_of_and_the_first_cause(inertia: s
     assert text in fine.warnings[0]
     assert not fine.causes
     assert text in wrong.causes[0][0]
+
+
+def spinning(step: float, *, rates: bool, pieces: int, wrapped: bool = True) -> Estimate:
+    """Return what is found where the sixth joint turns by a step (rad) from each reading to the next."""
+    position = motion(3)
+    angle = step * np.arange(COUNT)
+    position[:, 5] = np.angle(np.exp(1j * angle)) if wrapped else angle
+    velocity = np.full((COUNT, JOINTS), step / (SPACING * 1e-9) if rates else np.nan)
+    faults = PlainFaults(robot('servicer7'), 1e-4)
+    for piece in np.array_split(np.arange(COUNT), pieces):
+        faults.add({ALL: JointStream(piece * SPACING, position[piece], velocity[piece])})
+    return faults.applied(Estimate('trajectory', 'estimating', 0.0, 10**18))
+
+
+def degrees(pieces: int) -> Estimate:
+    time = np.arange(COUNT)[:, None] * SPACING * 1e-9
+    return found(np.rad2deg(2.0 * np.sin(time + np.arange(JOINTS))), pieces)
+
+
+@pytest.mark.parametrize('pieces', [1, 7, COUNT])
+def test_a_joint_that_turns_too_fast_for_its_positions_alone_is_refused(pieces: int) -> None:
+    for step in (2.0, 3.0, 8.0):
+        estimate = spinning(step, rates=False, pieces=pieces, wrapped=step < 8.0)
+        assert estimate.status == 'inconsistent'
+        assert estimate.causes[0][0].startswith('joint6 turns by more than a quarter from one reading to the next')
+    assert spinning(1.0, rates=False, pieces=pieces).status == 'estimating'
+    assert spinning(8.0, rates=True, pieces=pieces).status == 'estimating'
+    assert degrees(pieces).status == 'estimating'  # named by another check

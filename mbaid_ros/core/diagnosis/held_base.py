@@ -1,0 +1,84 @@
+"""Whether the base is held: its position does not react while the arm moves the common centre of mass.
+
+A free base moves against the arm. Window by window its position p is compared with the offset c of the common centre
+of mass from it, by the known links: without forces p + c moves along a straight line. A held base has no part of c.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.status import Reason
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.samples import Samples
+
+_FEWEST = 10  # windows
+_READ = 5  # samples of a window, of which the mean centre of mass is taken
+_MOVED = 1e-3  # m, root mean square, that the centre of mass has to move by at least
+_REACTION = 0.15  # times the motion of the centre of mass: the base's, from which it may be free
+_CORRELATION = 0.5  # between the two, from which the base reacts, if by less than the robot description says
+_WHITE = 3.0  # squared second difference over variance, 6 of white noise: of a motion, which is smooth, it is far less
+_ROUNDING = 1e-12  # squared, of the motion of the centre of mass
+_CERTAIN = 1e6  # log-likelihood that it counts as: more than a filter finds for any other cause
+
+HELD = (
+    'the base does not move while the arm does: is it held, or bolted to the ground, or is its odometry another '
+    "body's? The method needs a base that floats"
+)
+
+
+class HeldBase:
+    """Follows windows, and tells once whether the base is held.
+
+    Parameters
+    ----------
+    kernel : the known links of the robot
+    """
+
+    def __init__(self, kernel: MomentumKernel) -> None:
+        self._kernel = kernel
+        self._count, self._bends = 0, 0.0
+        self._squares: Array = np.zeros((9, 9))  # products of (1, t, t^2), p and c, sums over the windows
+        self._latest: list[Array] = []  # the means of the latest windows
+        self._origin: Array = np.zeros(6)
+        self._done = False
+
+    def update(self, window: Samples) -> Reason | None:
+        """Add a window; return a reason once, when the base is known to be held."""
+        if self._done:
+            return None
+        part = window[np.unique(np.linspace(0, len(window) - 1, _READ).astype(np.intp))]
+        if np.any(window.impulse) or not np.all(np.isfinite(part.pose_covariance[:, 0, 0])):
+            self._done = True  # thrust moves the base, or nothing measures where it is
+            return None
+        bodies = self._kernel.states(part).known
+        centre = np.sum(bodies[..., 1:4], axis=1) / np.sum(bodies[..., 0], axis=1)[:, None]
+        both = np.concatenate((np.mean(window.base_position, axis=0), np.mean(centre, axis=0)))
+        if not self._latest:
+            self._origin = both
+        self._latest = [*self._latest[-2:], both]
+        if len(self._latest) == 3:
+            self._bends += float(np.sum(np.diff(self._latest, 2, axis=0)[0, :3] ** 2))
+        time = float(np.mean(window.time))
+        row = np.concatenate(([1.0, time, time**2], both - self._origin))
+        self._squares += np.outer(row, row)
+        self._count += 1
+        if self._count < _FEWEST or not self._is_held():
+            return None
+        self._done = True
+        return Reason(HELD, 'conflict', _CERTAIN)
+
+    def _is_held(self) -> bool:
+        """Return whether the base stays where it is, apart from noise, beside the centre of mass."""
+        scale = np.sqrt(np.diag(self._squares)[:3])
+        trend = self._squares[:3, :3] / scale / scale[:, None]
+        across = self._squares[:3, 3:] / scale[:, None]
+        left = self._squares[3:, 3:] - across.T @ np.linalg.solve(trend, across)
+        base, centre = float(np.trace(left[:3, :3])), float(np.trace(left[3:, 3:]))
+        if centre < self._count * _MOVED**2 or base > _REACTION**2 * centre:
+            return False
+        if base < _ROUNDING * centre:
+            return True
+        together = abs(float(np.trace(left[:3, 3:])))
+        return together < _CORRELATION * np.sqrt(base * centre) and self._bends > _WHITE * base

@@ -1,0 +1,72 @@
+"""Axes that poses of the base may be in: the true ones come first, and none where the poses are as declared."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.diagnosis.base_axes import axis_conventions
+from mbaid_ros.core.filter.knots import AFTER, BEFORE, averages
+from mbaid_ros.core.filter.window import Window, WindowNoise
+from mbaid_ros.core.geometry import Array, exp
+from mbaid_ros.core.samples import Samples
+from observed import MID, configured_motion, kernel, observe
+
+SPACING, LENGTH = 0.05, 0.5  # s, between knots, of a window
+
+
+@cache
+def measured() -> Samples:
+    return observe(configured_motion('servicer7', 25.0, 100.0, 0.02), MID, 3)
+
+
+def windows_of(samples: Samples) -> list[Window]:
+    count = BEFORE + round(LENGTH / SPACING) + AFTER
+    noise = WindowNoise(50, MID.joint_position, np.eye(6) * 1e-6, np.eye(6) * 1e-6, 0.0, 0.0)
+    found = []
+    for start in np.arange(1.0, 23.0, LENGTH):
+        begin = start - BEFORE * SPACING
+        first, last = np.searchsorted(samples.time, [begin - 1e-6, begin + count * SPACING - 1e-6])
+        knots = averages([samples[int(first) : int(last)]], np.array([begin]), SPACING, count, np.zeros(3))
+        found.append(Window(knots, slice(BEFORE, count - AFTER), SPACING, noise, float(start), fresh=False))
+    return found
+
+
+def texts(samples: Samples) -> list[str]:
+    return [each.text for each in axis_conventions(kernel('servicer7'), windows_of(samples))]
+
+
+def test_poses_as_declared_are_in_no_other_axes() -> None:
+    assert texts(measured()) == []
+
+
+@pytest.mark.parametrize(
+    ('axes', 'named'),
+    [
+        ([[1, 0, 0], [0, 0, -1], [0, 1, 0]], '(x, -z, y)'),
+        ([[0, 1, 0], [1, 0, 0], [0, 0, 1]], '(y, x, z)'),
+        ([[1, 0, 0], [0, 1, 0], [0, 0, -1]], '(x, y, -z)'),
+        ([[0, 0, -1], [-1, 0, 0], [0, 1, 0]], '(-z, -x, y)'),
+    ],
+)
+def test_positions_in_other_axes_are_named(axes: list[list[int]], named: str) -> None:
+    samples = measured()
+    changed = replace(samples, base_position=samples.base_position @ np.array(axes, dtype=float).T)
+    assert texts(changed)[0].startswith(f'the positions of the odometry are {named} in the axes')
+
+
+@pytest.mark.parametrize(
+    ('turn', 'named'),
+    [
+        (np.pi * np.array([1.0, 0.0, 0.0]), '180 degrees about (1, 0, 0)'),
+        (0.5 * np.pi * np.array([0.0, 0.0, -1.0]), '90 degrees about (0, 0, -1)'),
+        (0.5 * np.pi * np.array([0.0, 1.0, 0.0]), '90 degrees about (0, 1, 0)'),
+        (2.0 / 3.0 * np.pi * np.ones(3) / np.sqrt(3.0), '120 degrees about (0.58, 0.58, 0.58)'),
+    ],
+)
+def test_a_frame_that_is_turned_is_named(turn: Array, named: str) -> None:
+    samples = measured()
+    assert named in texts(replace(samples, base_rotation=samples.base_rotation @ exp(turn)))[0]
