@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -296,6 +297,7 @@ class LiveEstimator:
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._diagnostics_publisher.publish(array)
         self._publication.publish_stale(self._diagnostics.silence(state))
+        gc.collect()  # delays no estimate here: one has just been published, or none is due in a moment
 
     def close(self) -> None:
         """Leave the graph."""

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable, Sequence
 from itertools import groupby
-from time import monotonic
 from typing import Any
 
 from geometry_msgs.msg import InertiaStamped
@@ -27,7 +25,6 @@ from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia
 from mbaid_ros.session import Session
 
 _PATIENCE = Duration(nanoseconds=50_000_000)  # with a subscriber that has died, or has no time
-_COLLECT_EVERY = 1.0  # s, between two garbage collections after estimates, at least
 
 
 class Publishers:
@@ -110,7 +107,6 @@ class EstimatePublication:
         self._restarted = 0  # restarts of the session that have been reported
         self._calibrated = ''  # summary of the calibration that has been reported
         self._debris = DebrisPublication()
-        self._collected = 0.0  # monotonic time of the last garbage collection, s
         self._waiting: tuple[str, ...] | None = None  # warnings of the last estimate of status 'waiting'
 
     def publish(self, session: Session, estimates: list[Estimate]) -> None:
@@ -119,9 +115,9 @@ class EstimatePublication:
             if session.restarted != self._restarted and session.restarts[-1] in estimate.warnings:
                 self._report_restart(session)
             self._state.estimate, self._state.stale = estimate, ''
-            self._log.estimate(estimate)
             frames = _frames(session)
             self._publishers.publish(estimate, frames, session.robot.urdf)
+            self._log.estimate(estimate)
             calibrated = session.robot.calibrated
             if calibrated and calibrated != self._calibrated:
                 self._calibrated = calibrated
@@ -131,9 +127,6 @@ class EstimatePublication:
                 message = debris_message(debris, estimate, TYPES, frames, session.robot.captured(estimate))
                 self._publishers.send('~/debris', message)
             self.display.show(estimate, f'{frames.prefix}{frames.target_link}')
-        if estimates and monotonic() > self._collected + _COLLECT_EVERY:
-            gc.collect()
-            self._collected = monotonic()
         if session.restarted != self._restarted:
             self._report_restart(session)
 

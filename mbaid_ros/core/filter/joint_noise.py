@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtrs
 
 from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, BODY, Layout
@@ -159,11 +159,11 @@ class InformationCorrection:
     @staticmethod
     def of(covariance: Array, bias_information: Array, mean: Array) -> InformationCorrection:
         """Return it for covariance (b, b), (M, M body) (b, b + 1) and mean (b,)."""
-        root, (information, at) = np.linalg.cholesky(covariance), np.split(bias_information, [-1], axis=1)
+        root, information, at = np.linalg.cholesky(covariance), bias_information[:, :-1], bias_information[:, -1]
         # With P = F F^T and F^T M F = V diag(mu) V^T:  N = F^-T V diag(mu / (1 - mu)) V^T F^-1.
         part, along = np.linalg.eigh(root.T @ information @ root)
         part = np.clip(part, 0.0, _MOST)
-        back = solve_triangular(root, along, trans='T', lower=True)
+        back = dtrtrs(root.T, along)[0]
         gain = (back * (part / (1.0 - part))) @ back.T
-        score = information @ mean - at[:, 0]
+        score = information @ mean - at
         return InformationCorrection(gain, back * (np.sqrt(part) / (1.0 - part)), score + gain @ covariance @ score)
