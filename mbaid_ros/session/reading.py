@@ -241,7 +241,7 @@ class Intake:
         joints, dropped_joints = self.joint_reader.read(messages[JOINTS])
         base, dropped_base = self.odometry_reader.read(messages[ODOMETRY])
         self._refused += dropped_joints + dropped_base
-        self.faults.add(joints)
+        self.faults.add(joints, base)
         imu = None
         if IMU in messages:
             measured, dropped = self.imu_reader.read(messages[IMU])

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbaid_ros.core.diagnosis.stamps import StampPattern
 from mbaid_ros.core.geometry import Array, Flags, Integers
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.status import Reason, Severity, with_reasons
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.samples import JointStream, Stamps
+from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 
 _FEWEST = 10  # readings with a symptom, from which it is no accident
 _SOURCES = 0.02  # share of readings from another source: single outliers, which are dropped, are fewer
@@ -25,6 +26,7 @@ _FAR = 1000.0  # rad, that no arm turns by, in degrees neither
 _MOST_STEPS = 0.5  # share of such steps: outliers and turns of wrapped angles are fewer
 _COARSE = 10.0  # rad or m, range of whole numbers from which they are no positions
 _HEAVY = 0.01  # share of the robot's mass, from which a link's inertia matters
+_POSITION = 1e-3  # m, noise of the base's position, at most
 _REACH = 10.0  # times the robot's size, that no link's radius of gyration reaches
 _CERTAIN = 1e6  # log-likelihood that such a cause counts as: more than a filter finds for any other
 
@@ -34,6 +36,7 @@ class _Readings:
     """The readings of one kind of message: the latest two, and what earlier ones have shown."""
 
     joints: tuple[int, ...]
+    stamps: StampPattern
     last: Array | None = None
     count: int = 0
     spikes: int = 0
@@ -55,25 +58,34 @@ class PlainFaults:
     def __init__(self, model: RobotModel, noise: float) -> None:
         self._model, self._noise = model, noise
         self._kinds: dict[tuple[int, ...], _Readings] = {}
+        self._base = StampPattern('the poses of the base', _POSITION)
         described = _inertia(model)
         self._found: dict[str, tuple[int, Reason]] = {}  # by symptom: from which stamp on (ns), and the reason
         if described:
             self._found['inertia'] = (np.iinfo(np.int64).min, Reason(described, 'note', _CERTAIN))
 
-    def add(self, streams: Mapping[tuple[int, ...], JointStream]) -> None:
-        """Add readings (N, k), by the joints that they are of, in the order of arrival."""
+    def add(self, streams: Mapping[tuple[int, ...], JointStream], base: BaseStream | None = None) -> None:
+        """Add readings (N, k), by the joints that they are of, and of the base, in the order of arrival."""
+        if base is not None and len(base.stamp):
+            self._follow(self._base, base.stamp, base.position)
         count = len(self._model.independent_joints)
         for kind, stream in streams.items():
             columns = [column for column, joint in enumerate(kind) if joint < count]
             if columns:
                 own = tuple(kind[column] for column in columns)
-                readings = self._kinds.setdefault(kind, _Readings(own))
+                readings = self._kinds.setdefault(kind, _Readings(own, StampPattern('the joint states', self._noise)))
                 readings.rates |= bool(np.isfinite(stream.velocity[:, columns]).any())
                 self._check(readings, stream.stamp, stream.position[:, columns])
+                self._follow(readings.stamps, stream.stamp, stream.position[:, columns])
 
     def applied(self, estimate: Estimate) -> Estimate:
         """Return an estimate with the reasons that were plain by its end, the gravest first."""
         return with_reasons(estimate, [reason for since, reason in self._found.values() if since <= estimate.stamp])
+
+    def _follow(self, pattern: StampPattern, stamp: Stamps, position: Array) -> None:
+        """Look at the stamps; wrong ones are a cause where anything is wrong."""
+        for symptom, since, text in pattern.add(stamp, position):
+            self._found.setdefault(symptom, (since, Reason(text, 'note', _CERTAIN)))
 
     def _check(self, readings: _Readings, stamp: Stamps, position: Array) -> None:
         joined = position if readings.last is None else np.concatenate((readings.last, position))
