@@ -131,6 +131,12 @@ class SwingCourse:
         flat = np.concatenate([part.reshape(-1, *part.shape[2:]) for part in swing])
         prediction.by_parameters[...] += passive.twist_by_state @ flat
 
+    def largest(self, point: Point) -> Array:
+        """Return the largest deflections (f,) at the ends of the windows that were linearised at a point."""
+        size = self._layout.kernel.springs.count
+        ends = self._ends.get(point)
+        return np.zeros(size) if not ends else np.max([np.abs(end[:size, 0]) for end in ends.values()], axis=0)
+
     def _guessed(self, runs: Sequence[_Run], starting: Sequence[Array], size: int) -> list[Array]:
         """Return the states (m, B, 2 f) that earlier sweeps ended at, or else the start's."""
         states = []
