@@ -57,6 +57,9 @@ class SwingCourse:
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
+        # Time constants of the parameters that are Gauss-Markov processes, s; inf of all others.
+        times = np.concatenate([np.full(16, np.inf), *(each.times for each in layout.predicted)])
+        self._decay = 1.0 / times
         # By linearisation point and number of an interval: x and its derivative by the parameters, (2 f, 1 + u).
         self._ends: OrderedDict[Point, OrderedDict[int, Array]] = OrderedDict()
         self._guesses: OrderedDict[int, Array] = OrderedDict()  # x (2 f,) by number of an interval
@@ -179,13 +182,18 @@ class SwingCourse:
         for _, stack, window in order:
             run, (onward, gain), out = runs[stack], steps[stack], results[stack]
             numbers = run.numbers[:, window].tolist()
+            # A window's amplitudes of what decays are those at its own begin.
+            length = run.spacing * (run.inside.stop - run.inside.start)
+            onwards = 1.0 if columns else np.exp(self._decay * length)
             begin = run.inside.start - (0 if run.fresh[window] or run.inside.start == 0 else 1)
 
-            def earlier(place: int, numbers: Sequence[int] = numbers) -> Array | None:
+            def earlier(
+                place: int, numbers: Sequence[int] = numbers, onwards: float | Array = onwards
+            ) -> Array | None:
                 if numbers[place] in ends:
-                    return ends[numbers[place]]
+                    return np.asarray(ends[numbers[place]] * onwards)
                 found = self._end(numbers[place], point)
-                return None if found is None else found[:, which]
+                return None if found is None else np.asarray(found[:, which] * onwards)
 
             before = None if run.fresh[window] else earlier(begin)
             out[begin, window] = start(stack, window, begin) if before is None else before
