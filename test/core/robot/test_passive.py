@@ -11,7 +11,7 @@ import pytest
 from mbaid_ros.core.filter.knots import Midpoints
 from mbaid_ros.core.filter.prediction import passive_motion
 from mbaid_ros.core.filter.state import BODY, LINEAR, Layout, Point
-from mbaid_ros.core.geometry import Array, cross, exp
+from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model, parse
 from mbaid_ros.core.robot.passive import PassiveMotion, spring_constants
@@ -122,8 +122,7 @@ def test_derivatives_by_the_state(seed: int) -> None:
         assert found.by_state[0][:, place] == pytest.approx(expected, rel=1e-5, abs=1e-6 * np.abs(expected).max())
 
 
-def test_an_impulse_of_momentum_turns_with_the_base() -> None:
-    """The conjugate momenta are scalars: they do not depend on the axes that the motion is given in."""
+def test_the_momenta_do_not_depend_on_the_axes() -> None:
     case = Case(1)
     turn = exp(np.array([0.3, -0.2, 0.5]))
     start = case.state()
@@ -137,5 +136,4 @@ def test_an_impulse_of_momentum_turns_with_the_base() -> None:
         *(none, none, np.zeros((1, 6))),
     )
     found, _ = passive_motion(case.layout, middle, case.point(turned), along[None])
-    assert cross(none, none).shape == none.shape
     assert found.forces == pytest.approx(straight.forces, rel=1e-9)
