@@ -33,6 +33,13 @@ class PassiveJointConfig:
         unit='rad',
         minimum=0.0,
     )
+    disturbance_std: float = parameter(
+        1e-4,
+        'Standard deviation of the deflection (m for a prismatic joint) that nothing in the model keeps up: a spring '
+        'that is not linear, noise of the joints around. 0: none.',
+        unit='rad',
+        minimum=0.0,
+    )
 
 
 @dataclass(frozen=True)

@@ -109,6 +109,7 @@ def as_json(run: Run) -> dict[str, Any]:
         if math.isnan(final.time_offset)
         else {'value': final.time_offset, 'std': plain(final.time_offset_std)},
         'noise': None if final.noise is None else _noise(final.noise),
+        'flexible': [plain(vars(joint)) for joint in final.flexible],
         'thrusters': [plain(vars(thruster)) for thruster in final.thrusters],
         'events': events(run),
         'residual': plain(final.residual),
@@ -217,6 +218,7 @@ def summary(run: Run) -> str:
         rows += [f'  {what}: {one_line(causes)}' for what, causes in budget.items() if causes]
     rows += [f'  next: {run.advice}'] if run.advice else []
     rows += [] if run.holdout is None else [f'  {run.holdout.sentence}']
+    rows += [] if run.contradicted else [f'  passive joint: {one_line(str(joint))}' for joint in final.flexible]
     rows += [] if final.noise is None else [f'  noise: {line}' for line in final.noise.told()]
     rows += [f'  {one_line(line)}' for line in (*_event_lines(run), *likely_causes(run))]
     return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])

@@ -252,6 +252,7 @@ def with_surroundings(
         spring_frequency=[joint.frequency_relative_std for joint in passive],
         spring_ratio=[joint.damping_std for joint in passive],
         spring_start=[joint.initial_std for joint in passive],
+        spring_noise=[joint.disturbance_std for joint in passive],
     )
 
 

@@ -211,6 +211,12 @@ class FilterRun:
         """The point of the present estimate, if nothing drifts."""
         return self._point_of(self._bank[0])
 
+    @property
+    def largest_deflections(self) -> Array:
+        """Largest deflections (f,) of passive joints at the ends of the windows, rad or m."""
+        assert self._point.point is not None, 'there is a start'
+        return self._linearised.largest_deflections(self._point.point)
+
     def curvatures(self, *, explained: bool) -> tuple[Curvature, ...]:
         """Return the nonlinearity of the windows; about the present estimate only where the model explains the data."""
         return self._initialisation.curvatures(explained=explained)

@@ -57,6 +57,9 @@ class SwingCourse:
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
+        # Time constants of the parameters that are Gauss-Markov processes, s; inf of all others.
+        times = np.concatenate([np.full(16, np.inf), *(each.times for each in layout.predicted)])
+        self._decay = 1.0 / times
         # By linearisation point and number of an interval: x and its derivative by the parameters, (2 f, 1 + u).
         self._ends: OrderedDict[Point, OrderedDict[int, Array]] = OrderedDict()
         self._guesses: OrderedDict[int, Array] = OrderedDict()  # x (2 f,) by number of an interval
@@ -131,6 +134,12 @@ class SwingCourse:
         flat = np.concatenate([part.reshape(-1, *part.shape[2:]) for part in swing])
         prediction.by_parameters[...] += passive.twist_by_state @ flat
 
+    def largest(self, point: Point) -> Array:
+        """Return the largest deflections (f,) at the ends of the windows that were linearised at a point."""
+        size = self._layout.kernel.springs.count
+        ends = self._ends.get(point)
+        return np.zeros(size) if not ends else np.max([np.abs(end[:size, 0]) for end in ends.values()], axis=0)
+
     def _guessed(self, runs: Sequence[_Run], starting: Sequence[Array], size: int) -> list[Array]:
         """Return the states (m, B, 2 f) that earlier sweeps ended at, or else the start's."""
         states = []
@@ -173,13 +182,18 @@ class SwingCourse:
         for _, stack, window in order:
             run, (onward, gain), out = runs[stack], steps[stack], results[stack]
             numbers = run.numbers[:, window].tolist()
+            # A window's amplitudes of what decays are those at its own begin.
+            length = run.spacing * (run.inside.stop - run.inside.start)
+            onwards = 1.0 if columns else np.exp(self._decay * length)
             begin = run.inside.start - (0 if run.fresh[window] or run.inside.start == 0 else 1)
 
-            def earlier(place: int, numbers: Sequence[int] = numbers) -> Array | None:
+            def earlier(
+                place: int, numbers: Sequence[int] = numbers, onwards: float | Array = onwards
+            ) -> Array | None:
                 if numbers[place] in ends:
-                    return ends[numbers[place]]
+                    return np.asarray(ends[numbers[place]] * onwards)
                 found = self._end(numbers[place], point)
-                return None if found is None else found[:, which]
+                return None if found is None else np.asarray(found[:, which] * onwards)
 
             before = None if run.fresh[window] else earlier(begin)
             out[begin, window] = start(stack, window, begin) if before is None else before

@@ -21,7 +21,7 @@ from mbaid_ros.core.robot.passive import PassiveInertias, PassiveMotion, spring_
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum, sensitivity_to_joints
 from mbaid_ros.core.unknowns.bodies import KnownBodies
 from mbaid_ros.core.unknowns.declaration import JointMotion, Unknown
-from mbaid_ros.core.unknowns.flexible import SpringErrors, StartingSwing
+from mbaid_ros.core.unknowns.flexible import SpringErrors, StartingSwing, SwingNoise
 
 
 def by_deflections(
@@ -272,14 +272,13 @@ def passive_columns(
         force = kernel.springs.rate**2 * deflection + 2.0 * kernel.springs.ratio * kernel.springs.rate * motion.rates
         spring[..., place] = -force[..., None] * at_zero
     first = np.zeros((len(right), 2 * size, count))
-    start, begin = np.zeros((2, size, 1)), 16
+    start, begin = np.zeros((2, size, count)), 16
     for unknown in layout.predicted:
         place = slice(begin, begin + unknown.count)
         begin = place.stop
         if isinstance(unknown, SpringErrors):
             spring[..., place] = _by_springs(kernel, point, deflection, motion.rates) @ unknown.factor
-        elif isinstance(unknown, StartingSwing):
-            start = np.zeros((2, size, count))
+        elif isinstance(unknown, StartingSwing | SwingNoise):
             start[..., place] = np.swapaxes(unknown.factor.reshape(size, 2, -1), 0, 1)
     solved, rates = inertias.solve(right, along)
     by_rates = rates[..., :count]

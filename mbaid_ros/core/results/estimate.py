@@ -105,6 +105,7 @@ class Estimate:
     phase : where the run is; see core/capture/estimator.py
     stage : method of the stage that it is from, where the method has several
     thrusters : what has been found of each thruster that may be off its command
+    flexible : the passive joints as estimated
     noise : of the sensors as estimated; None where it is not
     budget : where the parameters' variances come from; None where not available
     causes : what may be wrong where the data contradict the model, the likeliest first, each with how much likelier
@@ -132,6 +133,7 @@ class Estimate:
     phase: Literal['pre_capture', 'post_capture'] = 'post_capture'
     stage: str = ''
     thrusters: tuple[Thruster, ...] = ()
+    flexible: tuple[PassiveJoint, ...] = ()
     noise: SensorLevels | None = None
     budget: ErrorBudget | None = None
     causes: tuple[tuple[str, float], ...] = ()
@@ -158,6 +160,28 @@ class Estimate:
         if not np.any(impulse):
             return self
         return replace(self, momentum=self.momentum + impulse, impulse=impulse)
+
+
+@dataclass(frozen=True)
+class PassiveJoint:
+    """A passive joint as estimated: natural frequency (Hz, all else held), damping ratio, standard deviations.
+
+    `largest` is the largest deflection at the windows' ends, rad or m.
+    """
+
+    joint: str
+    frequency: float
+    frequency_std: float
+    damping: float
+    damping_std: float
+    largest: float
+
+    def __str__(self) -> str:
+        """Return it with 95 % intervals."""
+        return (
+            f'{self.joint} swings at {self.frequency:.5g} ± {1.96 * self.frequency_std:.2g} Hz with a damping ratio of '
+            f'{self.damping:.2g} ± {1.96 * self.damping_std:.1g}, by up to {self.largest:.2g} rad (m)'
+        )
 
 
 def determined(momentum: Array, stds: Array) -> Flags:

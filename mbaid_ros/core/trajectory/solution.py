@@ -18,6 +18,7 @@ from mbaid_ros.core.results.estimate import (
     SYMPTOM,
     Estimate,
     Event,
+    PassiveJoint,
     Status,
     Thruster,
     changed_by,
@@ -25,10 +26,11 @@ from mbaid_ros.core.results.estimate import (
 )
 from mbaid_ros.core.results.parameters import SENSOR_NOISE, DeferredBudget, ErrorBudget
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
-from mbaid_ros.core.results.status import MOST_JUMPS, Verdict
+from mbaid_ros.core.results.status import MOST_JUMPS, Reason, Verdict
 from mbaid_ros.core.robot.momentum import physical_jacobian, standard
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Thrusters
+from mbaid_ros.core.unknowns.flexible import FREQUENCY, SpringErrors
 from mbaid_ros.core.unknowns.sensors import TimeOffset
 
 _NOTHING = 1e-6  # chance that noise looks like a constant force as large: one less sure is not reported
@@ -166,6 +168,7 @@ class Solved:
     events : what has acted or changed
     budget : returns the parts of the variance
     thrusters : how far they are off their commands
+    flexible : passive joints as estimated
     delay : value and standard deviation of the joints' delay, s; NaN where it is no unknown
     impulse : (6,) by which thrust and orbit have changed the momentum since the first sample
     innovations : as of `Estimate`
@@ -177,6 +180,7 @@ class Solved:
     events: tuple[Event, ...]
     budget: Callable[[Flags], ErrorBudget]
     thrusters: tuple[Thruster, ...]
+    flexible: tuple[PassiveJoint, ...]
     delay: tuple[float, float]
     impulse: Array
     innovations: Array
@@ -191,6 +195,7 @@ class Solved:
             causes=tuple((cause.text, cause.gain) for cause in self.verdict.causes),
             events=self.events,
             thrusters=self.thrusters,
+            flexible=self.flexible,
             time_offset=self.delay[0],
             time_offset_std=self.delay[1],
         )
@@ -276,6 +281,50 @@ def thrusters(moments: MeanAndCovariance, layout: Layout) -> tuple[Thruster, ...
             stds = np.abs(unknown.factor @ _deviation(moments, place))
             estimated += Thruster.all_of(unknown.frames, unknown.factor @ moments.mean[place], stds)
     return tuple(estimated)
+
+
+def passive_joints(moments: MeanAndCovariance, layout: Layout, largest: Array) -> tuple[PassiveJoint, ...]:
+    """Return the passive joints as estimated; `largest` (f,) are their deflections, rad or m."""
+    springs, model = layout.kernel.springs, layout.kernel.model
+    value, std = np.zeros((2, springs.count, 2))
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        if isinstance(unknown, SpringErrors):
+            value = (unknown.factor @ moments.mean[place]).reshape(-1, 2)
+            std = np.abs(unknown.factor @ _deviation(moments, place)).reshape(-1, 2)
+    frequency = springs.rate * np.exp(value[:, 0]) / (2.0 * np.pi)
+    numbers = (frequency, frequency * std[:, 0], springs.ratio + value[:, 1], std[:, 1], largest)
+    names = [model.joint_names[joint] for joint in springs.joints]
+    return tuple(PassiveJoint(name, *map(float, each)) for name, *each in zip(names, *numbers, strict=True))
+
+
+_FAR = 3.0  # standard deviations of its declaration, beyond which a frequency is another thing's
+
+
+def implausible(moments: MeanAndCovariance, layout: Layout, joints: Sequence[PassiveJoint]) -> list[Reason]:
+    """Return why passive joints cannot be what they are declared to be."""
+    model, springs = layout.kernel.model, layout.kernel.springs
+    reasons = []
+    away = {}
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        if isinstance(unknown, SpringErrors):
+            away = dict(zip(unknown.causes, moments.mean[place].tolist(), strict=True))
+    for joint, place, rate in zip(joints, springs.joints, springs.rate, strict=True):
+        far = abs(away.get(f'{FREQUENCY}:{joint.joint}', 0.0))
+        if far > _FAR:
+            text = (
+                f'{joint.joint} would swing at {joint.frequency:.3g} Hz, {far:.1f} standard deviations from '
+                f'flexible.{joint.joint}.frequency, {rate / (2.0 * np.pi):.3g} Hz: correct it, or something else swings'
+            )
+            reasons.append(Reason(text, 'contradiction', 0.5 * far**2))
+        limit = model.limits[place]
+        lower, upper = (limit.lower, limit.upper) if limit.upper > limit.lower else (-np.inf, np.inf)
+        if joint.largest > min(upper, -lower):
+            text = (
+                f'{joint.joint} would swing by {joint.largest:.3g} rad (m), beyond its limits in the robot description, '
+                f'{lower:.3g} to {upper:.3g}: something else moves'
+            )
+            reasons.append(Reason(text, 'contradiction', 0.5 * _FAR**2))
+    return reasons
 
 
 def _with_linear_momentum_unknown(estimate: Estimate) -> Estimate:

@@ -41,7 +41,14 @@ from mbaid_ros.core.unknowns.environment import (
     orbit_shape,
     thrusters,
 )
-from mbaid_ros.core.unknowns.flexible import SpringErrors, StartingSwing, spring_errors, starting_swing
+from mbaid_ros.core.unknowns.flexible import (
+    SpringErrors,
+    StartingSwing,
+    SwingNoise,
+    spring_errors,
+    starting_swing,
+    swing_noise,
+)
 from mbaid_ros.core.unknowns.joints import (
     FlexibleJoints,
     JointPlacements,
@@ -62,7 +69,7 @@ for _unknown in (
     *(KnownBodies, JointPlacements, JointTracking, FlexibleJoints),
     *(OdometryMount, OdometryScale, OdometryTurning, TwistBias, TwistLate),
     *(TimeOffset, ClockDrift, Gravity, OrbitShape, ExternalTorque),
-    *(SpringErrors, StartingSwing),
+    *(SpringErrors, StartingSwing, SwingNoise),
 ):
     _WORDS.update(_unknown.words)
 _LARGEST_SIZE = 10.0  # that is tried (trajectory.md, eq. 8): beyond it, how many times is not known
@@ -99,6 +106,7 @@ class Uncertainty:
     spring_frequency: Sequence[float] = ()  # of each passive joint: relative, of its natural frequency
     spring_ratio: Sequence[float] = ()  # of its damping ratio
     spring_start: Sequence[float] = ()  # rad or m, of its deflection at the start
+    spring_noise: Sequence[float] = ()  # rad or m, stationary, of the deflection that the model does not excite
 
 
 def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
@@ -131,11 +139,18 @@ def _of_springs(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unkno
         return ()
     names = [kernel.model.joint_names[joint] for joint in springs.joints]
     nothing = np.zeros(springs.count)
-    frequency, ratio, start = (
+    frequency, ratio, start, noise = (
         part if len(part) else nothing
-        for part in (uncertainty.spring_frequency, uncertainty.spring_ratio, uncertainty.spring_start)
+        for part in (
+            *(uncertainty.spring_frequency, uncertainty.spring_ratio),
+            *(uncertainty.spring_start, uncertainty.spring_noise),
+        )
     )
-    return spring_errors(names, frequency, ratio), starting_swing(names, start, springs.rate)
+    return (
+        spring_errors(names, frequency, ratio),
+        starting_swing(names, start, springs.rate),
+        swing_noise(names, noise, springs.rate, springs.ratio),
+    )
 
 
 def _of_sensors(uncertainty: Uncertainty) -> tuple[Unknown, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown, Words, diagonal
 
-FREQUENCY, DAMPING, SWING = 'frequency', 'damping', 'swing'
+FREQUENCY, DAMPING, SWING, DISTURBANCE = 'frequency', 'damping', 'swing', 'disturbance'
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +68,55 @@ class StartingSwing(Unknown):
         return replace(
             side, kernel=side.kernel.swinging(replace(springs, start=springs.start + value.reshape(-1, 2).T))
         )
+
+
+@dataclass(frozen=True, eq=False)
+class SwingNoise(Unknown):
+    """Of each passive joint: what excites it beside the model, as two quadratures of a swing that wanders.
+
+    White noise drives a spring with a damper to a swing whose amplitudes are first-order Gauss-Markov processes, with
+    the time constant of the damping.
+
+    Attributes
+    ----------
+    correlation : (e,) s, time constant of each independent number
+    """
+
+    correlation: Array
+
+    words: ClassVar = {
+        DISTURBANCE: Words('what excites passive joints', 'flexible.<joint>.disturbance_std'),
+    }
+    in_equations = False
+
+    @property
+    def times(self) -> Array:
+        """Time constants of the amplitudes."""
+        return self.correlation
+
+    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+        """Return the nominal model as it is: windows are linearised without."""
+        del value
+        return side
+
+    def settled(self, value: Array, deviation: Array) -> Array:
+        """Return zero."""
+        del deviation
+        return np.zeros_like(value)
+
+
+_SLOWEST = 1e-3  # damping ratio, as which less counts: the amplitudes' time constant is finite
+
+
+def swing_noise(
+    joints: Sequence[str], deviations: Sequence[float], rates: Sequence[float], ratios: Sequence[float]
+) -> SwingNoise:
+    """Return it as an unknown: stationary standard deviations of deflections, rad or m; rates, rad/s; damping ratios."""
+    each, rate = np.asarray(deviations, dtype=float), np.asarray(rates, dtype=float)
+    factor = diagonal(np.column_stack((each, each * rate)).ravel())
+    labels = tuple(f'{DISTURBANCE}:{name}' for name in joints for _ in range(2))
+    times = np.repeat(1.0 / (np.maximum(ratios, _SLOWEST) * rate), 2)[np.repeat(each > 0.0, 2)]
+    return SwingNoise(factor, labels, times)
 
 
 def spring_errors(joints: Sequence[str], frequencies: Sequence[float], ratios: Sequence[float]) -> SpringErrors:
