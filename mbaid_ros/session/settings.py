@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.sensors.external_momentum import FallingFrame
 from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.environment import Circle
+from mbaid_ros.core.unknowns.environment import Circle, PushAxes, Pushing
 from mbaid_ros.core.unknowns.sensors import GyroErrors
 from mbaid_ros.messages import ImuReader
 
@@ -246,7 +247,8 @@ def with_surroundings(
         clock_drift=config.time_offset.drift_std if config.time_offset.estimate else 0.0,
         odometry_scale=0.0 if alone else config.odometry.scale_std,
         twist_bias=0.0 if alone else config.odometry.angular_velocity_bias_std,
-        torque=config.disturbance.torque_std,
+        torque=_pushing(config, 'torque'),
+        force=Pushing() if alone else _pushing(config, 'force'),
         tracking=tracking,
         tracking_time=(_TRACKING_TIME,) * len(tracking),
         spring_frequency=[joint.frequency_relative_std for joint in passive],
@@ -254,6 +256,23 @@ def with_surroundings(
         spring_start=[joint.initial_std for joint in passive],
         spring_noise=[joint.disturbance_std for joint in passive],
     )
+
+
+def _pushing(config: EstimatorConfig, kind: str) -> Pushing:
+    """Return how a force or torque from outside varies; a time that windows cannot show, or no orbit, is refused."""
+    disturbance = config.disturbance
+    deviation, time = getattr(disturbance, f'{kind}_std'), getattr(disturbance, f'{kind}_time')
+    if 0.0 < time < config.window:
+        raise ParameterError(
+            f"parameter 'disturbance.{kind}_time' is {time:g} s; accepted: 0, or at least window, {config.window:g} s"
+        )
+    axes = cast('PushAxes', disturbance.axes)
+    orbit = make_orbit(config.orbit) if axes == 'orbit' else None
+    if axes == 'orbit' and (orbit is None or config.orbit.epoch > 0.0):
+        raise ParameterError(
+            "parameter 'disturbance.axes' is 'orbit'; accepted with orbit.mean_motion above 0 and orbit.epoch 0"
+        )
+    return Pushing(deviation, time, axes, orbit)
 
 
 def _uncertain_circle(config: OrbitConfig) -> Circle | None:

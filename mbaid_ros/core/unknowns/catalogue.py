@@ -33,10 +33,12 @@ from mbaid_ros.core.unknowns.bodies import KnownBodies, KnownTarget, TargetPrior
 from mbaid_ros.core.unknowns.declaration import Linear, Unknown, Words, diagonal
 from mbaid_ros.core.unknowns.environment import (
     Circle,
+    ExternalForce,
     ExternalTorque,
     Gravity,
     OrbitShape,
-    external_torque,
+    Pushing,
+    external,
     gravity,
     orbit_shape,
     thrusters,
@@ -68,7 +70,7 @@ _WORDS: dict[str, Words] = {
 for _unknown in (
     *(KnownBodies, JointPlacements, JointTracking, FlexibleJoints),
     *(OdometryMount, OdometryScale, OdometryTurning, TwistBias, TwistLate),
-    *(TimeOffset, ClockDrift, Gravity, OrbitShape, ExternalTorque),
+    *(TimeOffset, ClockDrift, Gravity, OrbitShape, ExternalTorque, ExternalForce),
     *(SpringErrors, StartingSwing, SwingNoise),
 ):
     _WORDS.update(_unknown.words)
@@ -100,7 +102,8 @@ class Uncertainty:
     twist_bias: float = 0.0  # rad/s, of its angular velocity
     orbit: float = 0.0  # rad/s, mean motion of an orbit that may be there undeclared; 0 is none
     circle: Circle | None = None  # the orbit that is declared, where it may be no circle
-    torque: float = 0.0  # N m, of a torque from outside in base axes
+    torque: Pushing = field(default_factory=Pushing)  # from outside
+    force: Pushing = field(default_factory=Pushing)  # from outside
     tracking: Sequence[float] = ()  # of each joint: rad or m, how far it wanders from its reading; empty is not at all
     tracking_time: Sequence[float] = ()  # s, over which it does
     spring_frequency: Sequence[float] = ()  # of each passive joint: relative, of its natural frequency
@@ -162,7 +165,7 @@ def _of_sensors(uncertainty: Uncertainty) -> tuple[Unknown, ...]:
         odometry_scale(uncertainty.odometry_scale),
         twist_bias(uncertainty.twist_bias, 0.0),
         gravity(uncertainty.orbit),
-        external_torque(uncertainty.torque),
+        *external(uncertainty.torque, uncertainty.force),
         *(() if uncertainty.circle is None else (orbit_shape(uncertainty.circle),)),
     )
 
