@@ -21,6 +21,7 @@ from mbaid_ros.config.parameters import specifications
 from mbaid_ros.replay.output import as_json
 
 LINK = re.compile(r'\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)')
+EQUATION = re.compile(r'^(?:    .*\S  +\(|.*\\tag\{)(\d+)[)}]$', re.MULTILINE)
 TEXTS = {'.md', '.py', '.yaml', '.yml', '.toml', '.txt', '.xml', '.urdf', '.msg', '.sh', '.cfg', '.json', '.svg', ''}
 
 
@@ -167,10 +168,7 @@ def test_files_that_are_named_exist(document: str) -> None:
 
 def test_equations_that_are_cited_exist() -> None:
     """By page and number: `docs/explanation/method.md, eq. 3` in the code, a link and `eq. 3` in a page."""
-    equations = {
-        path.name: re.findall(r'^    .*\S  +\((\d+)\)$', path.read_text(encoding='utf-8'), re.MULTILINE)
-        for path in DOCUMENTS
-    }
+    equations = {path.name: EQUATION.findall(path.read_text(encoding='utf-8')) for path in DOCUMENTS}
     for numbers in equations.values():
         assert numbers == [str(place) for place in range(1, len(numbers) + 1)]
     cited = re.compile(r'(\w[\w-]*\.md)(?:#[\w-]+)?\)?, eq\. (\d+)')

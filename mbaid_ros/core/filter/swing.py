@@ -187,9 +187,7 @@ class SwingCourse:
             onwards = 1.0 if columns else np.exp(self._decay * length)
             begin = run.inside.start - (0 if run.fresh[window] or run.inside.start == 0 else 1)
 
-            def earlier(
-                place: int, numbers: Sequence[int] = numbers, onwards: float | Array = onwards
-            ) -> Array | None:
+            def earlier(place: int, numbers: Sequence[int] = numbers, onwards: float | Array = onwards) -> Array | None:
                 if numbers[place] in ends:
                     return np.asarray(ends[numbers[place]] * onwards)
                 found = self._end(numbers[place], point)

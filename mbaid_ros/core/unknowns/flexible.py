@@ -111,7 +111,7 @@ _SLOWEST = 1e-3  # damping ratio, as which less counts: the amplitudes' time con
 def swing_noise(
     joints: Sequence[str], deviations: Sequence[float], rates: Sequence[float], ratios: Sequence[float]
 ) -> SwingNoise:
-    """Return it as an unknown: stationary standard deviations of deflections, rad or m; rates, rad/s; damping ratios."""
+    """Return the unknown of stationary deflections, rad or m, with rates, rad/s, and damping ratios."""
     each, rate = np.asarray(deviations, dtype=float), np.asarray(rates, dtype=float)
     factor = diagonal(np.column_stack((each, each * rate)).ravel())
     labels = tuple(f'{DISTURBANCE}:{name}' for name in joints for _ in range(2))

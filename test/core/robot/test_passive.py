@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pinocchio
 import pytest
+from mbaid_ros.core.filter.twist_prediction import passive_motion
 
 from mbaid_ros.core.filter.knots import Midpoints
-from mbaid_ros.core.filter.prediction import passive_motion
 from mbaid_ros.core.filter.state import BODY, LINEAR, Layout, Point
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -42,7 +42,9 @@ class Case:
 
     def state(self) -> State:
         """Return the state, and so its momentum."""
-        return State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), self.position, np.concatenate((self.twist, self.rate)))
+        return State(
+            np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), self.position, np.concatenate((self.twist, self.rate))
+        )
 
     def momenta(self, state: State) -> Array:
         """Return M(q) v by pinocchio: the base's in its own axes, then along each joint."""
