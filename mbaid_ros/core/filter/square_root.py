@@ -1,7 +1,7 @@
 """The square-root information filter over windows (Bierman 1977, chapters 5 and 6), in scaled variables.
 
-R x = z with unit covariance. Only pose error and momentum change from window to window. They come first among the
-variables, so that a step reworks the first rows of the triangle; an update adds a window's rows to all of it.
+R x = z with unit covariance. From window to window pose error, momentum and walking unknowns change. The first two come
+first among the variables, so that a step reworks few rows of the triangle; an update adds a window's rows to all of it.
 """
 
 from __future__ import annotations
