@@ -10,8 +10,9 @@ import pytest
 from drawn_windows import prepare
 from drawn_windows import variables as drawn_variables
 from drawn_windows import window as drawn_window
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance, PriorScaleFactors
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.joint_noise import InformationCorrection
+from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, update
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout
 from mbaid_ros.core.filter.variables import Variables, variables
