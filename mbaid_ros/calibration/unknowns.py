@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 
 from mbaid_ros.calibration.iteration import CalibrationIteration
 from mbaid_ros.core.errors import ModelError, ParameterError
-from mbaid_ros.core.filter.gaussian import PriorScaleFactors
+from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.state import BODY
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array, Flags

@@ -10,13 +10,15 @@ import pytest
 from drawn_windows import prepare
 from drawn_windows import variables as drawn_variables
 from drawn_windows import window as drawn_window
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance, PriorScaleFactors
+from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.joint_noise import InformationCorrection
+from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, update
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.evidence import PriorComparison
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.environment import UNDISTURBED
@@ -173,6 +175,24 @@ def test_a_mass_is_named_where_it_is_further_off_than_its_link() -> None:
     assert 'link:link2' in dict(said(whole, 0).sure)
     assert 'mass:link2' not in dict(said(whole, 0).sure)
     assert set(said(off(0, 0.0), 0).distances) == {f'link:{name}' for name in LINKS}
+
+
+def test_causes_of_all_sizes_together_are_scaled_as_each_alone() -> None:
+    rng = np.random.default_rng(0)
+    causes = tuple(np.repeat(('link:a', 'zero:a', 'zero:b', 'axis:a', 'mount'), (10, 1, 1, 2, 6)).tolist())
+    root = rng.normal(size=(len(causes), len(causes)))
+    covariance, values = np.linalg.inv(np.eye(len(causes)) + root @ root.T), 3.0 * rng.normal(size=len(causes))
+    together = PriorScaleFactors.of(values, covariance, causes, ('',) * len(causes))
+    for cause, size in together.sizes.items():
+        own = np.flatnonzero([each == cause or each.startswith(f'{cause}:') for each in causes])
+        numbers = PriorComparison.of(values[own], covariance[np.ix_(own, own)])
+        chances = (0.05, 0.05) if ':' not in cause else (0.01, 0.2)
+        assert size == pytest.approx([float(part) for part in numbers.likely_sizes(*chances)])
+        if cause in together.distances:
+            assert together.distances[cause] == pytest.approx([float(part) for part in numbers.distances])
+        assert np.all(together.each[own] >= size.factor)
+    nothing = PriorScaleFactors.of(np.zeros(0), np.zeros((0, 0)), (), ())
+    assert (nothing.as_declared, nothing.sure, nothing.sizes) == (True, (), {})
 
 
 @pytest.mark.parametrize('seed', range(3))
