@@ -127,9 +127,7 @@ KINDS = (
     Kind('8 default namespace in the URDF', with_robot(in_a_namespace), ''),
     Kind('9 a link without inertia', with_robot(without_inertia), 'no inertia'),
     Kind('10 joints new every 0.1 s', faults.held, ''),
-    Kind(
-        '11 positions in other axes', changed(None, faults.mixed_axes), 'the odometry are (x, -z, y) in'
-    ),
+    Kind('11 positions in other axes', changed(None, faults.mixed_axes), 'the odometry are (x, -z, y) in'),
     Kind('11 the frame turned by 90 degrees', changed(None, faults.turned), 'turned by 90 degrees about (0, 0, 1)'),
     Kind('13 all stamps set back by 0.4 s', changed(faults.set_back, faults.set_back), ''),
     Kind(
