@@ -7,7 +7,7 @@ for the user. The result does not depend on how the readings are cut into calls.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -80,7 +80,12 @@ class PlainFaults:
 
     def applied(self, estimate: Estimate) -> Estimate:
         """Return an estimate with the reasons that were plain by its end, the gravest first."""
-        return with_reasons(estimate, [reason for since, reason in self._found.values() if since <= estimate.stamp])
+        reasons = [reason for since, reason in self._found.values() if since <= estimate.stamp]
+        if not reasons:
+            return estimate
+        told = with_reasons(estimate, reasons)
+        plain = tuple(reason.text for reason in reasons)
+        return replace(told, warnings=(*plain, *(text for text in told.warnings if text not in plain)))
 
     def _follow(self, pattern: StampPattern, stamp: Stamps, position: Array) -> None:
         """Look at the stamps; wrong ones are a cause where anything is wrong."""

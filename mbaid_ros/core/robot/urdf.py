@@ -249,6 +249,12 @@ def read_description(text: str, base_link: str = '') -> Description:
     if len(links) > limits.LINKS:
         refuse(f'the robot description has {len(links)} links; at most {limits.LINKS} are accepted')
     joints = names_of(robot, 'joint')
+    moving = sum(joint.get('type') in SUPPORTED_JOINTS[:-1] for joint in robot.findall('joint'))
+    if moving > limits.MOVING_JOINTS:
+        refuse(
+            f'the robot description has {moving} joints that move; at most {limits.MOVING_JOINTS} are accepted: make '
+            'those that rest fixed'
+        )
     branches, problems = read_tree(robot, links)
     _refuse_all(problems)
     massive = {link.get('name', '') for link in robot.findall('link') if _claims_mass(link)}
@@ -328,6 +334,8 @@ def _inertial(name: str, inertial: ET.Element) -> Inertial | None:
         refuse(f'{what} mass {mass:g} kg; a number of 0 or above is accepted')
     if mass == 0.0:
         return None
+    if mass < limits.LIGHTEST:
+        refuse(f'{what} mass {mass:g} kg; 0 or at least {limits.LIGHTEST:g} kg is accepted')
     origin = inertial.find('origin')
     inertia = inertial.find('inertia')
     return Inertial(
