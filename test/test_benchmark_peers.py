@@ -92,7 +92,9 @@ def test_weights_help_against_noise(folder: Path, manifest: dict[str, dict[str, 
 
 def test_the_page_s_own_method_answers(exact: Path, tmp_path: Path) -> None:
     page = (ROOT / 'docs' / 'measured' / 'benchmark.md').read_text(encoding='utf-8')
-    code = page.partition('<!-- run by test/test_benchmark_peers.py -->\n```python\n')[2].partition('```')[0]
+    code = page.partition('<!-- run by test/test_benchmark_peers.py: on a recording without noise -->\n```python\n')[
+        2
+    ].partition('```')[0]
     assert 10 < len(code.splitlines()) < 30
     (tmp_path / 'every_tenth_sample.py').write_text(code, encoding='utf-8')
     sys.path.insert(0, str(tmp_path))
