@@ -27,7 +27,7 @@ from benchmarks.peers.recording import Known
 from benchmarks.peers.registry import load
 from mbaid_ros.core.geometry import Array
 
-LIMIT = 300  # s, of a run
+LIMIT = 300  # s of processor time, of a run
 _PRELOADED = 'benchmarks.peers.ours'
 
 
@@ -115,8 +115,8 @@ def _outcome(name: str, folder: Path, files: dict[str, str], context: Any) -> Ou
 
 def _work(name: str, folder: str, pipe: Any) -> None:
     """Run a method in this process, and send its outcome."""
-    signal.signal(signal.SIGALRM, _late)
-    signal.alarm(LIMIT)
+    signal.signal(signal.SIGPROF, _late)
+    signal.setitimer(signal.ITIMER_PROF, LIMIT)
     pipe.send(asdict(outcome_of(name, Path(folder))))
 
 
