@@ -1,6 +1,7 @@
 """Write docs/measured/benchmark.md: the same recordings identified by every method, side by side.
 
-Recordings and finished runs stay in --store (default: build/peers), from which a second call goes on.
+Recordings and finished runs stay in --store (default: build/peers), from which a second call goes on;
+--processes 0 scores what is finished, and runs nothing.
 """
 
 from __future__ import annotations
@@ -43,9 +44,11 @@ def main() -> None:
     found: dict[str, dict[str, Outcome]] = defaultdict(dict)
     for method, run, outcome in outcomes(work, manifest, given.processes):
         found[method][run] = outcome
+    methods = [each for each in methods if each.name in found]
     whole, rows = _scores(found, runs, folder)
     digest = dataset.manifest_digest(manifest)
-    note = f'{len(runs)} runs of {seconds:g} s in {len(conditions)} rows; manifest {digest[:16]}'
+    done = sum(len(each) for each in found.values())
+    note = f'{len(runs)} runs of {seconds:g} s in {len(conditions)} rows, {done} answers; manifest {digest[:16]}'
     texts = {
         'table': f'{page.main_table(methods, whole, rows)}\n\n{provenance(note)}',
         'rows': page.row_table(methods, rows),

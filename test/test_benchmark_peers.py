@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -19,10 +20,12 @@ from benchmarks.peers.recording import Known
 from benchmarks.peers.registry import load, names
 from benchmarks.peers.runs import Outcome, outcome_of
 from benchmarks.peers.score import Truth, score
+from documents import blocks
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.simulation.sensors import Sensors
 
 ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / 'docs' / 'measured' / 'benchmark.md'
 RUN = dataset.Run(Condition('ets7', 'low'), 0, 10.0)
 
 
@@ -91,8 +94,10 @@ def test_weights_help_against_noise(folder: Path, manifest: dict[str, dict[str, 
 
 
 def test_the_page_s_own_method_answers(exact: Path, tmp_path: Path) -> None:
-    page = (ROOT / 'docs' / 'measured' / 'benchmark.md').read_text(encoding='utf-8')
-    code = page.partition('<!-- run by test/test_benchmark_peers.py -->\n```python\n')[2].partition('```')[0]
+    page = PAGE.read_text(encoding='utf-8')
+    code = page.partition('<!-- run by test/test_benchmark_peers.py: on a recording without noise -->\n```python\n')[
+        2
+    ].partition('```')[0]
     assert 10 < len(code.splitlines()) < 30
     (tmp_path / 'every_tenth_sample.py').write_text(code, encoding='utf-8')
     sys.path.insert(0, str(tmp_path))
@@ -138,6 +143,21 @@ def test_there_are_at_most_sixty_runs() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize('method', ['extended_kalman_filter', 'difference', 'trajectory', 'mujoco_sysid'])
+def test_a_tumbling_robot_is_identified_as_well_as_promised(method: str, tmp_path: Path) -> None:
+    """An error of the filter's integration shows only in a base that tumbles: nothing multiplies it in one at rest."""
+    if method.startswith('mujoco'):
+        pytest.importorskip('tabulate', reason='mujoco[sysid] is optional')
+    run = dataset.Run(Condition('servicer7', 'low'), 0, 40.0)
+    dataset.make([run], tmp_path)
+    outcome, truth = outcome_of(method, tmp_path / run.name), truth_of(tmp_path / run.name)
+    assert not outcome.failure
+    assert not outcome.doubt
+    assert np.all(np.abs(np.array(outcome.parameters) - truth.parameters) < 5.0 * np.array(outcome.std))
+    assert np.all(np.array(outcome.std) < 20.0 * truth.bound)
+
+
+@pytest.mark.long
 def test_a_robot_stops_and_goes_on() -> None:
     truth = moved(Condition('ets7', 'mid', 'slow with stops'), 0, 30.0).truth
     resting = (truth.time % 20.0 > 11.0) & (truth.time % 20.0 < 19.0)
@@ -147,15 +167,12 @@ def test_a_robot_stops_and_goes_on() -> None:
 
 @pytest.mark.long
 def test_the_benchmark_goes_on_and_gives_the_same_numbers(tmp_path: Path) -> None:
-    command = [
-        sys.executable,
-        str(ROOT / 'scripts' / 'benchmark_peers.py'),
-        '--rows',
-        'ets7 (mid|low)$',
-        '--seeds',
-        '1',
-    ]
-    command += ['--seconds', '10', '--methods', 'squares|difference|trajectory', '--processes', '1', '--store']
+    (block,) = blocks(PAGE)
+    lines = [shlex.split(line, comments=True) for line in block.text.splitlines()]
+    assert all(line[:2] == ['make', 'benchmark-peers'] for line in lines)
+    arguments = lines[-1][2].removeprefix('ARGS=').split()
+    command = [sys.executable, str(ROOT / 'scripts' / 'benchmark_peers.py'), *arguments, '--seconds', '10']
+    command += ['--methods', 'squares|difference|trajectory', '--processes', '1', '--store']
 
     def scored(store: Path) -> list[str]:
         done = subprocess.run([*command, str(store)], check=True, capture_output=True, text=True)

@@ -27,7 +27,7 @@ from benchmarks.peers.recording import Known
 from benchmarks.peers.registry import load
 from mbaid_ros.core.geometry import Array
 
-LIMIT = 300  # s, of a run
+LIMIT = 300  # s of processor time, of a run
 _PRELOADED = 'benchmarks.peers.ours'
 
 
@@ -56,14 +56,23 @@ class Outcome:
 def outcomes(
     work: Sequence[tuple[str, Path]], manifest: dict[str, dict[str, str]], processes: int
 ) -> Iterator[tuple[str, str, Outcome]]:
-    """Yield (method, name of the run, outcome) of all work: methods and folders of runs."""
+    """Yield (method, name of the run, outcome) of all work: methods and folders of runs.
+
+    Without processes, only of what was finished before.
+    """
+    if processes == 0:
+        for name, folder in work:
+            found = _finished(*_kept_in(name, folder, manifest[folder.name]))
+            if found is not None:
+                yield name, folder.name, found
+        return
     os.environ['PYTHONPATH'] = os.pathsep.join(filter(None, sys.path))  # for the server, which gets it in no other way
     context = multiprocessing.get_context('forkserver')
     context.set_forkserver_preload([_PRELOADED])
 
     def one(task: tuple[str, Path]) -> tuple[str, str, Outcome]:
         name, folder = task
-        return name, folder.name, _kept(name, folder, manifest[folder.name], context)
+        return name, folder.name, _outcome(name, folder, manifest[folder.name], context)
 
     with ThreadPoolExecutor(processes) as pool, tqdm(total=len(work), unit=' runs', disable=None, leave=False) as bar:
         for result in pool.map(one, work):
@@ -71,15 +80,25 @@ def outcomes(
             yield result
 
 
-def _kept(name: str, folder: Path, files: dict[str, str], context: Any) -> Outcome:
-    """Return the outcome in the run's folder, if it is of this bag and this method; else make it."""
+def _kept_in(name: str, folder: Path, files: dict[str, str]) -> tuple[Path, str]:
+    """Return the file of an outcome, and what it has to be made of: this bag and this method."""
     module = load(name).identify.__code__.co_filename
     made_of = hashlib.sha256(json.dumps(files, sort_keys=True).encode() + Path(module).read_bytes()).hexdigest()
-    file = folder.parent / 'results' / folder.name / f'{name}.json'
-    if file.is_file():
-        values = json.loads(file.read_text(encoding='utf-8'))
-        if values.pop('made_of') == made_of:
-            return Outcome(**values)
+    return folder.parent / 'results' / folder.name / f'{name}.json', made_of
+
+
+def _finished(file: Path, made_of: str) -> Outcome | None:
+    """Return the outcome in a file; None where there is none, or one of something else."""
+    values = json.loads(file.read_text(encoding='utf-8')) if file.is_file() else {}
+    return Outcome(**values) if values.pop('made_of', '') == made_of else None
+
+
+def _outcome(name: str, folder: Path, files: dict[str, str], context: Any) -> Outcome:
+    """Return the finished outcome, or make it."""
+    file, made_of = _kept_in(name, folder, files)
+    found = _finished(file, made_of)
+    if found is not None:
+        return found
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(name, str(folder), theirs), daemon=True)
     process.start()
@@ -96,8 +115,8 @@ def _kept(name: str, folder: Path, files: dict[str, str], context: Any) -> Outco
 
 def _work(name: str, folder: str, pipe: Any) -> None:
     """Run a method in this process, and send its outcome."""
-    signal.signal(signal.SIGALRM, _late)
-    signal.alarm(LIMIT)
+    signal.signal(signal.SIGPROF, _late)
+    signal.setitimer(signal.ITIMER_PROF, LIMIT)
     pipe.send(asdict(outcome_of(name, Path(folder))))
 
 

@@ -87,12 +87,12 @@ class _State:
             position, rotation, np.concatenate((linear, angular + np.cross(position, linear))), body, covariance
         )
 
-    def _twist(self, motion: _Motion, index: int) -> tuple[Array, Array, Array]:
+    def _twist(self, motion: _Motion, index: int, rotation: Array) -> tuple[Array, Array, Array]:
         """Return the base's twist (6,) in its axes, its derivatives by the errors (6, 22) and by joint rates (6, n)."""
         matrix = motion.known[index] + np.einsum('kip,p->ik', motion.target[index], self.body)
         linear = self.momentum[:3]
         about_base = self.momentum[3:] - np.cross(self.position, linear)
-        back = self.rotation.T
+        back = rotation.T
         own = np.concatenate((back @ linear, back @ about_base))
         inverse = np.linalg.inv(matrix[:, :6])
         twist = inverse @ (own - matrix[:, 6:] @ motion.rate[index])
@@ -106,8 +106,8 @@ class _State:
 
     def predict(self, motion: _Motion, index: int, step: float, rate_noise: float) -> None:
         """Move the pose by one step."""
-        twist, by_error, by_rate = self._twist(motion, index)
-        middle = self.rotation @ exp(0.5 * step * twist[3:])
+        middle = self.rotation @ exp(0.5 * step * self._twist(motion, index, self.rotation)[0][3:])
+        twist, by_error, by_rate = self._twist(motion, index, middle)
         axes = np.kron(np.eye(2), middle) * step
         transition = np.eye(_SIZE)
         transition[:6] += axes @ by_error
