@@ -290,7 +290,7 @@ class _Segment:
             config.twist_frame,
             self.thrust,
             FoundNoise(noise.declared, described.model.joints, noise.undeclared, estimate=noise.estimate),
-            falling=falling_frame(config.orbit, model),
+            falling=falling_frame(config.orbit, model, located=not config.imu.alone),
             gyro=make_gyro(config, model),
         )
 
