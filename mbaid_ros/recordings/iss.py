@@ -30,6 +30,7 @@ _HOUR = 3600.0  # s
 _LONG = 5.0  # s without a reading that the gyro or the torque did not change: a loss of signal
 _ITERATIONS, _CLOSE = 20, 1e-6  # of the momentum at the start; N m s
 _FINE = 1e-5  # rad: residuals below it count alike
+_THRUSTERS = 300.0  # N m s: 10 times what hours without thrusters leave
 _HELD = 1.0  # s: a joint that stands is sent once, and is read as often as the rates
 
 
@@ -55,6 +56,11 @@ def read_iss(folder: Path, begin: float, end: float) -> Recording:
     inertial = orbit @ rotation_from_quaternion(quaternion)
     torque = np.column_stack([_held(_channel(folder, name, span), time) for name in _TORQUE])
     stored, misfit = stored_momentum(time, inertial, torque, _held(_channel(folder, _MAGNITUDE, span), time))
+    if misfit > _THRUSTERS:
+        raise DataError(
+            f"log '{folder}': the integrated control torque misses the magnitude of the gyros' momentum by {misfit:.3g} "
+            f'N m s from {begin:g} to {end:g} h; accepted: up to {_THRUSTERS:g}, without thrusters and loss of signal'
+        )
     return Recording(
         Joints(JOINTS, time, joints),
         imu=Imu(time, rate, np.zeros_like(rate), orientation=quaternion_from_rotation(inertial)),
