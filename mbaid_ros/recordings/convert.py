@@ -14,9 +14,16 @@ from mbaid_ros.core.errors import ParameterError
 if TYPE_CHECKING:  # --help needs none of it
     from mbaid_ros.recordings.recording import Recording
 
-FORMATS = ('tudelft-throw', 'spot-2021', 'spot-2023', 'csv')
+FORMATS = ('tudelft-throw', 'spot-2021', 'spot-2023', 'iss-mimic', 'csv')
 # The format that an option is for.
-_OPTIONS = {'commands': 'spot-2021', 'columns': 'csv', 'object': 'tudelft-throw', 'dead_reckon': 'tudelft-throw'}
+_OPTIONS = {
+    'commands': 'spot-2021',
+    'columns': 'csv',
+    'object': 'tudelft-throw',
+    'dead_reckon': 'tudelft-throw',
+    'start': 'iss-mimic',
+    'end_hour': 'iss-mimic',
+}
 
 _DESCRIPTION = """\
 Make an MCAP bag of a log. Beside it in the folder, as far as the format says: robot.urdf, what was flown, with the
@@ -25,6 +32,7 @@ source of every number; estimator.yaml, parameters for replay; truth.json.
   tudelft-throw *.BFL or CSV of TU Delft's throwing device: gyro, accelerometer and flywheel in free flight, no pose
   spot-2021     *__stitched.mat of Carleton University's SPOT: planar chaser, arm as commanded, thrusters off
   spot-2023     ExpLog* of the same chaser: arm as measured, thrusters on nearly always
+  iss-mimic     folder with a day of the space station's telemetry: attitude, rates, gyros' torque, array joints
   csv           any table; --columns says which of its columns is what
 
 Exit code: 0 written, 2 bad input."""
@@ -58,6 +66,12 @@ def _read(arguments: argparse.Namespace) -> Recording:
     for option, form in _OPTIONS.items():
         if getattr(arguments, option) is not None and arguments.format != form:
             raise ParameterError(f'--{option.replace("_", "-")} is for {form}, not for {arguments.format}')
+    if arguments.format == 'iss-mimic':
+        from mbaid_ros.recordings.iss import read_iss  # noqa: PLC0415
+
+        if arguments.start is None or arguments.end_hour is None or not arguments.start < arguments.end_hour:
+            raise ParameterError('iss-mimic needs --start H before --end H, in hours as its files count')
+        return read_iss(arguments.log, arguments.start, arguments.end_hour)
     if arguments.format == 'csv':
         if arguments.columns is None:
             raise ParameterError(
@@ -85,6 +99,8 @@ def _parser() -> cli.ArgumentParser:
     add('--output', type=Path, metavar='BAG', help="folder to make (default: the log's name, here)")
     add('--from', dest='begin', type=cli.number(unit='s'), metavar='S', help="first time, s (default: the format's)")
     add('--to', dest='end', type=cli.number(unit='s'), metavar='S', help="last time, s (default: the format's)")
+    add('--start', type=cli.number(unit='h'), metavar='H', help='iss-mimic: begin, hours as the files count')
+    add('--end', dest='end_hour', type=cli.number(unit='h'), metavar='H', help='iss-mimic: end')
     add('--columns', type=Path, metavar='YAML', help='csv: which column is what')
     add('--commands', type=Path, metavar='MAT', help="spot-2021: the arm's motion (default: in a folder above the log)")
     add(

@@ -19,6 +19,7 @@ from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.files import write_text
 
 JOINT_STATES, ODOMETRY, THRUST, IMU = '/joint_states', '/odom', '/thrust', '/imu'
+STORED_MOMENTUM = '/stored_momentum'
 DESCRIPTION = '/robot_description'
 MODEL_FILE, PARAMETER_FILE, TRUTH_FILE = 'robot.urdf', 'estimator.yaml', 'truth.json'
 ODOMETRY_FRAME = 'odom'
@@ -29,6 +30,7 @@ _TYPES = {
     ODOMETRY: 'nav_msgs/msg/Odometry',
     THRUST: 'geometry_msgs/msg/WrenchStamped',
     IMU: 'sensor_msgs/msg/Imu',
+    STORED_MOMENTUM: 'geometry_msgs/msg/Vector3Stamped',
 }
 
 
@@ -78,11 +80,24 @@ class Thrust:
 
 @dataclass(frozen=True)
 class Imu:
-    """N readings (N,) s of an IMU on a link: rad/s and m/s^2 without gravity's pull, (N, 3) in axes of the link."""
+    """N readings (N,) s of an IMU on a link: rad/s and m/s^2 without gravity's pull, (N, 3) in axes of the link.
+
+    `orientation` (N, 4) x, y, z, w is of the link in the frame of an orientation sensor beside it; None without one.
+    """
 
     time: Array
     angular_velocity: Array
     linear_acceleration: Array
+    frame: str = 'base_link'
+    orientation: Array | None = None
+
+
+@dataclass(frozen=True)
+class StoredMomentum:
+    """N angular momenta (N, 3) N m s of wheels or gyros in axes of a link, at times (N,) s."""
+
+    time: Array
+    momentum: Array
     frame: str = 'base_link'
 
 
@@ -103,6 +118,7 @@ class Recording:
     poses: Poses | None = None
     thrust: Thrust | None = None
     imu: Imu | None = None
+    stored: StoredMomentum | None = None
     robot: str = ''
     parameters: str = ''
     truth: dict[str, Any] = field(default_factory=dict)
@@ -113,7 +129,7 @@ class Recording:
         """Return the readings between two times, s, both included."""
         parts = {
             name: _between(part, begin, end)
-            for name in ('joints', 'poses', 'thrust', 'imu')
+            for name in ('joints', 'poses', 'thrust', 'imu', 'stored')
             if (part := getattr(self, name)) is not None
         }
         return Recording(**{**vars(self), **parts})
@@ -176,6 +192,7 @@ def _in_order(recording: Recording) -> list[tuple[int, str, Any]]:
     parts: tuple[tuple[str, Any, Callable[[Any, int, int], Any]], ...] = (
         (THRUST, recording.thrust, _wrench),
         (IMU, recording.imu, _imu),
+        (STORED_MOMENTUM, recording.stored, _vector),
         (ODOMETRY, recording.poses, _odometry),
         (JOINT_STATES, recording.joints, _joint_state),
     )
@@ -224,15 +241,21 @@ def _odometry(poses: Poses, index: int, stamp: int) -> Any:
 def _imu(imu: Imu, index: int, stamp: int) -> Any:
     unset, absent = np.zeros(9), np.zeros(9)
     absent[0] = -1.0  # REP 145: not measured
+    quaternion = (0.0, 0.0, 0.0, 1.0) if imu.orientation is None else imu.orientation[index]
     return message_class(_TYPES[IMU])(
         header=_header(stamp, imu.frame),
-        orientation=_xyz('Quaternion', (0.0, 0.0, 0.0, 1.0)),
-        orientation_covariance=absent,
+        orientation=_xyz('Quaternion', quaternion),
+        orientation_covariance=absent if imu.orientation is None else unset,
         angular_velocity=_xyz('Vector3', imu.angular_velocity[index]),
         angular_velocity_covariance=unset,
         linear_acceleration=_xyz('Vector3', imu.linear_acceleration[index]),
         linear_acceleration_covariance=unset,
     )
+
+
+def _vector(stored: StoredMomentum, index: int, stamp: int) -> Any:
+    vector = _xyz('Vector3', stored.momentum[index])
+    return message_class(_TYPES[STORED_MOMENTUM])(header=_header(stamp, stored.frame), vector=vector)
 
 
 def _wrench(thrust: Thrust, index: int, stamp: int) -> Any:

@@ -169,7 +169,9 @@ def _check_imu(config: EstimatorConfig) -> None:
         'imu.noise_density is 0, which does not use the IMU; accepted: its noise': config.imu.noise_density == 0.0,
         f'method is {config.method}, which needs poses; accepted: trajectory': config.method != 'trajectory',
         'disturbance.constant is set, which needs poses; accepted: none': config.disturbance.constant != 'none',
-        'orbit.mean_motion is set, which needs poses; accepted: 0': config.orbit.mean_motion > 0.0,
+        'orbit.mean_motion is set, which needs an orientation; accepted: 0, or imu.orientation true': (
+            config.orbit.mean_motion > 0.0 and not config.imu.orientation
+        ),
         'the run has a capture, which needs poses; accepted: capture.phase post_capture': (
             config.capture.phase != 'post_capture' or config.capture.time > 0.0
         ),

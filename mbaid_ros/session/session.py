@@ -302,7 +302,7 @@ class _Segment:
                 estimate=noise.estimate,
                 passive=described.springs.joints,
             ),
-            falling=falling_frame(config.orbit, model),
+            falling=falling_frame(config.orbit, model, located=not config.imu.alone),
             gyro=gyro,
         )
 

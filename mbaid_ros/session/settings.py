@@ -121,7 +121,7 @@ def debris_frame(name: str, model: RobotModel, target: Link) -> Frame:
 # Environment
 
 
-def falling_frame(config: OrbitConfig, model: RobotModel) -> FallingFrame | None:
+def falling_frame(config: OrbitConfig, model: RobotModel, *, located: bool = True) -> FallingFrame | None:
     """Return the transformation of odometry to the frame in free fall, None without an orbit.
 
     Raises
@@ -133,7 +133,7 @@ def falling_frame(config: OrbitConfig, model: RobotModel) -> FallingFrame | None
     if orbit is None:
         return None
     epoch = round(config.epoch * 1e9) if config.epoch > 0.0 else None
-    return FallingFrame(orbit, model, relative_twist=config.twist == 'relative', epoch=epoch)
+    return FallingFrame(orbit, model, relative_twist=config.twist == 'relative', epoch=epoch, located=located)
 
 
 def uncertain_thrusters(config: ThrustConfig, model: RobotModel) -> tuple[str, ...]:

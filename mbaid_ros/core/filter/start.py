@@ -193,10 +193,22 @@ class MultiStart:
         lengths = np.linalg.norm(kernel.model.positions, axis=1)
         length = float(np.sum(lengths)) * min(1.0, _LINKS / max(len(lengths), 1))
         guesses: list[Point] = []
+        described = self._described(windows, declared)
         for mass in [declared] if declared > 0.0 else parts:
             state = np.concatenate((np.zeros(BODY.stop), self.batch.layout.known.mean))
             state[BODY.start] = mass
             state[[BODY.start + 4, BODY.start + 7, BODY.start + 9]] = mass * (_GUESSED_RADIUS * max(length, 0.1)) ** 2
+            if described is not None:
+                state[BODY] = mass / described[0] * described
             state[ANGULAR] = angular_momentum(kernel, state[BODY], windows)
             guesses.append(self.batch.layout.point(state))
         return guesses
+
+    def _described(self, windows: list[Window], mass: float) -> Array | None:
+        """Return the URDF's (10,) parameters of a base that is sought with a declared mass while nothing locates it.
+
+        Its joints are light beside it then, and a ball of their length is far from it.
+        """
+        target = self.batch.layout.kernel.target
+        located = bool(np.isfinite(windows[0].noise.pose).all())
+        return target.parameters if mass > 0.0 and not located and target.body == 0 and target.parameters[0] > 0.0 else None

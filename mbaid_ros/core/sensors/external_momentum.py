@@ -17,7 +17,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, rotate, skew
 from mbaid_ros.core.robot.kinematics import Kinematics
-from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.model import RobotModel, express
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, Orbit, momentum_rates
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples
 
@@ -216,6 +216,14 @@ class Thrust:
         return np.asarray(0.5 * (gain[1:] + gain[:-1]))
 
 
+def bodies_of(model: RobotModel) -> Array:
+    """Return the (n + 1, 10) standard parameters of the URDF's bodies, each in its own frame."""
+    bodies = np.zeros((model.joints + 1, 10))
+    for link in model.links:
+        bodies[link.body] += express(link.parameters, link.rotation, link.position)
+    return bodies
+
+
 class FallingFrame:
     """Transforms odometry from a frame that turns with an orbit to one that falls and does not turn; adds the tide.
 
@@ -225,14 +233,26 @@ class FallingFrame:
     model : RobotModel
     relative_twist : whether a measured twist is relative to the frame of the odometry
     epoch : ns, stamp at which the axes of odometry and falling frame agree; None for the first stamp
+    located : whether anything locates the base; else its frame moves with the common centre of mass, about which the
+        URDF's robot is then placed, and gravity only turns it
 
     Attributes
     ----------
     epoch : as given, or found
     """
 
-    def __init__(self, orbit: Orbit, model: RobotModel, *, relative_twist: bool, epoch: int | None = None) -> None:
+    def __init__(
+        self,
+        orbit: Orbit,
+        model: RobotModel,
+        *,
+        relative_twist: bool,
+        epoch: int | None = None,
+        located: bool = True,
+    ) -> None:
         self._orbit = orbit
+        self._located = located
+        self._bodies = bodies_of(model)
         self._kinematics = Kinematics(model)
         self._relative = relative_twist
         self.epoch = epoch
@@ -251,15 +271,21 @@ class FallingFrame:
         if self._relative:
             linear = linear + cross(rate, measured.position)
             angular = angular + rate
-        axes = np.zeros((len(turn), 6, 6))
-        axes[:, :3, :3] = axes[:, 3:, 3:] = turn
+        covariance = measured.pose_covariance
+        if self._located:
+            axes = np.zeros((len(turn), 6, 6))
+            axes[:, :3, :3] = axes[:, 3:, 3:] = turn
+            covariance = axes @ covariance @ np.swapaxes(axes, -1, -2)
+        else:
+            covariance = covariance.copy()
+            covariance[:, 3:, 3:] = turn @ covariance[:, 3:, 3:] @ np.swapaxes(turn, -1, -2)
         return replace(
             measured,
             position=rotate(turn, measured.position),
             rotation=turn @ measured.rotation,
             linear_velocity=rotate(turn, linear),
             angular_velocity=rotate(turn, angular),
-            pose_covariance=axes @ measured.pose_covariance @ np.swapaxes(axes, -1, -2),
+            pose_covariance=covariance,
         )
 
     def applied(self, window: Samples, origin: int) -> Samples:
@@ -268,7 +294,13 @@ class FallingFrame:
             self.epoch = origin
         placed = self._kinematics.configure(window.base_rotation, window.joint_position)
         after_epoch = window.time + (origin - self.epoch) * 1e-9
-        rates = momentum_rates(self._orbit, after_epoch, placed, window.base_position)
+        position = window.base_position
+        if not self._located:
+            whole = np.sum(express(self._bodies, placed.rotation, placed.position), axis=1)
+            position = -whole[:, 1:4] / whole[:, :1]
+        rates = momentum_rates(self._orbit, after_epoch, placed, position)
+        if not self._located:
+            rates[..., :3, :] = 0.0
         rates = rates.reshape(len(rates), -1)
         if self._before is None:
             self._before, self._total = (float(window.time[0]), rates[0]), np.zeros(rates.shape[1])

@@ -62,7 +62,7 @@ class KnownBodies(Unknown):
         columns = regressor(placed.rotation[:, index], placed.position[:, index], states.body_twist[:, index])
         if states.tide.shape[1]:
             columns -= states.tide[:, index]
-        return np.moveaxis(columns, 1, 2).reshape(len(columns), 6, -1)
+        return np.moveaxis(columns, 1, 2).reshape(len(columns), 6, 10 * len(index))
 
     def moved(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these bodies."""
