@@ -25,7 +25,7 @@ source of every number; estimator.yaml, parameters for replay; truth.json.
   tudelft-throw *.BFL or CSV of TU Delft's throwing device: gyro, accelerometer and flywheel in free flight, no pose
   spot-2021     *__stitched.mat of Carleton University's SPOT: planar chaser, arm as commanded, thrusters off
   spot-2023     ExpLog* of the same chaser: arm as measured, thrusters on nearly always
-  csv           any table; --columns says which of its columns is what
+  csv           any table; --columns assigns its columns
 
 Exit code: 0 written, 2 bad input."""
 _EXAMPLE = 'ros2 run mbaid_ros convert csv run.csv --columns columns.yaml --output run'
@@ -60,9 +60,7 @@ def _read(arguments: argparse.Namespace) -> Recording:
             raise ParameterError(f'--{option.replace("_", "-")} is for {form}, not for {arguments.format}')
     if arguments.format == 'csv':
         if arguments.columns is None:
-            raise ParameterError(
-                'csv needs --columns YAML, which says what the columns are (docs/measured/hardware.md)'
-            )
+            raise ParameterError('csv needs --columns YAML, which assigns the columns (docs/how-to/bench-logs.md)')
         from mbaid_ros.recordings.columns import read_csv  # noqa: PLC0415
 
         return read_csv(arguments.log, arguments.columns)
@@ -85,12 +83,12 @@ def _parser() -> cli.ArgumentParser:
     add('--output', type=Path, metavar='BAG', help="folder to make (default: the log's name, here)")
     add('--from', dest='begin', type=cli.number(unit='s'), metavar='S', help="first time, s (default: the format's)")
     add('--to', dest='end', type=cli.number(unit='s'), metavar='S', help="last time, s (default: the format's)")
-    add('--columns', type=Path, metavar='YAML', help='csv: which column is what')
+    add('--columns', type=Path, metavar='YAML', help='csv: assignment of the columns')
     add('--commands', type=Path, metavar='MAT', help="spot-2021: the arm's motion (default: in a folder above the log)")
     add(
         '--object',
         metavar='NAME',
-        help="tudelft-throw: what was thrown: device-only, proof-body, empty, a, b, c (default: as the folder's name)",
+        help="tudelft-throw: thrown object: device-only, proof-body, empty, a, b, c (default: as the folder's name)",
     )
     add(
         '--dead-reckon',
