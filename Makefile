@@ -32,7 +32,7 @@ help:
 	@echo "make fuzz    set-up, then damaged bags and other files through replay, and messages through the node (ARGS=\"--inputs N\")"
 	@echo "make attack  set-up, then kills and calls on a live graph (some minutes; ARGS=--help)"
 	@echo "make lint    set-up, lint and types"
-	@echo "make docs    set-up, then the pages of docs/ as a site in build/docs (installs Sphinx for itself; warnings are errors)"
+	@echo "make docs    set-up, then the pages of docs/ as a site in build/docs (installs Sphinx for itself; Python 3.11 or later)"
 	@echo "make clean   remove what the others made"
 	@echo "make benchmark-NAME  set-up, then measure, and write the tables of a page in docs/ (ARGS=\"--seeds 10\", ARGS=--help)"
 	@echo "             NAME: accuracy, model-errors, disturbances, speed, planning, orbit (an hour each on two cores), starts,"

@@ -7,6 +7,9 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
+from docutils import nodes
+from docutils.utils.math.latex2mathml import tex2mathml
+
 HERE = Path(__file__).resolve().parent
 README = HERE.parent / 'README.md'
 
@@ -36,6 +39,7 @@ autodoc_mock_imports = ['rclpy', 'mbaid_msgs']  # their libraries are found by a
 napoleon_google_docstring = False
 
 html_theme = 'furo'
+html_math_renderer = 'mathml'  # browsers draw it without a script and without a network
 html_title = f'mbaid_ros {release}'
 html_theme_options = {'sidebar_hide_name': False, 'navigation_with_keys': True}
 
@@ -69,7 +73,23 @@ def _toctree(caption: str, pages: list[str]) -> str:
     return '\n```{toctree}\n:hidden:\n:caption: ' + caption + '\n\n' + '\n'.join(pages) + '\n```\n'
 
 
+def _inline_equation(writer: Any, node: Any) -> None:
+    """Write an equation within a line."""
+    writer.body.append(tex2mathml(node.astext()))
+    raise nodes.SkipNode
+
+
+def _equation(writer: Any, node: Any) -> None:
+    """Write an equation by itself, its number to the right."""
+    text, _, number = node.astext().partition(r'\tag')
+    mark = f'<span>({number.strip("{} ")})</span>' if number else ''
+    body = f'<div style="flex: 1; overflow-x: auto; padding: .5em 0">{tex2mathml(text, as_block=True)}</div>'
+    writer.body.append(f'<div class="math" style="display: flex; align-items: center">{body}{mark}</div>')
+    raise nodes.SkipNode
+
+
 def setup(app: Any) -> None:
-    """Connect the two handlers."""
+    """Connect the handlers."""
+    app.add_html_math_renderer('mathml', (_inline_equation, None), (_equation, None))
     app.connect('builder-inited', _write_overview, priority=1)
     app.connect('source-read', _adapt)

@@ -166,6 +166,15 @@ def test_files_that_are_named_exist(document: str) -> None:
         assert place.exists(), path
 
 
+def test_the_readme_is_short_and_pages_for_people_are_in_plain_words() -> None:
+    assert len(README.read_bytes()) <= 12_000
+    groups = ('tutorials', 'how-to', 'explanation')
+    pages = [README, *(page for group in groups for page in (ROOT / 'docs' / group).glob('*.md'))]
+    vague = re.compile(r'\b(?:told|tells|says|whatever|nobody|what is)\b', re.IGNORECASE)  # of data and messages
+    found = {str(page.relative_to(ROOT)): vague.findall(page.read_text(encoding='utf-8')) for page in pages}
+    assert {page: words for page, words in found.items() if words} == {}
+
+
 def test_equations_that_are_cited_exist() -> None:
     """By page and number: `docs/explanation/method.md, eq. 3` in the code, a link and `eq. 3` in a page."""
     equations = {path.name: EQUATION.findall(path.read_text(encoding='utf-8')) for path in DOCUMENTS}

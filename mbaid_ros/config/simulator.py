@@ -107,7 +107,7 @@ class SimulatedThrustConfig:
     delay: float = parameter(0.0, 'How late they begin and end after the command.', 's', minimum=0.0, maximum=1.0)
     publish: bool = parameter(
         True,  # noqa: FBT003 - a default
-        'Publish what is commanded on thrust, ten times a second while it acts.',
+        'Publish the commanded wrench on thrust, ten times a second while it acts.',
     )
 
 

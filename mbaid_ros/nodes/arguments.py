@@ -70,7 +70,7 @@ def watch_arguments() -> ArgumentParser:
     parser = ArgumentParser(
         'watch',
         'Show the estimate of a running estimator in the terminal as it converges: intervals of 95 %, and bars that\n'
-        'are full at a standard deviation of 0.1 %; and what motion would help most (next), where one is needed.\n'
+        'are full at a standard deviation of 0.1 %; and the most informative motion (next), if one is needed.\n'
         'Written to a file or pipe, one line an update.',
         'watch /servicer/estimator\n  watch --once | tee now.txt',
     )

@@ -170,7 +170,7 @@ def estimate_report(state: RunState) -> Report:
         *_parameters(estimate),
         *((f'likely cause {index + 1}', cause) for index, cause in enumerate(causes)),
         (NEXT, state.advice),
-        *([('plan reaches what is wanted', reached), ('plan', verdict)] if state.plan else []),
+        *([('plan reaches the wanted precision', reached), ('plan', verdict)] if state.plan else []),
         (MAIN_CAUSES, '' if estimate.budget is None else estimate.budget.told(estimate.std)),
         (UNCHECKED, '' if estimate.budget is None else estimate.budget.resting()),
         ('linear momentum (N s)', numbers(estimate.momentum[:3])),

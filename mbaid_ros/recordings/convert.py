@@ -33,7 +33,7 @@ source of every number; estimator.yaml, parameters for replay; truth.json.
   spot-2021     *__stitched.mat of Carleton University's SPOT: planar chaser, arm as commanded, thrusters off
   spot-2023     ExpLog* of the same chaser: arm as measured, thrusters on nearly always
   iss-mimic     folder with a day of the space station's telemetry: attitude, rates, gyros' torque, array joints
-  csv           any table; --columns says which of its columns is what
+  csv           any table; --columns assigns its columns
 
 Exit code: 0 written, 2 bad input."""
 _EXAMPLE = 'ros2 run mbaid_ros convert csv run.csv --columns columns.yaml --output run'
@@ -74,9 +74,7 @@ def _read(arguments: argparse.Namespace) -> Recording:
         return read_iss(arguments.log, arguments.start, arguments.end_hour)
     if arguments.format == 'csv':
         if arguments.columns is None:
-            raise ParameterError(
-                'csv needs --columns YAML, which says what the columns are (docs/measured/hardware.md)'
-            )
+            raise ParameterError('csv needs --columns YAML, which assigns the columns (docs/how-to/bench-logs.md)')
         from mbaid_ros.recordings.columns import read_csv  # noqa: PLC0415
 
         return read_csv(arguments.log, arguments.columns)
@@ -101,12 +99,12 @@ def _parser() -> cli.ArgumentParser:
     add('--to', dest='end', type=cli.number(unit='s'), metavar='S', help="last time, s (default: the format's)")
     add('--start', type=cli.number(unit='h'), metavar='H', help='iss-mimic: begin, hours as the files count')
     add('--end', dest='end_hour', type=cli.number(unit='h'), metavar='H', help='iss-mimic: end')
-    add('--columns', type=Path, metavar='YAML', help='csv: which column is what')
+    add('--columns', type=Path, metavar='YAML', help='csv: assignment of the columns')
     add('--commands', type=Path, metavar='MAT', help="spot-2021: the arm's motion (default: in a folder above the log)")
     add(
         '--object',
         metavar='NAME',
-        help="tudelft-throw: what was thrown: device-only, proof-body, empty, a, b, c (default: as the folder's name)",
+        help="tudelft-throw: thrown object: device-only, proof-body, empty, a, b, c (default: as the folder's name)",
     )
     add(
         '--dead-reckon',

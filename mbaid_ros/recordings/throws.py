@@ -176,7 +176,7 @@ def _which(path: Path, thrown: str) -> str:
         thrown = folder.removeprefix('config_').replace('_', '-')
         if thrown not in OBJECTS:
             raise ParameterError(
-                f"folder '{folder}' does not say what was thrown; accepted: --object {', '.join(OBJECTS)}"
+                f"folder '{folder}' does not name the thrown object; accepted: --object {', '.join(OBJECTS)}"
             )
     if thrown not in OBJECTS:
         raise ParameterError(f"--object is '{thrown}'; accepted: {', '.join(OBJECTS)}")

@@ -79,8 +79,8 @@ def why_not(result: Calibrated) -> str:
     calibration = result.calibration
     if not calibration.settled:
         return (
-            'the data lead to no solution that stays near the robot description; correct what is far off in it, or '
-            'give priors that are as wide'
+            'the iteration does not converge near the robot description; correct its large errors, or declare priors '
+            'as wide as they are'
         )
     limit = result.parameters.estimator.convergence.identifiable_std
     left_open: dict[str, list[str]] = {}
@@ -94,9 +94,7 @@ def why_not(result: Calibrated) -> str:
             f'the data leave {names} open, and no prior speaks of them; add {listing(left_open)}, or move more joints'
         )
     if calibration.determined == 0:
-        return (
-            'the data say nothing that the prior does not: move the joints, all of them, while the base floats freely'
-        )
+        return 'the data add nothing to the prior: move all joints while the base floats freely'
     return ''
 
 

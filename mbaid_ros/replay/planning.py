@@ -173,7 +173,7 @@ def _begin(path: str, config: EstimatorConfig, urdf: str, status: str, state: An
         )
     if not state:
         raise DataError(
-            f"'{path}' tells no state to plan from: method trajectory has to have come to a solution (status {status})"
+            f"'{path}' has no state to plan from: it needs a solution of method trajectory (status {status})"
         )
     kernel = Robot(config, urdf).kernel
     with usable(path, _ACCEPTED):
@@ -195,7 +195,7 @@ def _summary(plan: Plan) -> str:
             rows.append(f'  {name:6} determined by no motion of this robot')
     rows += [
         '  one standard deviation, as convergence.relative_std has it',
-        f'  as the body may be: after the motion, for {len(plan.may_be)} bodies drawn from what is known now',
+        f'  as the body may be: after the motion, for {len(plan.may_be)} bodies drawn from the present estimate',
         *(f'  {line}' for line in plan.excursions),
         f'  {len(plan.trajectory.joints)} joints: {", ".join(plan.trajectory.joints)}',
     ]

@@ -80,7 +80,7 @@ def _replay_parser() -> ArgumentParser:
     _add_bags(parser)
     _add_topics(parser)
     _add_results(parser)
-    add('--truth', metavar='JSON', help='what the report compares with (default: truth.json beside each bag)')
+    add('--truth', metavar='JSON', help='truth for the report (default: truth.json beside each bag)')
     add('--output', metavar='BAG', help='write the estimates as messages into a new bag')
     words = 'predict the last part of each bag from the rest (in the report of a minute or more: 0.2)'
     add('--holdout', type=_fraction, metavar='FRACTION', help=words)
@@ -102,7 +102,7 @@ def _simulate_parser() -> ArgumentParser:
     add('--trajectory', metavar='YAML', help='let the joints follow a JointTrajectory, as plan --yaml writes it')
     add('--seed', type=_whole(0), metavar='N', help='seed of the sensor noise')
     add('--output', type=Path, default=Path('simulation'), metavar='BAG', help='folder to make')
-    add('--truth', type=Path, metavar='JSON', help='where the truth is written, instead of BAG/truth.json')
+    add('--truth', type=Path, metavar='JSON', help='file of the truth, instead of BAG/truth.json')
     return parser
 
 
@@ -112,20 +112,20 @@ def _plan_parser() -> ArgumentParser:
         'Plan the motion of the joints that reduces most of the uncertainty a run has left, or the shortest that\n'
         'reaches a wanted precision, within the limits of the joints (URDF) and of what the motion may do to the\n'
         'base.\n'
-        'Nothing is moved. What is wanted and the limits are the parameters plan.*: relative_std, duration,\n'
+        'Nothing is moved. The parameters plan.* hold the wanted precision and the limits: relative_std, duration,\n'
         'joint_velocity, joint_acceleration, base_rotation, base_translation, base_rate, clearance, stuck, ...\n'
         'Ctrl-C takes the best motion so far.\n'
-        'Exit code: 0 the motion reaches what is wanted, 3 no motion within the limits does: the best is written,\n'
+        'Exit code: 0 the motion reaches the precision, 3 no motion within the limits does: the best is written,\n'
         '4 the data of the run contradict the model, 2 bad input.',
         'plan result.json --model robot.urdf -p plan.base_rotation:=0.035 --yaml motion.yaml\n'
         '  with result.json of: replay run1 --model robot.urdf --params estimator.yaml --json result.json',
     )
     add = parser.add_argument
-    add('start', metavar='RESULT', help='where the run has ended: a result of replay --json, or its bag')
+    add('start', metavar='RESULT', help='the run to continue: a result of replay --json, or its bag')
     _add_model(parser)
-    _add_parameters(parser, "the estimator node's parameter file (default: what RESULT was made with)")
+    _add_parameters(parser, "the estimator node's parameter file (default: the parameters of RESULT)")
     _add_topics(parser)  # of a bag
-    add('--yaml', metavar='FILE', help='write the motion as ros2 topic pub takes it, and simulate --trajectory')
+    add('--yaml', metavar='FILE', help='write the motion for ros2 topic pub and simulate --trajectory')
     add('--output', metavar='BAG', help='write the motion as a message into a new bag')
     _add_results(parser, 'the plan')
     return parser
@@ -156,15 +156,19 @@ def _campaign_parser() -> ArgumentParser:
         'campaign',
         'Simulate and identify many times over seeds, motions, robots, noise and methods, on all cores or a Dask '
         'cluster.\n'
-        'Stopped by anything, the same command goes on from the runs that were made.\n'
+        'After an interruption the same command continues with the missing runs.\n'
         'Exit code: 0 every run was made, 3 some failed, 2 bad input.',
         'campaign config/table1_campaign.yaml --output table1_campaign',
     )
     add = parser.add_argument
-    add('campaign', metavar='YAML', help='what is varied, and the parameters of simulator and estimator')
-    add('--output', metavar='FOLDER', help="where results are kept (default: the YAML's name without its ending)")
+    add(
+        'campaign',
+        metavar='YAML',
+        help='seeds, motions, robots and cases, and the parameters of simulator and estimator',
+    )
+    add('--output', metavar='FOLDER', help="folder of the results (default: the YAML's name without its ending)")
     add('--scheduler', metavar='ADDRESS', help='of a Dask cluster that makes the runs, like tcp://10.0.0.1:8786')
-    add('--retry-failed', action='store_true', help='make runs again that failed')
+    add('--retry-failed', action='store_true', help='repeat failed runs')
     _add_processes(parser)
     return parser
 
@@ -177,7 +181,7 @@ def _export_parser() -> ArgumentParser:
         'ros2 run mbaid_ros export run1.json --format mjcf --output captured.xml',
     )
     add = parser.add_argument
-    add('input', metavar='FILE', help='what replay --json wrote, or a bag that holds estimates (the last one counts)')
+    add('input', metavar='FILE', help='a result of replay --json, or a bag with estimates (the last one counts)')
     add('--format', choices=FORMATS, default=FORMATS[0], help='default: %(default)s')
     add('--output', metavar='FILE', help='default: standard output')
     add('--model', metavar='URDF', help='the robot description, for the format urdf and for --fill')
@@ -186,7 +190,7 @@ def _export_parser() -> ArgumentParser:
     add('--debris', action='store_true', help='write the captured body alone (a run with debris.report: true has it)')
     add('--principal', action='store_true', help='write the inertia in its principal axes')
     add('--equivalent', choices=('box', 'ellipsoid'), help='add the uniform body of the same inertia')
-    add('--fill', action='store_true', help='take what the data do not determine from the link in --model')
+    add('--fill', action='store_true', help='take undetermined numbers from the link in --model')
     return parser
 
 
@@ -224,7 +228,7 @@ def _add_results(parser: ArgumentParser, words: str = 'the result') -> None:
 
 def _add_processes(parser: ArgumentParser) -> None:
     cores = len(os.sched_getaffinity(0))  # that this process may use
-    words = 'that work at the same time (default: one a core)'
+    words = 'parallel processes (default: one a core)'
     parser.add_argument('--processes', type=_whole(1), default=cores, metavar='N', help=words)
 
 
@@ -236,10 +240,8 @@ def _add_bags(parser: ArgumentParser) -> None:
 
 def _add_slice(parser: ArgumentParser) -> None:
     add = parser.add_argument
-    add('--start', type=number(0.0, 's'), metavar='S', help="where to begin, s from the bag's first message")
-    add(
-        '--end', type=number(0.0, 's', exclusive=True), metavar='S', help="where to end, s from the bag's first message"
-    )
+    add('--start', type=number(0.0, 's'), metavar='S', help="begin, s from the bag's first message")
+    add('--end', type=number(0.0, 's', exclusive=True), metavar='S', help="end, s from the bag's first message")
 
 
 def _add_topics(parser: ArgumentParser) -> None:
@@ -250,7 +252,7 @@ def _add_topics(parser: ArgumentParser) -> None:
         '--pose',
         default='',
         metavar='TOPIC',
-        help='poses that do so: PoseStamped, PoseWithCovarianceStamped, TransformStamped, or TFMessage with '
+        help='or poses: PoseStamped, PoseWithCovarianceStamped, TransformStamped, or TFMessage with '
         'pose.tf_child_frame (default: /pose, if there is no /odom)',
     )
     stored = 'momentum of wheels or gyros, Vector3Stamped (default: /stored_momentum, if recorded)'

@@ -146,7 +146,7 @@ def test_a_planned_motion_is_followed_and_tells_what_was_uncertain(graph: Graph,
     assert not call(graph).success  # it is being planned
     graph.wait(lambda: motions, 'the planned motion')
     graph.wait(lambda: ' s of motion bring ' in estimator.stderr, 'the verdict in the log')
-    graph.wait(lambda: "key='plan reaches what is wanted', value='" in str(diagnostics), 'and in the diagnostics')
+    graph.wait(lambda: "key='plan reaches the wanted precision', value='" in str(diagnostics), 'and in the diagnostics')
     trajectory = trajectory_of(motions[-1])
     assert trajectory.duration == 5.0
     assert trajectory.position[0] == pytest.approx(np.array(states[-1].position), abs=2e-3)

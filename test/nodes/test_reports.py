@@ -143,7 +143,7 @@ def test_the_likeliest_cause_of_a_contradiction_comes_first() -> None:
 
 def test_the_motion_that_was_planned_is_told_with_what_it_comes_to() -> None:
     told = dict(estimate_report(RunState(estimate=estimate(), plan=(False, 'out of reach')))[2])
-    assert (told['plan reaches what is wanted'], told['plan']) == (False, 'out of reach')
+    assert (told['plan reaches the wanted precision'], told['plan']) == (False, 'out of reach')
 
 
 def test_the_noise_that_counts_is_told_first() -> None:

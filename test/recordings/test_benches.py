@@ -329,7 +329,7 @@ def test_a_throw_that_cannot_be_used_is_one_line(
     lines = twin_throw.log.read_text().splitlines()
     log = tmp_path / 'throw.csv'
     log.write_text('\n'.join(lines))
-    assert f"folder '{tmp_path.name}' does not say what was thrown; accepted: --object device-only" in convert(log)
+    assert f"folder '{tmp_path.name}' does not name the thrown object; accepted: --object device-only" in convert(log)
     assert "--object is 'd'; accepted: device-only, proof-body, empty, a, b, c" in convert(log, '--object', 'd')
     log.write_text('\n'.join(lines[:2150]))
     assert 'has no flight' in convert(log, '--object', 'a')

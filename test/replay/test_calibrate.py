@@ -281,7 +281,7 @@ def test_one_moving_joint_is_flagged_and_none_is_refused(tmp_path: Path, capsys:
     motions['time'] = np.arange(400) / 20.0
     recorded.write(tmp_path / 'none', free_model(), sensed(Truth(**{**vars(still), **motions}), 1))
     assert main([str(tmp_path / 'none'), '--model', str(tmp_path / 'free.urdf')]) == 3
-    assert 'the data say nothing that the prior does not: move the joints' in capsys.readouterr().err
+    assert 'the data add nothing to the prior: move all joints' in capsys.readouterr().err
 
 
 def test_the_estimator_takes_what_it_leaves_uncertain(

@@ -121,7 +121,7 @@ def test_the_plan_in_words(result: Path, capsys: pytest.CaptureFixture[str]) -> 
 @pytest.mark.parametrize(
     ('change', 'arguments', 'words'),
     [
-        ({'state': None}, [], 'tells no state to plan from'),
+        ({'state': None}, [], 'has no state to plan from'),
         ({'state': {'mean': []}}, [], "cannot be used (KeyError: 'joints')"),
         ({}, ['-p', 'known_links.relative_std:=0.01'], 'its state has 17 numbers, and '),
         ({'made_by': {'robot': {'sha256': 'ab', 'file': 'other.urdf'}}}, [], 'another robot description, other.urdf'),
