@@ -281,10 +281,8 @@ def passive_joints(moments: MeanAndCovariance, layout: Layout, largest: Array) -
         if isinstance(unknown, SpringErrors):
             value = (unknown.factor @ moments.mean[place]).reshape(-1, 2)
             std = np.abs(unknown.factor @ _deviation(moments, place)).reshape(-1, 2)
-    frequency = springs.rate * np.exp(value[:, 0]) / (2.0 * np.pi)
-    numbers = (frequency, frequency * std[:, 0], springs.ratio + value[:, 1], std[:, 1], largest)
     names = [model.joint_names[joint] for joint in springs.joints]
-    return tuple(PassiveJoint(name, *map(float, each)) for name, *each in zip(names, *numbers, strict=True))
+    return PassiveJoint.all_of(names, (springs.rate, springs.ratio), value, std, largest)
 
 
 _FAR = 3.0  # standard deviations of its declaration, beyond which a frequency is another thing's
