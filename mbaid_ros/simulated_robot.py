@@ -268,9 +268,7 @@ def make_springs(config: SimulatorConfig, model: RobotModel) -> Springs | None:
     if not passive:
         return None
     joints = passive.values()
-    return Springs.of(
-        model, list(passive), [joint.frequency for joint in joints], [joint.damping for joint in joints]
-    )
+    return Springs.of(model, list(passive), [joint.frequency for joint in joints], [joint.damping for joint in joints])
 
 
 def make_view(config: SimulatorConfig) -> Callable[[Truth], Truth] | None:

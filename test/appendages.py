@@ -9,7 +9,8 @@ _PANEL = """
 <link name="panel_{side}"><inertial><origin xyz="0 {com} 0"/><mass value="20"/>
   <inertia ixx="8.067" ixy="0" ixz="0" iyy="1.35" iyz="0" izz="9.417"/></inertial></link>
 <joint name="panel_{side}" type="revolute"><parent link="{parent}"/><child link="panel_{side}"/>
-  <origin xyz="{place}" rpy="0 0.3 0"/><axis xyz="1 0 0"/><limit lower="-0.6" upper="0.6" effort="1" velocity="1"/></joint>
+  <origin xyz="{place}" rpy="0 0.3 0"/><axis xyz="1 0 0"/>
+  <limit lower="-0.6" upper="0.6" effort="1" velocity="1"/></joint>
 """
 SLOSH = ('slosh_x', 'slosh_y', 'slosh_z')
 

@@ -46,9 +46,7 @@ class JointReader:
     passive : those of joints that nobody reports; what messages hold of them is ignored, and they are read as zero
     """
 
-    def __init__(
-        self, joint_names: Sequence[str], wheels: Sequence[str] = (), passive: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, joint_names: Sequence[str], wheels: Sequence[str] = (), passive: Sequence[str] = ()) -> None:
         self._names = (*joint_names, *wheels)
         self._first_wheel = len(joint_names)
         self._passive = tuple(place for place, name in enumerate(joint_names) if name in passive)
@@ -124,9 +122,7 @@ class JointReader:
 
     def _laid_out(self, names: tuple[str, ...]) -> _Layout:
         place = {name: index for index, name in enumerate(names)}
-        joints = tuple(
-            joint for joint, name in enumerate(self._names) if name in place and joint not in self._passive
-        )
+        joints = tuple(joint for joint, name in enumerate(self._names) if name in place and joint not in self._passive)
         if any(names.count(self._names[joint]) > 1 for joint in joints):
             return _Layout(joints, _NOWHERE, NAMED_TWICE)
         self.others = tuple(name for name in names if name not in self._names)

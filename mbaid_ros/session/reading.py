@@ -209,9 +209,7 @@ class Intake:
 
     def __init__(self, config: EstimatorConfig, robot: Robot) -> None:
         self._robot = robot
-        self.joint_reader = JointReader(
-            robot.model.independent_joints, config.wheels.names, config.flexible.joints
-        )
+        self.joint_reader = JointReader(robot.model.independent_joints, config.wheels.names, config.flexible.joints)
         self.odometry_reader = _odometry_reader(config, robot)
         self.imu_reader: ImuReader = imu_reader(config, robot.model)
         self.stored_momentum = StoredMomentum(robot.model, config.wheels.momentum_frame)

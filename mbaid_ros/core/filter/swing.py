@@ -88,7 +88,9 @@ class SwingCourse:
             slope = np.concatenate((found.rates, found.forces), axis=-1)[..., None]
             return tuple(_divided(part, motions) for part in (speed, found.along, found.by_state, slope))
 
-        first = [np.broadcast_to(np.append(springs.start[0], np.zeros(size)), (*each.shape[:-1], 2 * size)) for each in zeros]
+        first = [
+            np.broadcast_to(np.append(springs.start[0], np.zeros(size)), (*each.shape[:-1], 2 * size)) for each in zeros
+        ]
         count = sum(each[..., 0].size for each in zeros)
         starting = moving(first, np.broadcast_to(springs.start[1], (count, size)))[1]
 
@@ -100,9 +102,7 @@ class SwingCourse:
             _, _, by_state, slope = moving(states, None)
             driven = [rate - jacobian @ x[..., None] for rate, jacobian, x in zip(slope, by_state, states, strict=True)]
             new = [part[..., 0] for part in self._followed(runs, stacks, (by_state, driven), start, point, 1)]
-            change = max(
-                float(np.max(np.abs(one - other)[..., :size])) for one, other in zip(new, states, strict=True)
-            )
+            change = max(float(np.max(np.abs(one - other)[..., :size])) for one, other in zip(new, states, strict=True))
             states = new
             if not change < _LARGEST:  # nor where it is NaN
                 raise np.linalg.LinAlgError('the passive joints swing without bounds')
@@ -174,7 +174,7 @@ class SwingCourse:
         columns : of what is remembered: the first, 1, or all others, None
         """
         mean = np.mean(np.concatenate([part.reshape(-1, *part.shape[2:]) for part in slopes[0]]), axis=0)
-        steps = [_steps(mean, *part, run.spacing) for run, *part in zip(runs, *slopes, strict=True)]
+        steps = [_steps(mean, one, other, run.spacing) for run, one, other in zip(runs, *slopes, strict=True)]
         results = [np.zeros_like(driven) for driven in slopes[1]]
         which = slice(0, 1) if columns else slice(1, None)
         ends: dict[int, Array] = {}
@@ -189,9 +189,7 @@ class SwingCourse:
             onwards = 1.0 if columns else np.exp(self._decay * length)
             begin = run.inside.start - (0 if run.fresh[window] or run.inside.start == 0 else 1)
 
-            def earlier(
-                place: int, numbers: Sequence[int] = numbers, onwards: float | Array = onwards
-            ) -> Array | None:
+            def earlier(place: int, numbers: Sequence[int] = numbers, onwards: float | Array = onwards) -> Array | None:
                 if numbers[place] in ends:
                     return np.asarray(ends[numbers[place]] * onwards)
                 found = self._end(numbers[place], point)
@@ -240,9 +238,7 @@ def _apart(one: Point, other: Point) -> float:
 
 
 def _runs(stacks: Sequence[Stack], motions: Motions) -> list[_Run]:
-    return [
-        _Run.of(stack, inside, len(motion)) for stack, (motion, inside) in zip(stacks, motions, strict=True)
-    ]
+    return [_Run.of(stack, inside, len(motion)) for stack, (motion, inside) in zip(stacks, motions, strict=True)]
 
 
 def _divided(flat: Array, motions: Motions) -> list[Array]:
@@ -250,7 +246,8 @@ def _divided(flat: Array, motions: Motions) -> list[Array]:
     shapes = [motion.turn.shape[:2] for motion, _ in motions]
     ends = np.cumsum([0, *(rows * windows for rows, windows in shapes)])
     return [
-        flat[begin:end].reshape(*shape, *flat.shape[1:]) for (begin, end), shape in zip(pairwise(ends), shapes, strict=True)
+        flat[begin:end].reshape(*shape, *flat.shape[1:])
+        for (begin, end), shape in zip(pairwise(ends), shapes, strict=True)
     ]
 
 

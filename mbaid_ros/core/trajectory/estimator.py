@@ -123,7 +123,11 @@ class TrajectoryEstimator:
                 origin=origin,
                 plane=self._plane.plane(self._kernel.target),
                 curvatures=run.curvatures(explained=verdict.adequate),
-                reasons=(*notes((*self._runs.warnings, *too_small, *estimated)), *contradictions(verdict.reasons), *implausible(moments, layout, flexible)),
+                reasons=(
+                    *notes((*self._runs.warnings, *too_small, *estimated)),
+                    *contradictions(verdict.reasons),
+                    *implausible(moments, layout, flexible),
+                ),
             ),
             instant=now,
             verdict=verdict,

@@ -296,7 +296,7 @@ def implausible(moments: MeanAndCovariance, layout: Layout, joints: Sequence[Pas
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, SpringErrors):
             away = dict(zip(unknown.causes, moments.mean[place].tolist(), strict=True))
-    for joint, place, rate in zip(joints, springs.joints, springs.rate, strict=True):
+    for joint, index, rate in zip(joints, springs.joints, springs.rate, strict=True):
         far = abs(away.get(f'{FREQUENCY}:{joint.joint}', 0.0))
         if far > _FAR:
             text = (
@@ -304,11 +304,11 @@ def implausible(moments: MeanAndCovariance, layout: Layout, joints: Sequence[Pas
                 f'flexible.{joint.joint}.frequency, {rate / (2.0 * np.pi):.3g} Hz: correct it, or something else swings'
             )
             reasons.append(Reason(text, 'contradiction', 0.5 * far**2))
-        limit = model.limits[place]
+        limit = model.limits[index]
         lower, upper = (limit.lower, limit.upper) if limit.upper > limit.lower else (-np.inf, np.inf)
         if joint.largest > min(upper, -lower):
             text = (
-                f'{joint.joint} would swing by {joint.largest:.3g} rad (m), beyond its limits in the robot description, '
+                f'{joint.joint} would swing by {joint.largest:.3g} rad (m), beyond its limits in the URDF, '
                 f'{lower:.3g} to {upper:.3g}: something else moves'
             )
             reasons.append(Reason(text, 'contradiction', 0.5 * _FAR**2))

@@ -51,9 +51,7 @@ class Swinging:
         data = mujoco.MjData(robot)
         each = [robot.joint(name) for name in self.model.joint_names]
         place, rate = [joint.qposadr[0] for joint in each], [joint.dofadr[0] for joint in each]
-        for index, stiffness, damping in zip(
-            self.joints, self.springs.stiffness, self.springs.damping, strict=True
-        ):
+        for index, stiffness, damping in zip(self.joints, self.springs.stiffness, self.springs.damping, strict=True):
             robot.jnt_stiffness[each[index].id], robot.dof_damping[rate[index]] = stiffness, damping
         data.qpos[3:7], data.qpos[place] = [1.0, 0.0, 0.0, 0.0], self.start.joint_position
         data.qvel[:6], data.qvel[rate] = self.start.velocity[:6], self.start.joint_velocity

@@ -30,7 +30,7 @@ ROBOTS = {
     'panels': (with_panels(), PANELS, (0.3, 0.5)),
     'panel on the target': (with_panel_on_the_target(), PANELS[:1], (0.4,)),
     'propellant': (with_fuel(20.0), SLOSH, (0.2, 0.25, 0.3)),
-    'grasp': (with_panels(), ('joint7',), (1.0,)),
+    'grasp': (with_panels(), ('joint7',), (0.5,)),
 }
 SECONDS = 4.0
 
@@ -53,7 +53,9 @@ class Case:
             np.arange(round(100.0 * SECONDS)) / 100.0
         )
         self.deflections = truth.joint_position[:, list(places)]
-        springs = Springs(places, rates, np.full(len(places), 0.01), np.array([[0.02], [0.01]]) @ np.ones((1, len(places))))
+        springs = Springs(
+            places, rates, np.full(len(places), 0.01), np.array([[0.02], [0.01]]) @ np.ones((1, len(places)))
+        )
         samples = observe(truth, MID)
         for part in (samples.joint_position, samples.joint_velocity):
             part[:, list(places)] = 0.0
@@ -63,7 +65,10 @@ class Case:
         unknowns = (
             known_bodies(self.model, errors),
             *(spring_errors(joints, [0.05] * len(places), [0.01] * len(places)),),
-            *(starting_swing(joints, [0.05] * len(places), rates), swing_noise(joints, [1e-3] * len(places), rates, [0.01] * len(places))),
+            *(
+                starting_swing(joints, [0.05] * len(places), rates),
+                swing_noise(joints, [1e-3] * len(places), rates, [0.01] * len(places)),
+            ),
         )
         self.layout = Layout.of(kernel, unknowns)
         averaging = KnotAveraging(self.model.joints, MID, 0.5)
@@ -114,7 +119,7 @@ def test_derivatives_by_the_parameters(name: str) -> None:
         ahead, behind = (case.predicted(parameters + sign * change)[0] for sign in (1.0, -1.0))
         expected = (ahead - behind) / (2.0 * steps[index])
         size = float(np.abs(expected).max())
-        assert derivatives[..., index] == pytest.approx(expected, abs=1e-3 * size + 1e-9), index
+        assert derivatives[..., index] == pytest.approx(expected, abs=4e-3 * size + 1e-9), index
 
 
 @pytest.mark.parametrize('name', ['panels', 'propellant'])
@@ -122,6 +127,8 @@ def test_deflections_are_those_of_the_simulator(name: str) -> None:
     case = Case(name)
     found = case.predicted(case.state[case.layout.parameters])[2]
     times = 0.05 * (np.arange(len(found)) + 1.0) - 0.005  # between knots, which are means of five samples
-    expected = np.array([np.interp(times, np.arange(len(case.deflections)) / 100.0, each) for each in case.deflections.T])
+    expected = np.array(
+        [np.interp(times, np.arange(len(case.deflections)) / 100.0, each) for each in case.deflections.T]
+    )
     # It starts half a knot later than the simulator.
     assert found == pytest.approx(expected.T, abs=5e-3)

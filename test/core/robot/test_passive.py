@@ -42,7 +42,9 @@ class Case:
 
     def state(self) -> State:
         """Return the state, and so its momentum."""
-        return State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), self.position, np.concatenate((self.twist, self.rate)))
+        return State(
+            np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), self.position, np.concatenate((self.twist, self.rate))
+        )
 
     def momenta(self, state: State) -> Array:
         """Return M(q) v by pinocchio: the base's in its own axes, then along each joint."""
