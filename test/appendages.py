@@ -10,7 +10,7 @@ _PANEL = """
   <inertia ixx="8.067" ixy="0" ixz="0" iyy="1.35" iyz="0" izz="9.417"/></inertial></link>
 <joint name="panel_{side}" type="revolute"><parent link="{parent}"/><child link="panel_{side}"/>
   <origin xyz="{place}" rpy="0 0.3 0"/><axis xyz="1 0 0"/>
-  <limit lower="-0.3" upper="0.3" effort="1" velocity="1"/></joint>
+  <limit lower="-0.6" upper="0.6" effort="1" velocity="1"/></joint>
 """
 SLOSH = ('slosh_x', 'slosh_y', 'slosh_z')
 

@@ -22,7 +22,6 @@ from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.results.physical_consistency import project
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.robot.momentum import Storage
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.unknowns.bodies import KnownTarget
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
@@ -75,7 +74,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     prior = make_prior(kernel, settings.priors)
     runs = [run for run in runs if run]
     detectors, mechanism = _mechanism(kernel, runs, settings.noise)
-    settled, motions, normals = _filtered(prior, kernel.storage, (runs, detectors), settings)
+    settled, motions, normals = _filtered(prior, kernel, (runs, detectors), settings)
     gaussian = settled.passed.gaussian
     told = normals.as_far_off()
     values, covariance = told.blocks()
@@ -88,6 +87,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         values=values,
         block_covariance=covariance,
         thrusters=told.thrusters(),
+        flexible=told.passive_joints(kernel),
         carried=told.carried,
         corrections=corrections,
         momentum=momentum,
@@ -108,7 +108,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
 
 def _filtered(
     prior: Prior,
-    storage: Storage,
+    kernel: MomentumKernel,
     seen: tuple[Sequence[list[Samples]], Sequence[PlaneDetector]],
     settings: CalibrationSettings,
 ) -> tuple[Converged, list[Motion], Normals]:
@@ -116,7 +116,7 @@ def _filtered(
     runs, detectors = seen
     # The first of the unknown links has the place of the filter's target, the others are known bodies with errors.
     robot = MomentumKernel(detectors[0].model, prior.links[0].name).with_uncertainty(prior.errors(1))
-    robot = robot.storing(storage)
+    robot = robot.storing(kernel.storage).swinging(kernel.springs)
     uncertainty = replace(settings.uncertainty, target=KnownTarget(prior.mean[:10], prior.roots[0]))
     sensing = (settings.noise, settings.window, settings.gyro, settings.orientation_measured)
     motions = [Motion.of(run, robot, each, uncertainty, sensing) for run, each in zip(runs, detectors, strict=True)]
@@ -147,6 +147,7 @@ def _mechanism(
         detectors = [spatial] * len(runs)
     plane = detectors[0].plane(kernel.model.links[0])
     posture, moving = _moving([window for run in runs for window in run], noise)
+    moving[list(kernel.springs.joints)] = True
     return detectors, Mechanism(kernel, moving, posture, None if plane is None else plane.normal)
 
 

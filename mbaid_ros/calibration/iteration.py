@@ -31,6 +31,7 @@ _TOGETHER = 30  # windows linearised in one call: the arrays of a whole long mot
 _FEW = 60  # windows of the first iterations, which take most of the way for a part of the work
 # Parts of the windows that iterations begin with where no pose locates the base, and their fewest windows.
 _PARTS, _FEWEST = (8, 4, 2), 3
+_SWINGING = 8  # windows that iterations begin with where joints swing: a few periods at most
 _HALVINGS = 20  # of a step that would leave a body no mass
 _BACK = -0.5  # cosine of the angle between two steps, of which the second goes back: the first was too long
 
@@ -149,6 +150,9 @@ def _beginnings(motions: Sequence[Motion]) -> list[int]:
     twice the one before.
     """
     windows = motions[0].windows
+    if motions[0].layout.kernel.springs.count:
+        # A swing of a frequency that is a little off is out of phase soon: as many windows again each time.
+        return [_SWINGING * 2**power for power in range(20) if _SWINGING * 2**power < len(windows)]
     if windows and not np.isfinite(windows[0].noise.pose[:3, :3]).all():
         return [count for count in (len(windows) // part for part in _PARTS) if count >= _FEWEST]
     return [_FEW] if sum(len(motion.windows) for motion in motions) > 2 * _FEW else []

@@ -10,7 +10,7 @@ import numpy as np
 from mbaid_ros.calibration.structure import Mechanism, Structure
 from mbaid_ros.calibration.unknowns import Prior
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.estimate import Thruster
+from mbaid_ros.core.results.estimate import PassiveJoint, Thruster
 from mbaid_ros.core.results.physical_consistency import InertiaRatios, inertia_ratios
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian
@@ -91,6 +91,7 @@ class Calibration:
     values, block_covariance : (10 k + 6 n + 6,) of links, joints and mount as `Normals.blocks` has them, and all of
         their covariance
     thrusters : by how much those are off their commands that may be
+    flexible : passive joints
     carried : what is known of the unknowns of the trajectory filter, to go on with
     corrections : (k,) sizes of the projections on bodies that can exist
     momentum, momentum_covariance : (R, 6), (R, 6, 6) of each motion (P, L), odometry frame, L about its origin
@@ -112,6 +113,7 @@ class Calibration:
     values: Array
     block_covariance: Array
     thrusters: tuple[Thruster, ...]
+    flexible: tuple[PassiveJoint, ...]
     carried: UnknownsPrior
     corrections: Array
     momentum: Array

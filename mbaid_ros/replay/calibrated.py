@@ -179,6 +179,7 @@ def sentences(result: Calibrated) -> list[str]:
         turned = f'turned by {_beside(1e3 * thruster.turn, 1e3 * thruster.turn_std)} mrad'
         late = f'{1e3 * thruster.delay:+.1f} ± {1e3 * BAND * thruster.delay_std:.2g} ms late'
         lines.append(f'thruster {one_line(thruster.frame)}: {strong}, {turned}, {late} (95 %)')
+    lines += [f'passive joint: {one_line(str(joint))}' for joint in calibration.flexible]
     return [*lines, *(_ratio_words(link) for link in calibration.links if link.ratios.clearer)]
 
 

@@ -30,7 +30,7 @@ from mbaid_ros.replay.calibrated import Calibrated, summary, why_not
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import check_outputs, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.replay.run import read_motions
-from mbaid_ros.session import storage, with_surroundings
+from mbaid_ros.session import springs, storage, with_surroundings
 
 CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
 _INERTIA = PARAMETERS[4:]
@@ -93,7 +93,8 @@ def _kernel(model: RobotModel, parameters: CalibrationParameters) -> MomentumKer
         raise ParameterError(f'--unknown names {listing(twice)} twice; accepted: each link once')
     if not names:
         raise ModelError('no link of the robot description has an <inertial>; accepted: one at least')
-    return MomentumKernel(model, *names).storing(storage(parameters.estimator.wheels, model))
+    kernel = MomentumKernel(model, *names).storing(storage(parameters.estimator.wheels, model))
+    return kernel.swinging(springs(parameters.estimator.flexible, model))
 
 
 def _settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> CalibrationSettings:
@@ -150,6 +151,7 @@ def _as_json(result: Calibrated) -> dict[str, Any]:
             'position_std': calibration.stds[-3:].tolist(),
         },
         'thrusters': [plain(vars(each)) for each in calibration.thrusters],
+        'flexible': [plain(vars(each)) for each in calibration.flexible],
         'covariance': {
             'order': [
                 *(parameter(links, index) for index in range(len(calibration.theta))),

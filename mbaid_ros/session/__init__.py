@@ -5,7 +5,7 @@ from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.session.model_summary import ModelSummary, summarise
 from mbaid_ros.session.posterior import as_numbers, from_numbers
 from mbaid_ros.session.session import Session
-from mbaid_ros.session.settings import storage, with_surroundings
+from mbaid_ros.session.settings import springs, storage, with_surroundings
 
 __all__ = [
     'ModelSummary',
@@ -18,6 +18,7 @@ __all__ = [
     'make_estimator',
     'missing_joints',
     'obstacles',
+    'springs',
     'storage',
     'summarise',
     'with_surroundings',

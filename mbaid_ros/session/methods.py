@@ -246,7 +246,7 @@ def _self_calibration(
     # The target link comes first: the filter has it unknown after the capture.
     massive = [link for link in model.links if link.parameters[0] > 0.0 and link.name != target.name]
     links = [target, *massive]
-    robot = MomentumKernel(model, *(link.name for link in links)).storing(kernel.storage)
+    robot = MomentumKernel(model, *(link.name for link in links)).storing(kernel.storage).swinging(kernel.springs)
     settings = CalibrationSettings(
         noise=config.noise.declared,
         priors=_link_priors(config.calibration, links),
@@ -265,6 +265,7 @@ def _self_calibration(
                 'the data before it say nothing that the URDF does not; accepted: a run in which all joints move'
             )
         after = MomentumKernel(_calibrated_model(model, found), target.name).storing(kernel.storage)
+        after = after.swinging(kernel.springs)
         after = after.with_uncertainty(calibrated(links, found.covariance, [target.name]))
         # From now on the target link may be anything; the rest keeps its posterior, correlations included.
         before = kernel.with_uncertainty(found.prior.errors(1))

@@ -213,9 +213,8 @@ class FilterRun:
 
     @property
     def largest_deflections(self) -> Array:
-        """Largest deflections (f,) of passive joints at the ends of the windows, rad or m."""
-        assert self._point.point is not None, 'there is a start'
-        return self._linearised.largest_deflections(self._point.point)
+        """Largest deflections (f,) of passive joints so far, rad or m."""
+        return self._linearised.largest_deflections
 
     def curvatures(self, *, explained: bool) -> tuple[Curvature, ...]:
         """Return the nonlinearity of the windows; about the present estimate only where the model explains the data."""

@@ -220,6 +220,10 @@ def near_part(parameters: Array, step: Array) -> float:
 def layout_of(kernel: MomentumKernel, uncertainty: Uncertainty, detector: PlaneDetector) -> Layout:
     """Return the layout for the uncertainty of a robot that moves in a plane or in space."""
     unknowns, known = catalogue(kernel, uncertainty), uncertainty.carried
+    if known is not None:
+        # How passive joints swung at the start of another run says nothing of this one.
+        drawn = np.repeat([each.of_a_chain for each in unknowns], [each.count for each in unknowns]).astype(bool)
+        known = known.drawn_anew(drawn)
     if detector.planar:
         seen = tuple(unknown.in_plane(detector) for unknown in unknowns)
         known = known and known.of([in_plane_map(*pair) for pair in zip(unknowns, seen, strict=True)])

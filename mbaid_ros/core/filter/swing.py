@@ -24,6 +24,7 @@ from mbaid_ros.core.geometry import Array, Flags, Integers
 BESIDE = 2  # intervals on either side of a window that its steps are interpolated from
 _SWEEPS = 8  # of Newton's iteration along the windows, at most: each squares the error
 _CONVERGED = 1e-7  # rad or m, change of a deflection by a sweep
+_LARGEST = 30.0  # rad or m, of such a change: no appendage swings as far
 _POINTS, _ENDS, _GUESSES = 8, 2_000, 20_000  # linearisation points, their intervals, and guesses that are remembered
 
 Motions = Sequence[tuple[Midpoints, slice]]
@@ -103,10 +104,10 @@ class SwingCourse:
             new = [part[..., 0] for part in self._followed(runs, stacks, (by_state, driven), start, point, 1)]
             change = max(float(np.max(np.abs(one - other)[..., :size])) for one, other in zip(new, states, strict=True))
             states = new
+            if not change < _LARGEST:  # nor where it is NaN
+                raise np.linalg.LinAlgError('the passive joints swing without bounds')
             if change < _CONVERGED:
                 break
-        if not all(np.isfinite(state).all() for state in states):
-            raise np.linalg.LinAlgError('the passive joints swing without bounds')
         for run, state in zip(runs, states, strict=True):
             self._guesses.update(zip(run.numbers.ravel().tolist(), state.reshape(-1, 2 * size), strict=True))
         while len(self._guesses) > _GUESSES:
@@ -134,11 +135,12 @@ class SwingCourse:
         flat = np.concatenate([part.reshape(-1, *part.shape[2:]) for part in swing])
         prediction.by_parameters[...] += passive.twist_by_state @ flat
 
-    def largest(self, point: Point) -> Array:
-        """Return the largest deflections (f,) at the ends of the windows that were linearised at a point."""
+    @property
+    def largest(self) -> Array:
+        """The largest deflections (f,) in all windows, rad or m, where they were linearised last."""
         size = self._layout.kernel.springs.count
-        ends = self._ends.get(point)
-        return np.zeros(size) if not ends else np.max([np.abs(end[:size, 0]) for end in ends.values()], axis=0)
+        found = np.array([state[:size] for state in self._guesses.values()]).reshape(-1, size)
+        return np.max(np.abs(found), axis=0, initial=0.0)
 
     def _guessed(self, runs: Sequence[_Run], starting: Sequence[Array], size: int) -> list[Array]:
         """Return the states (m, B, 2 f) that earlier sweeps ended at, or else the start's."""
@@ -172,7 +174,7 @@ class SwingCourse:
         columns : of what is remembered: the first, 1, or all others, None
         """
         mean = np.mean(np.concatenate([part.reshape(-1, *part.shape[2:]) for part in slopes[0]]), axis=0)
-        steps = [_steps(mean, *part, run.spacing) for run, *part in zip(runs, *slopes, strict=True)]
+        steps = [_steps(mean, one, other, run.spacing) for run, one, other in zip(runs, *slopes, strict=True)]
         results = [np.zeros_like(driven) for driven in slopes[1]]
         which = slice(0, 1) if columns else slice(1, None)
         ends: dict[int, Array] = {}

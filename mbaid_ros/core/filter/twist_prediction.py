@@ -1,4 +1,4 @@
-"""The base twist by conserved momentum, V = M^-1 (h_b - b), and its derivatives (trajectory.md, eq. 1)."""
+"""The base twist by conserved momentum, V = M^-1 (h_b - b), and its derivatives (docs/trajectory.md, eq. 1)."""
 
 from __future__ import annotations
 
@@ -243,12 +243,13 @@ def passive_motion(
     expressed = express(known, placed.rotation, placed.position)
     inertias = PassiveInertias.of(kernel, expressed, placed, mobility)
     if rates is not None:
-        twist = (mobility @ (total[..., None] - np.swapaxes(inertias.gamma, 1, 2) @ rates[..., None]))[..., 0]
+        held = total - (np.swapaxes(inertias.gamma, 1, 2) @ rates[..., None])[..., 0]
+        twist: Array = (mobility @ held[..., None])[..., 0]
     else:
         carried = kernel.kinematics.ancestors.T[joints] @ momentum(expressed, body_twist)
         left = np.asarray(along) - np.sum(inertias.axes * carried, axis=-1)
         solved, found = inertias.solve(total[..., None], left[..., None])
-        twist, rates = solved[..., 0], found[..., 0]
+        twist, rates = solved[..., 0], np.asarray(found[..., 0])
     speed[:, joints] = rates
     body_twist = kernel.kinematics.body_twists(placed, speed, twist)
     motion = (body_twist, _deflection(point, middle), rates)
@@ -290,8 +291,8 @@ def passive_columns(
     held = np.linalg.inv(inertias.free) + gamma @ inertias.mobility @ np.swapaxes(gamma, 1, 2)
     first[:, :size] = start[0]
     first[:, size:] = gamma @ twist + held @ start[1] + motion.along_by @ start[0] - along[..., :count]
-    columns = PassiveColumns(motion.by_state, np.concatenate((by_rates, forces), axis=1), motion.twist_by_state, first)
-    return solved, columns
+    passive = PassiveColumns(motion.by_state, np.concatenate((by_rates, forces), axis=1), motion.twist_by_state, first)
+    return solved, passive
 
 
 def _carried_columns(

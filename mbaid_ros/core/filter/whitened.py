@@ -252,9 +252,10 @@ class LinearisationCache:
         self._turn = {window: turn for turn, window in enumerate(windows)}
         self._made.clear()
 
-    def largest_deflections(self, point: Point) -> Array:
-        """Return the largest deflections (f,) of passive joints at the ends of windows, rad or m."""
-        return np.zeros(0) if self._course is None else self._course.largest(point)
+    @property
+    def largest_deflections(self) -> Array:
+        """The largest deflections (f,) of passive joints so far, rad or m."""
+        return np.zeros(0) if self._course is None else self._course.largest
 
     def whitened(self, window: Window, point: Point) -> WhitenedWindow:
         """Return a window, linearised at a point."""

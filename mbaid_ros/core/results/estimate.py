@@ -166,7 +166,7 @@ class Estimate:
 class PassiveJoint:
     """A passive joint as estimated: natural frequency (Hz, all else held), damping ratio, standard deviations.
 
-    `largest` is the largest deflection at the windows' ends, rad or m.
+    `largest` is the largest deflection, rad or m; NaN where it is not asked.
     """
 
     joint: str
@@ -176,12 +176,30 @@ class PassiveJoint:
     damping_std: float
     largest: float
 
+    @staticmethod
+    def all_of(
+        names: Sequence[str], declared: tuple[Array, Array], value: Array, std: Array, largest: Array
+    ) -> tuple[PassiveJoint, ...]:
+        """Return f of them.
+
+        Parameters
+        ----------
+        names : of each
+        declared : (f,) angular frequencies, rad/s, and damping ratios
+        value, std : (f, 2) relative error of the frequency, error of the ratio
+        largest : (f,) deflections
+        """
+        rate, ratio = declared
+        frequency = rate * np.exp(value[:, 0]) / (2.0 * np.pi)
+        numbers = (frequency, frequency * std[:, 0], ratio + value[:, 1], std[:, 1], largest)
+        return tuple(PassiveJoint(name, *map(float, each)) for name, *each in zip(names, *numbers, strict=True))
+
     def __str__(self) -> str:
         """Return it with 95 % intervals."""
         return (
             f'{self.joint} swings at {self.frequency:.5g} ± {1.96 * self.frequency_std:.2g} Hz with a damping ratio of '
-            f'{self.damping:.2g} ± {1.96 * self.damping_std:.1g}, by up to {self.largest:.2g} rad (m)'
-        )
+            f'{self.damping:.2g} ± {1.96 * self.damping_std:.1g}'
+        ) + ('' if np.isnan(self.largest) else f', by up to {self.largest:.2g} rad (m)')
 
 
 def determined(momentum: Array, stds: Array) -> Flags:

@@ -219,8 +219,8 @@ class NoiseLevels:
     def take(self, joints: JointStream | None, base: BaseStream | None) -> None:
         """Add readings of each kind in the order of their stamps."""
         if joints is not None and len(joints.stamp):
-            parts = (joints.position[:, self._measured], joints.velocity[:, self._measured])
-            values = np.concatenate(parts, axis=1)
+            read = (joints.position[:, self._measured], joints.velocity[:, self._measured])
+            values = np.concatenate(read, axis=1)
             self._joints.add(joints.stamp, values, np.repeat(self._noise[None], len(values), axis=0))
         if base is not None and len(base.stamp):
             parts = base.position, base.rotation.reshape(-1, 9), base.linear_velocity, base.angular_velocity

@@ -292,10 +292,8 @@ def passive_joints(moments: MeanAndCovariance, layout: Layout, largest: Array) -
         if isinstance(unknown, SpringErrors):
             value = (unknown.factor @ moments.mean[place]).reshape(-1, 2)
             std = np.abs(unknown.factor @ _deviation(moments, place)).reshape(-1, 2)
-    frequency = springs.rate * np.exp(value[:, 0]) / (2.0 * np.pi)
-    numbers = (frequency, frequency * std[:, 0], springs.ratio + value[:, 1], std[:, 1], largest)
     names = [model.joint_names[joint] for joint in springs.joints]
-    return tuple(PassiveJoint(name, *map(float, each)) for name, *each in zip(names, *numbers, strict=True))
+    return PassiveJoint.all_of(names, (springs.rate, springs.ratio), value, std, largest)
 
 
 _FAR = 3.0  # standard deviations of its declaration, beyond which a frequency is another thing's
@@ -309,7 +307,7 @@ def implausible(moments: MeanAndCovariance, layout: Layout, joints: Sequence[Pas
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, SpringErrors):
             away = dict(zip(unknown.causes, moments.mean[place].tolist(), strict=True))
-    for joint, place, rate in zip(joints, springs.joints, springs.rate, strict=True):
+    for joint, index, rate in zip(joints, springs.joints, springs.rate, strict=True):
         far = abs(away.get(f'{FREQUENCY}:{joint.joint}', 0.0))
         if far > _FAR:
             text = (
@@ -317,7 +315,7 @@ def implausible(moments: MeanAndCovariance, layout: Layout, joints: Sequence[Pas
                 f'flexible.{joint.joint}.frequency, {rate / (2.0 * np.pi):.3g} Hz: correct it, or something else swings'
             )
             reasons.append(Reason(text, 'contradiction', 0.5 * far**2))
-        limit = model.limits[place]
+        limit = model.limits[index]
         lower, upper = (limit.lower, limit.upper) if limit.upper > limit.lower else (-np.inf, np.inf)
         if joint.largest > min(upper, -lower):
             text = (

@@ -109,9 +109,12 @@ _SLOWEST = 1e-3  # damping ratio, as which less counts: the amplitudes' time con
 
 
 def swing_noise(
-    joints: Sequence[str], deviations: Sequence[float], rates: Sequence[float], ratios: Sequence[float]
+    joints: Sequence[str],
+    deviations: Sequence[float] | Array,
+    rates: Sequence[float] | Array,
+    ratios: Sequence[float] | Array,
 ) -> SwingNoise:
-    """Return the unknown of stationary deflections, rad or m, with rates, rad/s, and damping ratios."""
+    """Return it as an unknown: stationary standard deviations of deflections, rad or m; rates, rad/s; ratios."""
     each, rate = np.asarray(deviations, dtype=float), np.asarray(rates, dtype=float)
     factor = diagonal(np.column_stack((each, each * rate)).ravel())
     labels = tuple(f'{DISTURBANCE}:{name}' for name in joints for _ in range(2))
@@ -119,13 +122,17 @@ def swing_noise(
     return SwingNoise(factor, labels, times)
 
 
-def spring_errors(joints: Sequence[str], frequencies: Sequence[float], ratios: Sequence[float]) -> SpringErrors:
+def spring_errors(
+    joints: Sequence[str], frequencies: Sequence[float] | Array, ratios: Sequence[float] | Array
+) -> SpringErrors:
     """Return them as an unknown: relative standard deviations of frequencies, and those of damping ratios."""
     labels = tuple(f'{kind}:{name}' for name in joints for kind in (FREQUENCY, DAMPING))
     return SpringErrors(diagonal(np.column_stack((frequencies, ratios)).ravel()), labels, tuple(joints))
 
 
-def starting_swing(joints: Sequence[str], deviations: Sequence[float], rates: Sequence[float]) -> StartingSwing:
+def starting_swing(
+    joints: Sequence[str], deviations: Sequence[float] | Array, rates: Sequence[float] | Array
+) -> StartingSwing:
     """Return it as an unknown: standard deviations of deflections, rad or m; natural frequencies, rad/s."""
     each = np.asarray(deviations, dtype=float)
     labels = tuple(f'{SWING}:{name}' for name in joints for _ in range(2))

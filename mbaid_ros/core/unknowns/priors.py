@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown
 
@@ -59,6 +59,13 @@ class UnknownsPrior:
         factor[place, :width] = self.factor
         factor[before : before + count, width:] = np.eye(count)
         return UnknownsPrior(np.insert(self.mean, before, np.zeros(count)), factor)
+
+    def drawn_anew(self, which: Flags) -> UnknownsPrior:
+        """Return the prior with some of the numbers, (e,) of them True, independent and of unit variance again."""
+        if not which.any():
+            return self
+        mean, factor = np.where(which, 0.0, self.mean), np.where(which[:, None], 0.0, self.factor)
+        return UnknownsPrior(mean, np.concatenate((factor, np.eye(len(mean))[:, which]), axis=1))
 
     def of(self, maps: Sequence[Array]) -> UnknownsPrior:
         """Return the prior of the numbers that linear maps, one for each unknown, make of these."""

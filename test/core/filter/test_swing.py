@@ -1,0 +1,134 @@
+"""The swing along windows: the derivatives of the predicted twist by all parameters, against central differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from appendages import PANELS, SLOSH, with_fuel, with_panel_on_the_target, with_panels
+from mbaid_ros.core.filter.averaging import KnotAveraging
+from mbaid_ros.core.filter.knots import Midpoints
+from mbaid_ros.core.filter.twist_prediction import predict
+from mbaid_ros.core.filter.state import BODY, LINEAR, Layout, Point
+from mbaid_ros.core.filter.swing import BESIDE, SwingCourse
+from mbaid_ros.core.filter.window import in_stacks
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.model_errors import KnownErrors
+from mbaid_ros.core.robot.springs import Springs
+from mbaid_ros.core.unknowns.bodies import known_bodies
+from mbaid_ros.core.unknowns.flexible import spring_errors, starting_swing, swing_noise
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.environment import Surroundings
+from mbaid_ros.simulation.motion import Passive
+from mbaid_ros.simulation.simulation import Simulation, total_momentum
+from mbaid_ros.simulation.springs import Springs as SimulatedSprings
+from observed import MID, observe, windows
+
+ROBOTS = {
+    'panels': (with_panels(), PANELS, (0.3, 0.5)),
+    'panel on the target': (with_panel_on_the_target(), PANELS[:1], (0.4,)),
+    'propellant': (with_fuel(20.0), SLOSH, (0.2, 0.25, 0.3)),
+    'grasp': (with_panels(), ('joint7',), (0.5,)),
+}
+SECONDS = 4.0
+
+
+class Case:
+    """Windows of a robot that swings, exactly measured, and the point of its true parameters."""
+
+    def __init__(self, name: str) -> None:
+        urdf, joints, frequencies = ROBOTS[name]
+        self.model = load_model(urdf)
+        places = tuple(self.model.joint_names.index(joint) for joint in joints)
+        self.names = list(joints)
+        rates = 2.0 * np.pi * np.array(frequencies)
+        position, rate = np.full(self.model.joints, 0.4), 0.05 * np.cos(np.arange(self.model.joints))
+        position[list(places)], rate[list(places)] = 0.02, 0.01
+        twist = [0.001, -0.002, 0.0, 0.01, -0.015, 0.02]
+        start = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), position, np.concatenate((twist, rate)))
+        around = Surroundings(springs=SimulatedSprings.of(self.model, joints, frequencies, [0.01] * len(joints)))
+        truth = Simulation(self.model, Passive(), start, 0.01, surroundings=around).advance(
+            np.arange(round(100.0 * SECONDS)) / 100.0
+        )
+        self.deflections = truth.joint_position[:, list(places)]
+        springs = Springs(
+            places, rates, np.full(len(places), 0.01), np.array([[0.02], [0.01]]) @ np.ones((1, len(places)))
+        )
+        samples = observe(truth, MID)
+        for part in (samples.joint_position, samples.joint_velocity):
+            part[:, list(places)] = 0.0
+        kernel = MomentumKernel(self.model, 'link7').swinging(springs)
+        bodies = tuple(sorted({0, *(place + 1 for place in places)}))
+        errors = KnownErrors(bodies, np.eye(10 * len(bodies)))
+        unknowns = (
+            known_bodies(self.model, errors),
+            *(spring_errors(joints, [0.05] * len(places), [0.01] * len(places)),),
+            *(
+                starting_swing(joints, [0.05] * len(places), rates),
+                swing_noise(joints, [1e-3] * len(places), rates, [0.01] * len(places)),
+            ),
+        )
+        self.layout = Layout.of(kernel, unknowns)
+        averaging = KnotAveraging(self.model.joints, MID, 0.5)
+        self.windows = [each.ready for each in averaging.take(windows(samples)) if each.ready is not None]
+        self.state: Array = np.zeros(self.layout.size)
+        momentum = total_momentum(self.model, truth[:1])[0]
+        self.state[LINEAR.start : LINEAR.start + 6] = momentum
+        self.state[BODY] = kernel.target.parameters
+
+    def point(self, parameters: Array) -> Point:
+        """Return the point of some parameters of the prediction."""
+        state = self.state.copy()
+        state[self.layout.parameters] = parameters
+        return self.layout.point(state)
+
+    def predicted(self, parameters: Array) -> tuple[Array, Array, Array]:
+        """Return the twists of own intervals, their derivatives, and the deflections there, window by window."""
+        point, course = self.point(parameters), SwingCourse(self.layout)
+        twists, derivatives, deflections = [], [], []
+        for stacks in in_stacks(self.windows, 3):
+            motions = [stack.motion(point.side, None, BESIDE) for stack in stacks]
+            motions = list(course.applied(stacks, motions, point))
+            flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
+            prediction, bodies = predict(self.layout, flat, point)
+            course.add_to(stacks, motions, point, prediction, bodies)
+            parts = prediction.divided([motion.turn.shape[:2] for motion, _ in motions])
+            windows_of: dict[int, tuple[Array, ...]] = {}
+            for stack, part, (motion, inside) in zip(stacks, parts, motions, strict=True):
+                for window, place in enumerate(stack.places):
+                    joints = list(self.layout.kernel.springs.joints)
+                    found = (part.twist, part.by_parameters, motion.joint_position[..., joints])
+                    windows_of[place] = tuple(each[inside, window] for each in found)
+            for place in sorted(windows_of):
+                for every, each in zip((twists, derivatives, deflections), windows_of[place], strict=True):
+                    every.append(each)
+        return np.concatenate(twists), np.concatenate(derivatives), np.concatenate(deflections)
+
+
+@pytest.mark.parametrize('name', ROBOTS)
+def test_derivatives_by_the_parameters(name: str) -> None:
+    case = Case(name)
+    parameters = case.state[case.layout.parameters]
+    _, derivatives, _ = case.predicted(parameters)
+    steps = np.concatenate((np.full(6, 1e-4), np.full(10, 1e-3), np.full(len(parameters) - 16, 1e-3)))
+    count = len(parameters) - 2 * len(case.names)  # what excites beside the model has no place in the point
+    for index in range(count):
+        change = steps[index] * np.eye(len(parameters))[index]
+        ahead, behind = (case.predicted(parameters + sign * change)[0] for sign in (1.0, -1.0))
+        expected = (ahead - behind) / (2.0 * steps[index])
+        size = float(np.abs(expected).max())
+        assert derivatives[..., index] == pytest.approx(expected, abs=4e-3 * size + 1e-9), index
+
+
+@pytest.mark.parametrize('name', ['panels', 'propellant'])
+def test_deflections_are_those_of_the_simulator(name: str) -> None:
+    case = Case(name)
+    found = case.predicted(case.state[case.layout.parameters])[2]
+    times = 0.05 * (np.arange(len(found)) + 1.0) - 0.005  # between knots, which are means of five samples
+    expected = np.array(
+        [np.interp(times, np.arange(len(case.deflections)) / 100.0, each) for each in case.deflections.T]
+    )
+    # It starts half a knot later than the simulator.
+    assert found == pytest.approx(expected.T, abs=5e-3)
