@@ -211,4 +211,8 @@ class MultiStart:
         """
         target = self.batch.layout.kernel.target
         located = bool(np.isfinite(windows[0].noise.pose).all())
-        return target.parameters if mass > 0.0 and not located and target.body == 0 and target.parameters[0] > 0.0 else None
+        return (
+            target.parameters
+            if mass > 0.0 and not located and target.body == 0 and target.parameters[0] > 0.0
+            else None
+        )

@@ -8,9 +8,9 @@ import pytest
 from appendages import PANELS, SLOSH, with_fuel, with_panel_on_the_target, with_panels
 from mbaid_ros.core.filter.averaging import KnotAveraging
 from mbaid_ros.core.filter.knots import Midpoints
-from mbaid_ros.core.filter.twist_prediction import predict
 from mbaid_ros.core.filter.state import BODY, LINEAR, Layout, Point
 from mbaid_ros.core.filter.swing import BESIDE, SwingCourse
+from mbaid_ros.core.filter.twist_prediction import predict
 from mbaid_ros.core.filter.window import in_stacks
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
