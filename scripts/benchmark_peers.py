@@ -84,7 +84,8 @@ def _scores(
         rows[method] = {}
         for condition in dict.fromkeys(run.condition for run in runs):
             own = [run.name for run in runs if run.condition == condition and run.name in by_run]
-            rows[method][condition.name] = score([by_run[name] for name in own], [truths[name] for name in own])
+            if own:  # none of a row whose seeds a slow method has not run
+                rows[method][condition.name] = score([by_run[name] for name in own], [truths[name] for name in own])
     return whole, rows
 
 

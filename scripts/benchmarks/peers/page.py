@@ -51,7 +51,7 @@ def main_table(methods: Sequence[Method], whole: Mapping[str, Score], rows: Scor
 
 def row_table(methods: Sequence[Method], rows: Scores) -> str:
     """Return error over bound and coverage of every method in every row."""
-    names = list(next(iter(rows.values())))
+    names = dict.fromkeys(name for by_row in rows.values() for name in by_row)
     lines = []
     for name in names:
         cells = []
