@@ -204,11 +204,15 @@ class MultiStart:
             guesses.append(self.batch.layout.point(state))
         return guesses
 
-    def _described(self, windows: list[Window], mass: float) -> Array | None:
+    def _described(self, windows: Sequence[Window], mass: float) -> Array | None:
         """Return the URDF's (10,) parameters of a base that is sought with a declared mass while nothing locates it.
 
         Its joints are light beside it then, and a ball of their length is far from it.
         """
         target = self.batch.layout.kernel.target
         located = bool(np.isfinite(windows[0].noise.pose).all())
-        return target.parameters if mass > 0.0 and not located and target.body == 0 and target.parameters[0] > 0.0 else None
+        return (
+            target.parameters
+            if mass > 0.0 and not located and target.body == 0 and target.parameters[0] > 0.0
+            else None
+        )
