@@ -38,7 +38,8 @@ def with_panel_on_the_target() -> str:
 
 def with_fuel(mass: float) -> str:
     """Return it with so many kg of propellant on three springs."""
-    parts, parent = [], 'base_link'
+    parts: list[str] = []
+    parent = 'base_link'
     for name, axis in zip(SLOSH, ('1 0 0', '0 1 0', '0 0 1'), strict=True):
         own = mass if name == SLOSH[-1] else 1e-6
         inertia = ' '.join(f'{key}="{0.01 * own!r}"' for key in ('ixx', 'iyy', 'izz'))

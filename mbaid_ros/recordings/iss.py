@@ -58,8 +58,8 @@ def read_iss(folder: Path, begin: float, end: float) -> Recording:
     stored, misfit = stored_momentum(time, inertial, torque, _held(_channel(folder, _MAGNITUDE, span), time))
     if misfit > _THRUSTERS:
         raise DataError(
-            f"log '{folder}': the integrated control torque misses the magnitude of their momentum by {misfit:.3g} "
-            f'N m s from {begin:g} to {end:g} h; accepted: up to {_THRUSTERS:g}, without thrusters and loss of signal'
+            f"log '{folder}': the integrated torque misses the magnitude of the gyros' momentum by {misfit:.3g} N m s "
+            f'from {begin:g} to {end:g} h; accepted: up to {_THRUSTERS:g}, without thrusters and loss of signal'
         )
     return Recording(
         Joints(JOINTS, time, joints),
@@ -68,7 +68,7 @@ def read_iss(folder: Path, begin: float, end: float) -> Recording:
         robot=resource('iss.urdf'),
         parameters=resource('iss.yaml').format(mean_motion=motion),
         notes=(
-            f'the momentum of the gyros is the integrated torque; it fits the magnitude sent to {misfit:.3g} N m s',
+            f'the momentum of the gyros is the integrated torque; its magnitude is off by {misfit:.3g} N m s (RMS)',
             'no tensor of this month is published: there is no truth.json',
         ),
     )

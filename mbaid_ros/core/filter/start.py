@@ -204,7 +204,7 @@ class MultiStart:
             guesses.append(self.batch.layout.point(state))
         return guesses
 
-    def _described(self, windows: list[Window], mass: float) -> Array | None:
+    def _described(self, windows: Sequence[Window], mass: float) -> Array | None:
         """Return the URDF's (10,) parameters of a base that is sought with a declared mass while nothing locates it.
 
         Its joints are light beside it then, and a ball of their length is far from it.

@@ -87,7 +87,9 @@ class Case:
     def predicted(self, parameters: Array) -> tuple[Array, Array, Array]:
         """Return the twists of own intervals, their derivatives, and the deflections there, window by window."""
         point, course = self.point(parameters), SwingCourse(self.layout)
-        twists, derivatives, deflections = [], [], []
+        twists: list[Array] = []
+        derivatives: list[Array] = []
+        deflections: list[Array] = []
         for stacks in in_stacks(self.windows, 3):
             motions = [stack.motion(point.side, None, BESIDE) for stack in stacks]
             motions = list(course.applied(stacks, motions, point))
