@@ -18,7 +18,7 @@ unexport MBAID_ROS_SOURCED _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # The tests start hundreds of processes: what one has compiled, the others need not compile again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo bags test test-long test-basilisk fuzz attack lint clean demo-plan paper-table
+.PHONY: help setup demo bags test test-long test-basilisk fuzz attack lint clean demo-plan paper-table docs
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -32,10 +32,11 @@ help:
 	@echo "make fuzz    set-up, then damaged bags and other files through replay, and messages through the node (ARGS=\"--inputs N\")"
 	@echo "make attack  set-up, then kills and calls on a live graph (some minutes; ARGS=--help)"
 	@echo "make lint    set-up, lint and types"
+	@echo "make docs    set-up, then the pages of docs/ as a site in build/docs (installs Sphinx for itself; warnings are errors)"
 	@echo "make clean   remove what the others made"
 	@echo "make benchmark-NAME  set-up, then measure, and write the tables of a page in docs/ (ARGS=\"--seeds 10\", ARGS=--help)"
 	@echo "             NAME: accuracy, model-errors, disturbances, speed, planning, orbit (an hour each on two cores), starts,"
-	@echo "             honesty, benches, day (half an hour), calibration (minutes); make paper-table likewise (seconds)"
+	@echo "             honesty, benches, day, peers (half an hour), calibration (minutes); make paper-table likewise (seconds)"
 	@echo "HASHES=1     with setup: only packages whose SHA-256 is in requirements.lock"
 	@echo "PYTHON=...   the Python to build with, 3.10 to 3.13 (for the first set-up, or after make clean)"
 
@@ -85,6 +86,21 @@ lint: install/.built
 	@$(BIN)/lint-imports --no-logo
 	$(STEP) "budgets of lines"
 	@$(BIN)/python scripts/check_budgets.py
+
+# Sphinx has a virtual environment of its own, which finds the project's packages behind its own.
+DOCS := $(VENV)/docs/bin
+
+docs: install/.built $(VENV)/docs/.installed
+	$(STEP) "site"
+	@. ./install/setup.sh && $(DOCS)/python -m sphinx -W --keep-going -q -d build/doctrees docs build/docs $(ARGS)
+	@echo "   build/docs/index.html"
+
+$(VENV)/docs/.installed: docs/requirements.txt $(VENV)/.installed
+	@"$(BIN)/python" -m venv --clear "$(VENV)/docs"
+	@$(DOCS)/python -m pip --quiet --disable-pip-version-check --no-input install --no-deps -r docs/requirements.txt
+	@"$(BIN)/python" -c 'import sysconfig; print("import site; site.addsitedir(%r)" % sysconfig.get_path("purelib"))' \
+	  > "$$($(DOCS)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/project.pth"
+	@touch $@
 
 # Measurements: what they write is committed. `make benchmark-model-errors` runs scripts/benchmark_model_errors.py.
 paper-table: install/.built

@@ -14,7 +14,7 @@ def files(folder: str, pattern: str) -> list[str]:
 
 setup(
     name=PACKAGE,
-    version='0.1.0',
+    version='0.2.0',
     description='Momentum-based inertia identification of captured debris on free-floating robots.',
     license='Apache-2.0',
     maintainer='mbaid_ros maintainers',

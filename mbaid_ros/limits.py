@@ -1,7 +1,7 @@
 """How much of anything is taken from outside: every bound on files, messages and documents, in one place.
 
 They are far above what robots need, and low enough that whatever a file holds is read or refused within 10 s and 1 GB.
-docs/robustness.md has them as a table; a test compares the two.
+docs/reference/input-handling.md has them as a table; a test compares the two.
 """
 
 # Documents.

@@ -11,7 +11,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate, Event
-from mbaid_ros.core.results.publication import Debris
+from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.simulation.sensors import BaseReadings, ImuReadings, JointReadings
 
@@ -199,24 +199,34 @@ class SensorMessages:
     model : RobotModel
     odometry_frame : name
     wheels : names of wheels that JointState tells the speeds of
+    unreported : names of joints that it leaves out
     """
 
-    def __init__(self, types: MessageTypes, model: RobotModel, odometry_frame: str, wheels: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        types: MessageTypes,
+        model: RobotModel,
+        odometry_frame: str,
+        wheels: Sequence[str] = (),
+        unreported: Sequence[str] = (),
+    ) -> None:
         self._wheels = tuple(wheels)
         self._types = types
         self._model = model
         self._frame = odometry_frame
+        self._joints = [place for place, name in enumerate(model.joint_names) if name not in unreported]
 
     def joint_state(self, readings: JointReadings, index: int, stamp: int) -> Any:
         """Return one of the readings as a sensor_msgs/JointState stamped in ns."""
-        position, velocity, effort = (part[index] for part in (readings.position, readings.velocity, readings.effort))
+        parts = (readings.position, readings.velocity, readings.effort)
+        position, velocity, effort = (part[index][self._joints] for part in parts)
         if self._wheels:
             none = np.zeros(len(self._wheels))
             position, effort = np.append(position, none), np.append(effort, none)
             velocity = np.append(velocity, readings.wheel_speed[index])
         return self._types.find('sensor_msgs/msg/JointState')(
             header=self._header(stamp, ''),
-            name=[*self._model.joint_names, *self._wheels],
+            name=[*(self._model.joint_names[joint] for joint in self._joints), *self._wheels],
             position=position,
             velocity=velocity,
             effort=effort,

@@ -12,7 +12,7 @@ from mbaid_ros.config.environment import make_orbit, make_storage
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.config.trajectory import read_trajectory
 from mbaid_ros.core.errors import DataError, ParameterError, listing
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.model_errors import ModelErrors
@@ -25,6 +25,7 @@ from mbaid_ros.simulation.motion import (
     Driven,
     Motion,
     Passive,
+    among,
     followed,
     random_sinusoids,
     sinusoids,
@@ -32,6 +33,7 @@ from mbaid_ros.simulation.motion import (
 )
 from mbaid_ros.simulation.sensors import Imu, ImuErrors
 from mbaid_ros.simulation.simulation import Simulation, Truth, seen_from_orbit, without_linear_momentum
+from mbaid_ros.simulation.springs import Springs
 from mbaid_ros.simulation.steered import Followed, Steered, made_to_follow
 from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
@@ -52,8 +54,8 @@ def make_motion(config: SimulatorConfig, model: RobotModel) -> Motion:
     ParameterError
         The parameters do not fit the robot.
     """
-    motion, moved = config.motion, model.transmission
-    start = _joint_values('initial.joint_positions', config.initial.joint_positions, model)
+    motion, moved, driven = config.motion, model.transmission, driven_joints(config, model)
+    start = _joint_values('initial.joint_positions', config.initial.joint_positions, model, driven)
     if motion.kind == 'passive':
         if not moved.direct:
             followers = [name for name in model.joint_names if name not in model.independent_joints]
@@ -64,10 +66,11 @@ def make_motion(config: SimulatorConfig, model: RobotModel) -> Motion:
         return Passive()
     if motion.kind == 'sinusoids':
         given = (np.array(values) for values in (motion.amplitudes, motion.frequencies, motion.phases))
-        return followed(sinusoids(start, *given), moved)
+        return followed(among(driven, sinusoids(start[driven], *given), start), moved)
     if motion.kind == 'trajectory':
         return _followed_file(config, model)
-    drawn = random_sinusoids(start, motion.seed, motion.terms, motion.amplitude, motion.period_min, motion.period_max)
+    shape = (motion.seed, motion.terms, motion.amplitude, motion.period_min, motion.period_max)
+    drawn = among(driven, random_sinusoids(start[driven], *shape), start)
     if motion.within_limits:
         drawn = within_limits(drawn, model, start_given=bool(config.initial.joint_positions))
     return followed(drawn, moved)
@@ -81,7 +84,9 @@ def _followed_file(config: SimulatorConfig, model: RobotModel) -> Followed:
             "parameter 'motion.trajectory_file' is empty; accepted: a file, as motion.kind asks for one"
         )
     trajectory = read_trajectory(motion.trajectory_file)
-    start = model.transmission.positions(_joint_values('initial.joint_positions', given, model)) if given else None
+    driven = driven_joints(config, model)
+    named = 'initial.joint_positions', given
+    start = model.transmission.positions(_joint_values(*named, model, driven)) if given else None
     try:
         return made_to_follow(trajectory, model, start, motion.trajectory_begin)
     except DataError as error:
@@ -147,14 +152,15 @@ def make_initial_state(config: SimulatorConfig, model: RobotModel, motion: Motio
         The parameters do not fit the robot, the motion, or each other.
     """
     initial = config.initial
-    rates = _joint_values('initial.joint_velocities', initial.joint_velocities, model)
+    driven = driven_joints(config, model)
+    rates = _joint_values('initial.joint_velocities', initial.joint_velocities, model, driven)
     if is_driven(motion):
         if rates.any():
             raise ParameterError(
                 f"parameter 'initial.joint_velocities' is {list(initial.joint_velocities)}; with motion.kind "
                 f"'{config.motion.kind}' the motion gives the velocities: empty is accepted"
             )
-        rates = motion.reference(0.0)[1]
+        rates = motion.reference(0.0)[1].copy()
     orientation = np.array(initial.base_orientation)
     length = float(np.linalg.norm(orientation))
     if abs(length - 1.0) > _QUATERNION_TOLERANCE:
@@ -165,8 +171,12 @@ def make_initial_state(config: SimulatorConfig, model: RobotModel, motion: Motio
     back = quaternions.conjugate(orientation)
     twist = (initial.base_linear_velocity, initial.base_angular_velocity)
     linear, angular = (quaternions.rotate(back, np.array(values)) for values in twist)
-    given = _joint_values('initial.joint_positions', initial.joint_positions, model)
+    given = _joint_values('initial.joint_positions', initial.joint_positions, model, driven)
     positions = motion.start if is_driven(motion) else given
+    swinging = [model.joint_names.index(name) for name in config.flexible.passive(model.joint_names)]
+    if swinging and is_driven(motion):  # nothing drives them: they start where they are asked to, at rest
+        positions = positions.copy()
+        positions[swinging], rates[swinging] = model.transmission.positions(given)[swinging], 0.0
     state = State(np.array(initial.base_position), orientation, positions, np.concatenate((linear, angular, rates)))
     if not initial.zero_linear_momentum:
         return state
@@ -178,8 +188,19 @@ def make_initial_state(config: SimulatorConfig, model: RobotModel, motion: Motio
     return without_linear_momentum(model, state)
 
 
-def _joint_values(name: str, values: tuple[float, ...], model: RobotModel) -> Array:
+def driven_joints(config: SimulatorConfig, model: RobotModel) -> Flags:
+    """Return which of the k independent joints are not passive, (k,)."""
+    passive = config.flexible.passive(model.joint_names)
+    return np.array([name not in passive for name in model.independent_joints], dtype=bool)
+
+
+def _joint_values(name: str, values: tuple[float, ...], model: RobotModel, driven: Flags) -> Array:
+    """Return values of the k independent joints, from those of all, of the driven ones, or of none."""
     names = model.independent_joints
+    if values and len(values) == np.count_nonzero(driven):
+        every = np.zeros(len(names))
+        every[driven] = values
+        return every
     if values and len(values) != len(names):
         raise ParameterError(
             f"parameter '{name}' has {len(values)} numbers; accepted: none or {len(names)}, for {listing(names)}"
@@ -227,12 +248,27 @@ def make_simulation(
     start = make_initial_state(config, model, motion)
     target = make_target(config, model.link(config.target_link or model.last_link), motion)
     pulse = make_pulse(config, model)
-    around = Surroundings(make_wheels(config, model), make_orbit(config.orbit))
+    around = Surroundings(make_wheels(config, model), make_orbit(config.orbit), make_springs(config, model))
     if pulse is not None:
         return ThrustSimulation(model, motion, start, config.step, pulse, around)
     if target is not None and is_driven(motion):
         return CaptureSimulation(model, motion, start, config.step, target, around)
     return Simulation(model, motion, start, config.step, surroundings=around)
+
+
+def make_springs(config: SimulatorConfig, model: RobotModel) -> Springs | None:
+    """Return the springs of passive joints, None where there are none.
+
+    Raises
+    ------
+    ParameterError
+        A name is no joint's, or a joint has no frequency.
+    """
+    passive = config.flexible.passive(model.joint_names)
+    if not passive:
+        return None
+    joints = passive.values()
+    return Springs.of(model, list(passive), [joint.frequency for joint in joints], [joint.damping for joint in joints])
 
 
 def make_view(config: SimulatorConfig) -> Callable[[Truth], Truth] | None:

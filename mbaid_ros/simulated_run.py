@@ -91,7 +91,7 @@ class SimulatedRun:
         self._types = types
         self.wheels = make_wheels(config, self.model)
         in_joint_states = config.wheels.names if config.wheels.publish == 'joint_states' else ()
-        self._messages = SensorMessages(types, self.model, config.odom_frame, in_joint_states)
+        self._messages = SensorMessages(types, self.model, config.odom_frame, in_joint_states, config.flexible.joints)
         self.start = 0
         self._motion = steered(make_motion(config, self.robot))
         simulation = make_simulation(config, self.robot, self._motion)

@@ -1,6 +1,6 @@
 """For tests with hardware in the loop: run what is needed, wait for an estimate, compare it with what is known.
 
-This module is a public interface: docs/hil.md shows its use.
+This module is a public interface: docs/tutorials/hil-test.md shows its use.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Write docs/accuracy.md: errors of all methods over the Cramér-Rao bound, and the coverage of their intervals.
+"""Write measured/accuracy.md: errors of all methods over the Cramér-Rao bound, and the coverage of their intervals.
 
 Without --seeds, servicer7 has 200 seeds and the other robots 100. A method's `share` may make them fewer.
 """
@@ -33,7 +33,7 @@ _SENSORS_MID: list[dict[str, Any]] = [
 
 def main() -> None:
     """Run the benchmark."""
-    frame = Frame(__doc__, 'accuracy.md', seeds=0)
+    frame = Frame(__doc__, 'measured/accuracy.md', seeds=0)
     plan = {case: _job(case, frame.arguments.seeds) for case in frame.chosen(_cases(), lambda case: case.name)}
     outcomes = monte_carlo(frame, plan)
     motions = {case: moved(motion(case.robot), case) for case in plan}

@@ -1,4 +1,4 @@
-"""Write the table of simulated twins of published benches into docs/hardware.md: whether their intervals hold.
+"""Write the table of simulated twins of published benches into measured/hardware.md: whether their intervals hold.
 
 Every seed draws its own robot, motion, delay or thrust, and noise; the log has the format of the bench.
 """
@@ -94,7 +94,7 @@ def row(bench: Bench, outcome: Outcome) -> list[str]:
 
 def main() -> None:
     """Run the benchmark."""
-    frame = Frame(__doc__, 'hardware.md', seeds=16)
+    frame = Frame(__doc__, 'measured/hardware.md', seeds=16)
     chosen = frame.chosen(range(len(BENCHES)), lambda number: BENCHES[number].name)
     work = {number: (f'bench{number}', [(number, seed) for seed in frame.seeds]) for number in chosen}
     rows = [row(BENCHES[number], outcome) for number, outcome in frame.outcomes(Outcome, run, work)]

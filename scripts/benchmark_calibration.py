@@ -1,4 +1,4 @@
-"""Write the figures of docs/calibration.md: the calibration on many robots, and the capture after it.
+"""Write the figures of measured/calibration.md: the calibration on many robots, and the capture after it.
 
 Every seed draws its own robot, CAD errors and sensor noise.
 """
@@ -57,7 +57,7 @@ class Outcome(Runs):
 
 def main() -> None:
     """Run the benchmark."""
-    frame = Frame(__doc__, 'calibration.md', seeds=50)
+    frame = Frame(__doc__, 'measured/calibration.md', seeds=50)
     (_, found), *_ = frame.outcomes(Outcome, run, {'': ('calibration', frame.seeds)})
     text = figures(found, attainable())
     print(text)

@@ -1,4 +1,4 @@
-"""Write docs/endurance.md: processor time, memory and estimates of a day of 100 Hz data, hour by hour.
+"""Write measured/endurance.md: processor time, memory and estimates of a day of 100 Hz data, hour by hour.
 
 The motion repeats exactly every minute, with fresh noise. The identification takes half a second at a time, as a live
 node does. Exit code 1: an update took more than 1.2 times as long in the last hour as in the first one.
@@ -43,7 +43,7 @@ class Hour:
 
 def main() -> int:
     """Run the day."""
-    frame = Frame(__doc__, 'endurance.md', hours=24, method='difference')
+    frame = Frame(__doc__, 'measured/endurance.md', hours=24, method='difference')
     hours, method = [], frame.arguments.method
     for hour in _hours(method, frame.arguments.hours):
         hours.append(hour)

@@ -1,4 +1,4 @@
-"""Write docs/disturbances.md: thrust, forces, wrong known links, wheels, late joints, a capture."""
+"""Write measured/disturbances.md: thrust, forces, wrong known links, wheels, late joints, a capture."""
 
 from __future__ import annotations
 
@@ -230,7 +230,7 @@ def _messages(row: Row, seed: int, session: Session) -> Iterator[tuple[Callable[
 
 def main() -> None:
     """Run the benchmark."""
-    frame = Frame(__doc__, 'disturbances.md', seeds=50)
+    frame = Frame(__doc__, 'measured/disturbances.md', seeds=50)
     rows = dict.fromkeys([PLAIN, *frame.chosen(ROWS, lambda row: f'{row.case}: {row.option}')])
     for case in {row.case for row in rows}:
         motion(case)  # simulated here once; the workers inherit it

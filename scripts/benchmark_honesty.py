@@ -1,4 +1,4 @@
-"""Write docs/honesty.md: in which of many conditions the estimator is silently wrong, and the causes that it names."""
+"""Write measured/honesty.md: when the estimator is silently wrong, and the causes that it names."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Verdicts = Mapping[Condition, Verdict]
 
 def main() -> None:
     """Run the benchmark."""
-    frame = Frame(__doc__, 'honesty.md', seeds=6, method='trajectory')
+    frame = Frame(__doc__, 'measured/honesty.md', seeds=6, method='trajectory')
     method = frame.arguments.method
     chosen = frame.chosen(CONDITIONS, lambda each: f'{each.group}: {each.name}')
     work = {

@@ -1,4 +1,4 @@
-"""Write docs/model-errors.md: robots that are not their URDF, coverage and errors over the attainable ones.
+"""Write measured/model-errors.md: robots that are not their URDF, coverage and errors over the attainable ones.
 
 --seeds is for rows with all errors; other rows have 0.4 times as many.
 """
@@ -18,7 +18,7 @@ _OTHERS = 0.4  # of the seeds, for rows without all errors
 
 def main() -> None:
     """Run the benchmark."""
-    frame = Frame(__doc__, 'model-errors.md', seeds=50)
+    frame = Frame(__doc__, 'measured/model-errors.md', seeds=50)
     variants = sorted(
         (variant for robot in ROBOTS for variant in monte_carlo(robot)), key=lambda variant: variant.name != 'all'
     )

@@ -1,4 +1,4 @@
-"""Write the tables of docs/orbit.md: runs in orbit, with wheels inside, and with a thruster off its command.
+"""Write the tables of docs/explanation/orbit.md: runs in orbit, with wheels, and with a thruster off its command.
 
 They are compared with the same runs in empty space. --rows chooses tables: grid, undeclared, circle, wheels, thruster.
 """
@@ -259,7 +259,7 @@ PARTS = {
 
 def main() -> None:
     """Run the benchmark."""
-    frame = Frame(__doc__, 'orbit.md', seeds=20)
+    frame = Frame(__doc__, 'explanation/orbit.md', seeds=20)
     for part in frame.chosen(PARTS, str):
         seeds = range(min(frame.arguments.seeds, PARTS[part][0]))
         work = {

@@ -1,4 +1,4 @@
-"""Write docs/planning.md: planned motions against random sinusoids within the same limits, and their outcome."""
+"""Write measured/planning.md: planned motions against random sinusoids within the same limits, and their outcome."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.streams import Windows
+from mbaid_ros.planning.goal import Wanted
 from mbaid_ros.planning.limits import BaseLimits, joint_limits
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import Plan
 from mbaid_ros.planning.planner import Planner, PlanSettings
-from mbaid_ros.planning.search import Wanted
 from mbaid_ros.planning.splines import Splines
 from mbaid_ros.session import make_estimator
 from mbaid_ros.session.methods import make_reporting
@@ -192,7 +192,7 @@ def _compared(final: Estimate, plan: Plan, sizes: Array, kernel: MomentumKernel)
 
 def main() -> None:
     """Run the benchmark."""
-    frame = Frame(__doc__, 'planning.md', seeds=20)
+    frame = Frame(__doc__, 'measured/planning.md', seeds=20)
     cases = frame.chosen((Case(*each) for each in product(ROBOTS, SPEEDS, (True, False))), lambda case: case.name)
     work = {case: (case.name, [(case, seed) for seed in frame.seeds]) for case in cases}
     rows = []

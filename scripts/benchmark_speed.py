@@ -1,4 +1,4 @@
-"""Write the tables of docs/speed.md: processor time over that of the work which no such program can avoid.
+"""Write the tables of measured/speed.md: processor time over that of the work which no such program can avoid.
 
 Measured pairs alternate on the same machine under the same load; medians are given.
 """
@@ -55,7 +55,7 @@ class Cost:
 
 def main() -> None:
     """Measure the chosen parts."""
-    frame = Frame(__doc__, 'speed.md', minutes=60.0, seconds=30.0, repeats=5, parts='replay, live, start')
+    frame = Frame(__doc__, 'measured/speed.md', minutes=60.0, seconds=30.0, repeats=5, parts='replay, live, start')
     arguments = frame.arguments
     parts: dict[str, Callable[[Path], str]] = {
         'replay': lambda folder: _replays(folder, arguments.minutes, arguments.repeats),

@@ -1,4 +1,4 @@
-"""Write docs/starts.md: motions that are hard to start with, and whether an estimate is ever wrong."""
+"""Write measured/starts.md: motions that are hard to start with, and whether an estimate is ever wrong."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from benchmarks.honesty.runs import FAR, PUBLISHED, Outcome, run
 
 def main() -> None:
     """Run the benchmark."""
-    frame = Frame(__doc__, 'starts.md', seeds=100, method='trajectory')
+    frame = Frame(__doc__, 'measured/starts.md', seeds=100, method='trajectory')
     method = frame.arguments.method
     names = [condition.name for condition in frame.chosen(STARTS, lambda condition: condition.name)]
     work = {name: (f'{method}-{name}', [(name, method, seed) for seed in frame.seeds]) for name in names}

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Compare each folder's lines of Python with the budgets in docs/architecture.md; --write sets them to what is there.
+"""Compare each folder's lines of Python with the budgets in architecture.md; --write sets them to what is there.
 
 usage: check_budgets.py [--write]
 """
@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / 'docs' / 'architecture.md'
+PAGE = ROOT / 'docs' / 'explanation' / 'architecture.md'
 ROW = re.compile(r'^\| `([\w/]+)` \| (\d+) \| (.*) \|$', re.MULTILINE)
 # Folders with a budget of their own; `mbaid_ros` counts all of the package.
 FOLDERS = (

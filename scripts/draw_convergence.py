@@ -1,4 +1,4 @@
-"""Draw docs/convergence.svg: estimates of a shipped bag with their 95 % bands, against the truth."""
+"""Draw docs/images/convergence.svg: estimates of a shipped bag with their 95 % bands, against the truth."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from mbaid_ros.replay.run import replay_bag
 
 ROOT = Path(__file__).resolve().parents[1]
 BAG, ROBOT = ROOT / 'bags' / 'servicer7_mid', ROOT / 'config' / 'servicer7'
-OUTPUT = ROOT / 'docs' / 'convergence.svg'
+OUTPUT = ROOT / 'docs' / 'images' / 'convergence.svg'
 # Blue and orange of Okabe and Ito, distinguishable by every kind of colour vision.
 COLOURS = {'difference': '#e69f00', 'trajectory': '#0072b2'}
 # Panel by panel: index among the ten parameters, name, unit.

@@ -1,4 +1,4 @@
-"""Attack the nodes on a graph: kill them, call services in a loop; writes into docs/robustness.md.
+"""Attack the nodes on a graph: kill them, call services in a loop; writes into measured/robustness.md.
 
 Exit code 1: a traceback, another exit code than a signal's, a hang, lost messages, or 1 GB.
 """
@@ -178,7 +178,7 @@ def _ask(made: Graph, name: str, number: int) -> bool:
 
 def main() -> int:
     """Attack, report, and return the exit code."""
-    frame = Frame(__doc__, 'robustness.md', kills=48, calls=1000, seed=0)
+    frame = Frame(__doc__, 'measured/robustness.md', kills=48, calls=1000, seed=0)
     arguments, wrong, parts = frame.arguments, list[str](), list[str]()
     stages: list[Callable[[], str]] = [
         lambda: kills(arguments.kills, arguments.seed, wrong),

@@ -1,4 +1,4 @@
-"""Write docs/paper-claims.md: the paper's claims beside measurements of its recursion on its own case, without noise.
+"""Write measured/paper-claims.md: the paper's claims beside measurements on its own case, without noise.
 
 Exit code 1: a settling time differs by more than 10 % from that of an independent implementation, or the parameters of
 a spatial servicer are not found.
@@ -109,7 +109,7 @@ def difference_error(robot: str) -> float:
 
 def main() -> int:
     """Run the table."""
-    frame = Frame(__doc__, 'paper-claims.md')
+    frame = Frame(__doc__, 'measured/paper-claims.md')
     settings = [(form, rate) for form in FORMS for rate in RATES]
     histories = {setting: recursion('table1', *setting) for setting in settings}
     settling = {setting: tuple(history.settled(0.01)[PLANE].tolist()) for setting, history in histories.items()}

@@ -24,7 +24,9 @@ DECLARED: dict[str, type] = {
     'simulator': SimulatorConfig,
     'recorder': RecorderConfig,
 }
-DOCUMENTS = (ROOT / 'README.md', ROOT / 'docs' / 'simulator.md', ROOT / 'docs' / 'calibration.md')
+DOCUMENTS = tuple(
+    ROOT / 'docs' / name for name in ('reference/parameters.md', 'reference/simulator.md', 'how-to/calibrate.md')
+)
 PLACE = re.compile(r'(<!-- parameters of (\w+) -->\n).*?(<!-- end of parameters -->)', re.DOTALL)
 WIDTH = 120
 

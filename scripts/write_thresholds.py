@@ -1,4 +1,4 @@
-"""Write docs/thresholds.md: every number of the estimators that is no parameter, with the reason beside it."""
+"""Write thresholds.md: every number of the estimators that is no parameter, with the reason beside it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / 'mbaid_ros'
-PAGE = ROOT / 'docs' / 'thresholds.md'
+PAGE = ROOT / 'docs' / 'reference' / 'thresholds.md'
 # By what they belong to: modules of the core, and packages.
 SECTIONS = {
     'Method `trajectory`': (

@@ -16,7 +16,21 @@ import pytest
 import yaml
 from mbaid_msgs.msg import InertiaEstimate
 
-from documents import CAMPAIGNS, DOCUMENTS, MARK, README, ROOT, TUTORIAL, Block, bash, blocks, names, prelude, project
+from documents import (
+    CAMPAIGNS,
+    DOCUMENTS,
+    INSTALL,
+    MARK,
+    README,
+    ROOT,
+    TUTORIAL,
+    Block,
+    bash,
+    blocks,
+    names,
+    prelude,
+    project,
+)
 from graph import Graph, graph
 from mbaid_ros.bags import BagReader
 from mbaid_ros.nodes.subscriptions import message_class
@@ -35,59 +49,34 @@ def test_every_block_says_what_becomes_of_it(document: str) -> None:
 
 @pytest.mark.parametrize(
     ('kind', 'documents'),
-    [('live', {README, TUTORIAL}), ('run with stand-ins', {README, TUTORIAL}), ('collected', {CAMPAIGNS})],
+    [('live', {README, TUTORIAL}), ('run with stand-ins', {INSTALL, TUTORIAL}), ('collected', {CAMPAIGNS})],
 )
 def test_a_kind_of_block_is_in_no_other_document_than_those_tested_below(kind: str, documents: set[Path]) -> None:
     assert {path for path in DOCUMENTS if blocks(path, kind)} == documents
 
 
-# A document's commands run with less data in the default run, and as printed in the long one.
-SHORTER = {
-    'docs/calibration.md': {'--output before': '--output before --duration 20'},
-    'docs/campaigns.md': {'config/table1_campaign.yaml': 'short.yaml', 'seeds: 4': 'seeds: 1'},
-    'docs/plan.md': {'plan.relative_std:=[0.0005]': 'plan.effort:=10 -p plan.relative_std:=[0.00065]'},
-    'docs/simulator.md': {'--duration 60': '--duration 24', 'time:=30.0': 'time:=12.0', 'time: 30.0': 'time: 12.0'},
-    'docs/tutorial.md': {'--duration 30': '--duration 12'},
-}
-SHORT_CAMPAIGN = r"""sed -e 's/^seeds: .*/seeds: 1/' -e 's#: table1#: config/table1#' \
-    config/table1_campaign.yaml > short.yaml
-"""
-
-
-def shortened(document: str, commands: str) -> str:
-    for old, new in SHORTER[document].items():
-        assert old in commands
-        commands = commands.replace(old, new)
-    return (SHORT_CAMPAIGN if 'short.yaml' in commands else '') + commands
-
-
 @pytest.mark.parametrize(
-    ('document', 'short'),
+    'document',
     [
-        *(pytest.param(name, True, id=f'{name} shortened') for name in SHORTER),
-        *(
-            pytest.param(name, False, id=name, marks=[pytest.mark.long] if name in SHORTER else [])
-            for name in names(DOCUMENTS)
-            if blocks(ROOT / name, 'run')
-        ),
+        pytest.param(name, marks=[] if name == 'README.md' else [pytest.mark.long])
+        for name in names(DOCUMENTS)
+        if blocks(ROOT / name, 'run')
     ],
 )
-def test_the_commands_run_as_printed(document: str, short: bool, tmp_path: Path) -> None:
+def test_the_commands_run_as_printed(document: str, tmp_path: Path) -> None:
     commands = ''.join(block.text for block in blocks(ROOT / document, 'run'))
-    if short:
-        commands = shortened(document, commands)
     with project(tmp_path) as folder:
         run = bash(''.join(prelude() if document != 'README.md' else []) + commands, folder)
     assert (run.returncode, run.stderr) == (0, ''), run.stdout
     if document == 'README.md':
         assert 'the inertia of link7 is identified' in run.stdout
         assert (tmp_path / 'report.html').is_file()
-        assert (tmp_path / 'simulation' / 'truth.json').is_file()
+    if document == 'docs/reference/json.md':
         assert run.stdout.splitlines()[-1].startswith("{'mass': 934.4")
 
 
 def test_the_way_with_ros_finds_both_packages_and_leads_to_the_executables(tmp_path: Path) -> None:
-    (block,) = blocks(README, 'run with stand-ins')
+    (block,) = blocks(INSTALL, 'run with stand-ins')
     stand_ins = put_on_path(tmp_path / 'bin', 'rosdep', 'pip', 'colcon')
     with project(tmp_path / 'ws' / 'src' / 'mbaid_ros'):
         run = bash(
@@ -103,6 +92,7 @@ def test_the_way_with_ros_finds_both_packages_and_leads_to_the_executables(tmp_p
     assert 'usage: replay' in run.stdout
 
 
+@pytest.mark.long
 def test_pytest_finds_the_test_that_is_to_have_more_runs(tmp_path: Path) -> None:
     (block,) = blocks(CAMPAIGNS, 'collected')
     asked = {'PYTEST_ADDOPTS': '--collect-only --quiet'}
@@ -136,14 +126,14 @@ def running(block: Block, place: Graph, folder: Path) -> Iterator[subprocess.Pop
 
 
 def test_the_live_commands_lead_to_an_estimate_and_to_answers(tmp_path: Path) -> None:
-    estimator, simulator, own = blocks(README, 'live')
+    own, estimator, simulator = blocks(README, 'live')
     questions = [block.text for path in DOCUMENTS for block in blocks(path, 'on the graph')]
     assert len(questions) >= 2
     with project(tmp_path / 'work') as folder, graph(tmp_path) as place:
         estimates = place.collect('/estimator/estimate', InertiaEstimate)
         with running(estimator, place, folder), running(simulator, place, folder):
             place.wait(lambda: any(estimate.samples > 0 for estimate in estimates), 'an estimate')
-            for command in ''.join(questions).splitlines():
+            for command in sorted(''.join(questions).splitlines(), key=lambda line: 'service call' in line):
                 ask(place, shlex.split(command))
         estimates.clear()
         with running(own, place, folder):

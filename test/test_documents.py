@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 import pytest
 import yaml
 
-from documents import DOCUMENTS, README, ROOT, names
+from documents import DOCUMENTS, README, REFERENCE, ROOT, names
 from made_runs import run
 from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -21,6 +21,7 @@ from mbaid_ros.config.parameters import specifications
 from mbaid_ros.replay.output import as_json
 
 LINK = re.compile(r'\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)')
+EQUATION = re.compile(r'^(?:    .*\S  +\(|.*\\tag\{)(\d+)[)}]$', re.MULTILINE)
 TEXTS = {'.md', '.py', '.yaml', '.yml', '.toml', '.txt', '.xml', '.urdf', '.msg', '.sh', '.cfg', '.json', '.svg', ''}
 
 
@@ -31,7 +32,9 @@ def script(name: str) -> dict[str, object]:
 # -- tables
 
 
-@pytest.mark.parametrize('document', ['README.md', 'docs/simulator.md', 'docs/calibration.md'])
+@pytest.mark.parametrize(
+    'document', ['docs/reference/parameters.md', 'docs/reference/simulator.md', 'docs/how-to/calibrate.md']
+)
 def test_the_tables_of_parameters_are_those_of_the_script(document: str) -> None:
     text = (ROOT / document).read_text(encoding='utf-8')
     assert '<!-- parameters of' in text
@@ -46,11 +49,13 @@ def test_every_threshold_has_a_reason_and_is_in_the_page() -> None:
     assert callable(text)
     assert callable(found)
     assert [f'{each.module}.{each.names[0]}' for each in found() if not each.why] == []
-    assert (ROOT / 'docs' / 'thresholds.md').read_text(encoding='utf-8') == text(), 'run scripts/write_thresholds.py'
+    page = ROOT / 'docs' / 'reference' / 'thresholds.md'
+    assert page.read_text(encoding='utf-8') == text(), 'run scripts/write_thresholds.py'
 
 
 @pytest.mark.parametrize(
-    'document', ['CONTRIBUTING.md', *(f'docs/{name}.md' for name in ('architecture', 'method', 'trajectory', 'orbit'))]
+    'document',
+    ['CONTRIBUTING.md', *(f'docs/explanation/{name}.md' for name in ('architecture', 'method', 'trajectory', 'orbit'))],
 )
 def test_every_file_of_code_that_is_named_is_there(document: str) -> None:
     folders = [ROOT / folder for folder in ('mbaid_ros', 'scripts', 'test')]
@@ -60,8 +65,8 @@ def test_every_file_of_code_that_is_named_is_there(document: str) -> None:
     assert [name for name in sorted(named) if not any(file.endswith(f'/{name}') for file in files)] == []
 
 
-def test_the_readme_has_every_parameter_of_the_estimator_with_default_and_unit() -> None:
-    text = README.read_text(encoding='utf-8')
+def test_the_page_has_every_parameter_of_the_estimator_with_default_and_unit() -> None:
+    text = (REFERENCE / 'parameters.md').read_text(encoding='utf-8')
     text = text[text.index('<!-- parameters of estimator -->') : text.index('<!-- end of parameters -->')]
     rows = re.findall(r'^\| `([a-z_.]+)` \| `(.*?)` \| (.*?) \| .+ \|$', text, re.MULTILINE)
     table = {name: (default, unit) for name, default, unit in rows}
@@ -80,44 +85,42 @@ def test_the_readme_has_every_parameter_of_the_estimator_with_default_and_unit()
             assert default == str(list(spec.default))
 
 
-def test_the_readme_has_every_method_and_the_default() -> None:
-    text = README.read_text(encoding='utf-8')
-    section = text[text.index('## Methods') : text.index('## Parameters')]
-    assert sorted(re.findall(r'^\| `(\w+)` \|', section, re.MULTILINE)) == sorted({'method', *METHODS})
-    assert f'The default is `{EstimatorConfig().method}`' in section
+def test_the_page_has_every_method_and_the_default() -> None:
+    text = (REFERENCE / 'methods.md').read_text(encoding='utf-8')
+    assert sorted(re.findall(r'^\| `(\w+)` \|', text, re.MULTILINE)) == sorted({'method', *METHODS})
+    assert f'The default is `{EstimatorConfig().method}`' in text
 
 
-def test_the_page_on_robustness_has_every_bound() -> None:
-    text = (ROOT / 'docs' / 'robustness.md').read_text(encoding='utf-8')
-    named = set(re.findall(r'`([A-Z]+(?:_[A-Z]+)*)`', text[text.index('## Files that mean harm') :]))
+def test_the_page_on_inputs_has_every_bound() -> None:
+    text = (ROOT / 'docs' / 'reference' / 'input-handling.md').read_text(encoding='utf-8')
+    named = set(re.findall(r'`([A-Z]+(?:_[A-Z]+)*)`', text[text.index('## Bounds of files') :]))
     assert named == {name for name in vars(limits) if name.isupper()}
 
 
 def test_the_readme_has_every_executable() -> None:
-    section = README.read_text(encoding='utf-8').split('| executable | does |')[1].split('\n\n')[0]
+    section = README.read_text(encoding='utf-8').split('| executable | use |')[1].split('\n\n')[0]
     named = {name for row in section.splitlines() for name in re.findall(r'`(\w+)`', row.split('|')[1] if row else '')}
     assert named == set(re.findall(r"'(\w+) = mbaid_ros", (ROOT / 'setup.py').read_text(encoding='utf-8')))
 
 
-def test_the_readme_has_every_topic_and_service_of_the_estimator() -> None:
-    text = README.read_text(encoding='utf-8')
-    section = text[text.index('## Topics and services') : text.index('## Methods')]
-    named = set(re.findall(r'^\| `(~/\w+)` \|', section, re.MULTILINE))
+def test_the_page_has_every_topic_and_service_of_the_estimator() -> None:
+    text = (REFERENCE / 'topics.md').read_text(encoding='utf-8')
+    named = set(re.findall(r'^\| `(~/\w+)` \|', text, re.MULTILINE))
     sources = (
-        ROOT / 'mbaid_ros' / 'nodes' / f'{name}.py' for name in ('estimating', 'publication', 'markers', 'planning')
+        ROOT / 'mbaid_ros' / 'nodes' / f'{name}.py' for name in ('estimating', 'publishers', 'markers', 'planning')
     )
     assert named == {name for path in sources for name in re.findall(r"'(~/\w+)'", path.read_text(encoding='utf-8'))}
 
 
-def test_the_readme_has_every_key_of_the_json() -> None:
-    text = README.read_text(encoding='utf-8')
-    section = text[text.index('## JSON of replay') : text.index('Exit code 0')]
+def test_the_page_has_every_key_of_the_json() -> None:
+    text = (REFERENCE / 'json.md').read_text(encoding='utf-8')
+    section = text[text.index('## Keys') : text.index('## Exit codes')]
     rows = re.findall(r'^\| (`.*?`) \|', section, re.MULTILINE)
     assert {key for row in rows for key in re.findall(r'`(\w+)`', row)} == set(as_json(run()))
 
 
 def test_the_dependencies_are_those_of_the_project() -> None:
-    text = (ROOT / 'docs' / 'dependencies.md').read_text(encoding='utf-8')
+    text = (ROOT / 'docs' / 'reference' / 'dependencies.md').read_text(encoding='utf-8')
     rows = dict(re.findall(r'^\| `([\w-]+)` \| ([\d., ]+) \|', text, re.MULTILINE))
     requirements = re.findall(r'^([\w-]+)', (ROOT / 'requirements.txt').read_text(encoding='utf-8'), re.MULTILINE)
     assert sorted(rows) == sorted(requirements)
@@ -148,6 +151,13 @@ def test_links_lead_somewhere(document: str) -> None:
         assert not anchor or anchor in anchors(target), f'{path}#{anchor}'
 
 
+@pytest.mark.parametrize('folder', ['mbaid_ros', 'scripts', 'test'])
+def test_pages_that_code_names_exist(folder: str) -> None:
+    for path in (ROOT / folder).rglob('*.py'):
+        for page in re.findall(r'\bdocs/[\w/-]+\.md\b', path.read_text(encoding='utf-8')):
+            assert (ROOT / page).is_file(), f'{path}: {page}'
+
+
 @pytest.mark.parametrize('document', names(DOCUMENTS))
 def test_files_that_are_named_exist(document: str) -> None:
     text = (ROOT / document).read_text(encoding='utf-8')
@@ -157,11 +167,8 @@ def test_files_that_are_named_exist(document: str) -> None:
 
 
 def test_equations_that_are_cited_exist() -> None:
-    """By page and number: `docs/method.md, eq. 3` in the code, a link and `eq. 3` in a page."""
-    equations = {
-        path.name: re.findall(r'^    .*\S  +\((\d+)\)$', path.read_text(encoding='utf-8'), re.MULTILINE)
-        for path in DOCUMENTS
-    }
+    """By page and number: `docs/explanation/method.md, eq. 3` in the code, a link and `eq. 3` in a page."""
+    equations = {path.name: EQUATION.findall(path.read_text(encoding='utf-8')) for path in DOCUMENTS}
     for numbers in equations.values():
         assert numbers == [str(place) for place in range(1, len(numbers) + 1)]
     cited = re.compile(r'(\w[\w-]*\.md)(?:#[\w-]+)?\)?, eq\. (\d+)')
@@ -234,4 +241,10 @@ def test_the_versions_agree() -> None:
     assert ET.parse(ROOT / 'msg_defs' / 'package.xml').getroot().findtext('version') == version
     assert f"version='{version}'" in (ROOT / 'setup.py').read_text()
     assert yaml.safe_load((ROOT / 'CITATION.cff').read_text())['version'] == version
-    assert f'\n{version} (' in (ROOT / 'CHANGELOG.rst').read_text()
+    releases = re.findall(r'^(\d+\.\d+\.\d+) \(', (ROOT / 'CHANGELOG.rst').read_text(), re.MULTILINE)
+    assert releases[0] == version
+    assert releases == sorted(releases, reverse=True)
+
+
+def test_the_lines_of_the_changelog_fit_a_narrow_terminal() -> None:
+    assert [line for line in (ROOT / 'CHANGELOG.rst').read_text().splitlines() if len(line) > 100] == []

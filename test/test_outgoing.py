@@ -7,7 +7,7 @@ import numpy as np
 from mbaid_ros.bags import deserialize, serialize
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.parameters import ErrorBudget
-from mbaid_ros.core.results.publication import Debris, Frame
+from mbaid_ros.core.results.published_inertia import Debris, Frame
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
 from mbaid_ros.replay.run import BAG_TYPES
 

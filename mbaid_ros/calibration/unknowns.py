@@ -94,7 +94,7 @@ class Normals:
         return PriorScaleFactors.of(self.gaussian.mean, factor @ factor.T, causes, parts)
 
     def as_far_off(self) -> Normals:
-        """Return what is known where they may be so (docs/trajectory.md, eq. 7); what no window sees stays."""
+        """Return what is known where they may be so (trajectory.md, eq. 7); what no window sees stays."""
         mean, factor = self.gaussian.mean, self.gaussian.factor
         seen = factor[:, len(mean) :]
         return replace(

@@ -8,6 +8,7 @@ from mbaid_ros.config.model_errors import LinkPriorConfig
 from mbaid_ros.config.parameters import parameter
 
 CONSTANT_FORCES = ('none', 'inertial', 'body')
+PUSH_AXES = ('body', 'inertial', 'orbit')
 PHASES = ('post_capture', 'pre_capture')
 
 
@@ -38,10 +39,33 @@ class DisturbanceConfig:
     )
     torque_std: float = parameter(
         0.0,
-        'Standard deviation of an external torque about each axis of the base, constant in a motion and different in '
-        'every motion, as from air on a thrown body; 0: none.',
+        'Standard deviation of an external torque about each axis, different in every motion, as from air on a thrown '
+        'body; 0: none.',
         unit='N m',
         minimum=0.0,
+    )
+    torque_time: float = parameter(
+        0.0,
+        'Time constant with which this torque varies in a motion, as a Gauss-Markov process: drag and venting vary in '
+        'minutes; 0: it is constant.',
+        unit='s',
+        minimum=0.0,
+    )
+    force_std: float = parameter(
+        0.0,
+        'Standard deviation of an external force along each axis, through the common centre of mass, different in '
+        'every motion; 0: none.',
+        unit='N',
+        minimum=0.0,
+    )
+    force_time: float = parameter(
+        0.0, 'Time constant with which this force varies in a motion; 0: it is constant.', unit='s', minimum=0.0
+    )
+    axes: str = parameter(
+        'body',
+        'Axes in which this torque and this force are constant or vary: body, of the base; inertial; or orbit, LVLH of '
+        'the declared orbit.',
+        choices=PUSH_AXES,
     )
 
 

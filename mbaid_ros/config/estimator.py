@@ -12,6 +12,7 @@ from mbaid_ros.config.capture import (
     ThrustConfig,
 )
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig
+from mbaid_ros.config.flexible import FlexibleConfig
 from mbaid_ros.config.methods import METHODS
 from mbaid_ros.config.model_errors import (
     KnownJointsConfig,
@@ -214,6 +215,7 @@ class EstimatorConfig:
     calibration: SelfCalibrationConfig = field(default_factory=SelfCalibrationConfig)
     known_links: KnownLinksConfig = field(default_factory=KnownLinksConfig)
     known_joints: KnownJointsConfig = field(default_factory=KnownJointsConfig)
+    flexible: FlexibleConfig = field(default_factory=FlexibleConfig)
     odometry_mount: OdometryMountConfig = field(default_factory=OdometryMountConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     target_prior: TargetPriorConfig = field(default_factory=TargetPriorConfig)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from mbaid_ros.config.environment import SimulatedOrbitConfig, SimulatedWheelsConfig
+from mbaid_ros.config.flexible import FlexibleConfig
 from mbaid_ros.config.parameters import parameter
 
 MOTIONS = ('passive', 'sinusoids', 'random', 'trajectory')
@@ -248,6 +249,7 @@ class SimulatorConfig:
     thrust: SimulatedThrustConfig = field(default_factory=SimulatedThrustConfig)
     orbit: SimulatedOrbitConfig = field(default_factory=SimulatedOrbitConfig)
     wheels: SimulatedWheelsConfig = field(default_factory=SimulatedWheelsConfig)
+    flexible: FlexibleConfig = field(default_factory=FlexibleConfig)
     capture: SimulatedCaptureConfig = field(default_factory=SimulatedCaptureConfig)
     model_errors: SimulatedModelErrorsConfig = field(default_factory=SimulatedModelErrorsConfig)
     noise: SimulatedNoiseConfig = field(default_factory=SimulatedNoiseConfig)

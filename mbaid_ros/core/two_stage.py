@@ -129,6 +129,7 @@ class TwoStageEstimator:
             time_offset=late.time_offset,
             time_offset_std=late.time_offset_std,
             causes=late.causes,
+            innovations=late.innovations,
         )
         if not self._second.settled:
             return with_reasons(early, [DISAGREE]) if self._contradicts else early

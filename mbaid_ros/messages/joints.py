@@ -43,11 +43,13 @@ class JointReader:
     Parameters
     ----------
     joint_names, wheels : names
+    passive : those of joints that nobody reports; what messages hold of them is ignored, and they are read as zero
     """
 
-    def __init__(self, joint_names: Sequence[str], wheels: Sequence[str] = ()) -> None:
+    def __init__(self, joint_names: Sequence[str], wheels: Sequence[str] = (), passive: Sequence[str] = ()) -> None:
         self._names = (*joint_names, *wheels)
         self._first_wheel = len(joint_names)
+        self._passive = tuple(place for place, name in enumerate(joint_names) if name in passive)
         self.all: Joints = tuple(range(len(self._names)))
         self._layouts: dict[tuple[str, ...], _Layout] = {}
         self.others: tuple[str, ...] = ()  # what the last message that was laid out held beside the joints
@@ -81,11 +83,22 @@ class JointReader:
             stream, lacking = _finite_joints(read, wheels, dropped)
             self.not_finite.update({self._field(joints[place]): count for place, count in lacking.items()})
             if len(stream.stamp):
-                streams[joints] = stream
+                every, stream = self._with_passive(joints, stream)
+                streams[every] = stream
         return streams, +dropped
 
     def _field(self, joint: int) -> str:
         return f'{"position" if joint < self._first_wheel else "velocity"} of {self._names[joint]}'
+
+    def _with_passive(self, joints: Joints, stream: JointStream) -> tuple[Joints, JointStream]:
+        """Return the measurements with passive joints at zero, where they are of joints at all."""
+        if not self._passive or all(joint >= self._first_wheel for joint in joints):
+            return joints, stream
+        every = tuple(sorted((*joints, *self._passive)))
+        held = [every.index(joint) for joint in joints]
+        position, velocity = np.zeros((2, len(stream.stamp), len(every)))
+        position[:, held], velocity[:, held] = stream.position, stream.velocity
+        return every, JointStream(stream.stamp, position, velocity)
 
     @staticmethod
     def _misfit(shape: _Shape) -> str:
@@ -106,14 +119,15 @@ class JointReader:
             known = self._layouts[key] = self._laid_out(key)
             if len(self.heard) < _MOST_NAMES:
                 self.heard.update(dict.fromkeys(key))
-        if len(known.joints) < len(self._names):
+        if len(known.joints) < len(self._names) - len(self._passive):
             self.unknown = key
-            self.missing = tuple(name for name in self._names if name not in key)
+            reported = (name for place, name in enumerate(self._names) if place not in self._passive)
+            self.missing = tuple(name for name in reported if name not in key)
         return known
 
     def _laid_out(self, names: tuple[str, ...]) -> _Layout:
         place = {name: index for index, name in enumerate(names)}
-        joints = tuple(joint for joint, name in enumerate(self._names) if name in place)
+        joints = tuple(joint for joint, name in enumerate(self._names) if name in place and joint not in self._passive)
         if any(names.count(self._names[joint]) > 1 for joint in joints):
             return _Layout(joints, _NOWHERE, NAMED_TWICE)
         self.others = tuple(name for name in names if name not in self._names)

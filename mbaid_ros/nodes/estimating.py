@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,7 +25,7 @@ from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import DataError, MbaidError
 from mbaid_ros.nodes.diagnostics import Diagnostics, NodeClock
 from mbaid_ros.nodes.planning import AdviceTask, Planning
-from mbaid_ros.nodes.publication import EstimatePublication
+from mbaid_ros.nodes.publishers import EstimatePublication
 from mbaid_ros.nodes.reports import RunLog, RunState, remarks
 from mbaid_ros.nodes.subscriptions import DescriptionSubscription, Subscriptions, qos, quiet_publisher, tf_message
 from mbaid_ros.session import Session
@@ -296,6 +297,7 @@ class LiveEstimator:
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._diagnostics_publisher.publish(array)
         self._publication.publish_stale(self._diagnostics.silence(state))
+        gc.collect()  # delays no estimate here: one has just been published, or none is due in a moment
 
     def close(self) -> None:
         """Leave the graph."""

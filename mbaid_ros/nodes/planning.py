@@ -22,6 +22,7 @@ from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.nodes.reports import RunState
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, quiet_publisher
 from mbaid_ros.outgoing import trajectory_message
+from mbaid_ros.session.planning import advice, make_planner  # at the start: an import in a run would delay estimates
 
 _ADVICE_PERIOD = 5.0  # s, between two searches, at least
 _SHARE = 0.01  # of the time that these searches may take
@@ -29,7 +30,7 @@ _POLL_PERIOD = 0.1  # s, between two looks for the planned motion
 
 
 class AdviceTask:
-    """Updates the advice in the node's state and logs it; a search takes some hundredths of a second."""
+    """Updates the advice in the node's state and logs it; a search takes one or two tenths of a second."""
 
     def __init__(self, state: RunState, log: Callable[[str], None]) -> None:
         self._state = state
@@ -51,8 +52,6 @@ class AdviceTask:
         posterior = None if session is None else session.posterior()
         if session is None or posterior is None or estimate is None or estimate.contradicted:
             return ''
-        from mbaid_ros.session.planning import advice  # noqa: PLC0415 - slow, and not needed at the start
-
         return advice(session.config, posterior)
 
 
@@ -144,8 +143,6 @@ class Planning:
 def _search(answer: Connection, config: EstimatorConfig, posterior: Posterior) -> None:
     """Send back the motion, None if there is none, whether it reaches the wanted precision, and lines for the log."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process ends this one
-    from mbaid_ros.session.planning import make_planner  # noqa: PLC0415 - slow, and the node needs none of it
-
     try:
         plan = make_planner(config, posterior).plan()
     except MbaidError as error:

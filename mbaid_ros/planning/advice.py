@@ -8,10 +8,10 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.planning.goal import Wanted
 from mbaid_ros.planning.information import Grid
 from mbaid_ros.planning.limits import BaseLimits
 from mbaid_ros.planning.motions import Motions
-from mbaid_ros.planning.search import Wanted
 from mbaid_ros.planning.splines import Splines
 
 _LENGTH = 10.0  # s, of a joint's motion there and back

@@ -12,10 +12,11 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.planning.collisions import Collisions
 from mbaid_ros.planning.floating import Floating
+from mbaid_ros.planning.goal import Wanted
 from mbaid_ros.planning.limits import BaseLimits
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import Bounds
-from mbaid_ros.planning.search import Candidate, Wanted
+from mbaid_ros.planning.search import Candidate
 
 _DRAWS, _MORE_DRAWS = 12, 32  # robots as they may be as well: on the way, and of the motion that is taken
 _TOLD = 8  # of these, for which it is told what the motion tells

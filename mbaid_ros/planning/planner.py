@@ -15,6 +15,7 @@ from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.planning.advice import beyond_motion, single_joint
 from mbaid_ros.planning.assurance import Assurance
 from mbaid_ros.planning.collisions import Collisions, Efforts, ReadMesh, no_mesh
+from mbaid_ros.planning.goal import Criterion, Wanted
 from mbaid_ros.planning.information import Grid, Information
 from mbaid_ros.planning.limits import BaseLimits, joint_limits
 from mbaid_ros.planning.motions import Motions
@@ -24,12 +25,7 @@ from mbaid_ros.planning.plan import (
     Course,
     Plan,
 )
-from mbaid_ros.planning.search import (
-    Candidate,
-    Criterion,
-    Search,
-    Wanted,
-)
+from mbaid_ros.planning.search import Candidate, Search
 from mbaid_ros.planning.splines import Splines
 
 _FIRST = 20.0  # s, of the motions that a search begins with

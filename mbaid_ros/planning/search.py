@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.planning.evolution import CHOSEN, GENERATION, Evolution
+from mbaid_ros.planning.goal import Wanted
 from mbaid_ros.planning.limits import BaseLimits
 from mbaid_ros.planning.motions import Motions
 
@@ -60,42 +61,11 @@ def speeds_of(legs: Array, count: int) -> Array:
     return np.asarray(np.diff(passed, axis=1) * count * np.exp(legs[:, -1:]))
 
 
-Criterion = Literal['worst', 'mean', 'volume']
-
 _DRAWN = 48  # motions at first
-_SHARP = 8  # exponent of the mean that stands for the worst, smooth enough to be climbed
 _SHORTER = 0.97  # of the length at which a motion is expected to tell enough
 ENOUGH = 0.97  # of the ratio that is wanted: what the search's few windows tell is right within some 2 %
 _PATIENCE = 8  # generations of one length, before another is tried
 _FAR = 1.25  # ratio from which a length is not the one to try long
-
-
-@dataclass(frozen=True, eq=False)
-class Wanted:
-    """What a motion is to reach.
-
-    Attributes
-    ----------
-    relative : (10,) relative standard deviations wanted
-    asked : (10,) which of them count
-    criterion : what is made small: the worst of the ratios to what is wanted, their mean square, or their volume
-    """
-
-    relative: Array
-    asked: Flags
-    criterion: Criterion = 'worst'
-
-    def ratio(self, relative: Array) -> Array:
-        """Return the largest ratio (...) of (..., 10) to what is wanted: 1 is reached."""
-        return np.asarray((relative / self.relative)[..., self.asked].max(axis=-1))
-
-    def cost(self, relative: Array) -> Array:
-        """Return what the search makes small, (...)."""
-        ratios = (relative / self.relative)[..., self.asked]
-        if self.criterion == 'volume':
-            return np.asarray(np.exp(np.log(ratios).mean(axis=-1)))
-        power = _SHARP if self.criterion == 'worst' else 2
-        return np.asarray((ratios**power).mean(axis=-1) ** (1.0 / power))
 
 
 @dataclass(frozen=True, eq=False)

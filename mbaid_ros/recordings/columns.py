@@ -20,7 +20,7 @@ _COLUMN_KEYS = ('column', 'scale', 'offset')
 
 
 def read_csv(path: Path, columns: Path) -> Recording:
-    """Return a log in CSV, whose columns a YAML file describes (docs/hardware.md).
+    """Return a log in CSV, whose columns a YAML file describes (docs/measured/hardware.md).
 
     Raises
     ------

@@ -60,7 +60,9 @@ def _read(arguments: argparse.Namespace) -> Recording:
             raise ParameterError(f'--{option.replace("_", "-")} is for {form}, not for {arguments.format}')
     if arguments.format == 'csv':
         if arguments.columns is None:
-            raise ParameterError('csv needs --columns YAML, which says what the columns are (docs/hardware.md)')
+            raise ParameterError(
+                'csv needs --columns YAML, which says what the columns are (docs/measured/hardware.md)'
+            )
         from mbaid_ros.recordings.columns import read_csv  # noqa: PLC0415
 
         return read_csv(arguments.log, arguments.columns)

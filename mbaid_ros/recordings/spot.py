@@ -106,10 +106,12 @@ _SOURCE_2021 = f"""
   The chaser RED of the SPOT facility, Carleton University, as flown on 6 March 2021.
 
   The base: mass and moment of inertia are model_param(1) and (2) in Projects/Combined_Experiment/Run_Initializer.m of
-  the repository github.com/TheElectricDream/SPOT. Both are nominal: {COMMANDS_FILE} has 0.2974 kg m^2.
+  the repository github.com/TheElectricDream/SPOT. The mass was weighed: Useful_Code/EstimateCOG/Estimate_COG.m has four
+  weighings, 16.881 to 16.980 kg. The moment is nominal: {COMMANDS_FILE} has 0.2974 kg m^2.
 {SPOT_ARM_SOURCE}
-  These are of 2023. {COMMANDS_FILE}, of 2017, has a lighter and shorter arm (0.273, 0.263,
-  0.104 kg; 0.2889 m from joint to joint), but the markers on elbow and wrist in the logs of 2021 (columns 54 to 57)
+  These are of 2023; of the arm of 2021 no link has been weighed by itself. {COMMANDS_FILE}, of 2017, has a
+  lighter and shorter arm (0.273, 0.263, 0.104 kg; 0.2889 m from joint to joint), but the markers on elbow and wrist in
+  the logs of 2021 (columns 54 to 57)
   move on a circle of 0.306 m about the shoulder, and the base shifts by 1.46 times what the lighter arm would make it.
   The shoulder: (0.250, -0.0895) m from the origin of the poses, round which the elbow's marker goes in two of the runs
   (15_33 and 16_13). model_param(8) and (7), b0 and phi about an axis that is turned by 90 degrees against the

@@ -15,6 +15,7 @@ from mbaid_ros.config.files import load_parameter_file, parse_assignment
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.replay.holdout import DEFAULT_FRACTION, LONG_ENOUGH, Holdout, holdout_of
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import as_json, check_outputs, texts, write_results
 from mbaid_ros.replay.provenance import hashes, made_by
@@ -47,6 +48,7 @@ def replay(arguments: argparse.Namespace) -> int:
         bag = arguments.bags[0]
         with _writer(arguments.output, config) as writer, progress_bar(bag) as progress:
             runs = [replay_bag(bag, config, urdf, inputs, writer=writer, progress=progress)]
+    runs = [replace(each, holdout=_holdout(each, arguments)) for each in runs]
     if arguments.json or arguments.report:
         made = made_by('replay', arguments.argv, arguments.model, urdf)
         runs = [replace(each, made_by=made, files=hashes(each.bag)) for each in runs]
@@ -61,6 +63,13 @@ def exit_code(runs: Sequence[Run]) -> int:
     if any(run.contradicted for run in runs):
         return EXIT_INCONSISTENT
     return 0 if all(run.reached for run in runs) else EXIT_NOT_DETERMINED
+
+
+def _holdout(run: Run, arguments: argparse.Namespace) -> Holdout | None:
+    """Return the check on the last part of a run: where asked for, and in the report of a run that is long enough."""
+    by_default = DEFAULT_FRACTION if arguments.report and run.final.time >= LONG_ENOUGH else 0.0
+    fraction = arguments.holdout or by_default
+    return holdout_of(run.history, fraction) if fraction else None
 
 
 def _truths(arguments: argparse.Namespace) -> list[Truth | None]:

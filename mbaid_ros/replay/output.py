@@ -18,7 +18,7 @@ from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array, Flags, quaternion_from_rotation
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNCHECKED, UNITS, rounded
-from mbaid_ros.core.results.publication import Debris
+from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
 from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.messages import JOINT_MISSING
@@ -109,9 +109,13 @@ def as_json(run: Run) -> dict[str, Any]:
         if math.isnan(final.time_offset)
         else {'value': final.time_offset, 'std': plain(final.time_offset_std)},
         'noise': None if final.noise is None else _noise(final.noise),
+        'flexible': [plain(vars(joint)) for joint in final.flexible],
         'thrusters': [plain(vars(thruster)) for thruster in final.thrusters],
         'events': events(run),
         'residual': plain(final.residual),
+        'holdout': None
+        if run.holdout is None
+        else {'fraction': run.holdout.fraction, 'ratio': plain(run.holdout.ratio)},
         'causes': [{'cause': cause, 'gain': gain} for cause, gain in final.likely_causes],
         'capture': None if run.capture is None else _capture(run.capture),
         'debris': None if run.debris is None else _debris(run.debris),
@@ -213,6 +217,8 @@ def summary(run: Run) -> str:
         budget = {MAIN_CAUSES: final.budget.told(final.std), UNCHECKED: final.budget.resting()}
         rows += [f'  {what}: {one_line(causes)}' for what, causes in budget.items() if causes]
     rows += [f'  next: {run.advice}'] if run.advice else []
+    rows += [] if run.holdout is None else [f'  {run.holdout.sentence}']
+    rows += [] if run.contradicted else [f'  passive joint: {one_line(str(joint))}' for joint in final.flexible]
     rows += [] if final.noise is None else [f'  noise: {line}' for line in final.noise.told()]
     rows += [f'  {one_line(line)}' for line in (*_event_lines(run), *likely_causes(run))]
     return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])

@@ -13,12 +13,13 @@ from mbaid_ros.cdr import Packets
 from mbaid_ros.core.capture import Capture, Phase
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.publication import Debris
+from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.samples import Stamps
 from mbaid_ros.core.sensors.levels import SensorLevels
 from mbaid_ros.messages import joint_state_shape, odometry_shape, positions_of
 from mbaid_ros.replay import provenance
+from mbaid_ros.replay.holdout import Holdout
 from mbaid_ros.session import ModelSummary
 
 HISTORY_LIMIT = 5_000
@@ -81,6 +82,7 @@ class Run:
     state : the posterior, from which the next motion is planned; None where the method has none
     advice : the motion that would help most, in words; empty where none is needed or known
     files : SHA-256 of each file of the bag, by its name; None for one that is too large
+    holdout : how well the rest predicts the last part of the run; None where not asked for
     """
 
     bag: str
@@ -103,6 +105,7 @@ class Run:
     files: Mapping[str, str | None] = field(default_factory=dict)
     state: Mapping[str, Any] | None = None
     advice: str = ''
+    holdout: Holdout | None = None
 
     @property
     def reached(self) -> bool:

@@ -82,6 +82,8 @@ def _replay_parser() -> ArgumentParser:
     _add_results(parser)
     add('--truth', metavar='JSON', help='what the report compares with (default: truth.json beside each bag)')
     add('--output', metavar='BAG', help='write the estimates as messages into a new bag')
+    words = 'predict the last part of each bag from the rest (in the report of a minute or more: 0.2)'
+    add('--holdout', type=_fraction, metavar='FRACTION', help=words)
     _add_processes(parser)
     return parser
 
@@ -255,6 +257,14 @@ def _add_topics(parser: ArgumentParser) -> None:
     add('--stored-momentum', default='', metavar='TOPIC', help=stored)
     add('--imu', default='', metavar='TOPIC', help='Imu, used with imu.noise_density (default: /imu, if recorded)')
     add('--thrust', default='', metavar='TOPIC', help='commanded thrust, WrenchStamped (default: /thrust, if recorded)')
+
+
+def _fraction(text: str) -> float:
+    """Return an argument that is a part of a whole, as argparse takes it."""
+    value = number()(text)
+    if not 0.0 < value < 1.0:
+        raise argparse.ArgumentTypeError(f"'{text}' is not accepted; accepted: a number > 0 and < 1")
+    return value
 
 
 def _whole(least: int) -> Callable[[str], int]:

@@ -65,10 +65,18 @@ def make_estimator(
     if config.method == 'trajectory':
         known = known or nominal_model(config, kernel)
         second = _trajectory(config, known, reporting)
-        if config.disturbance.constant != 'none' or config.imu.alone:
+        if config.disturbance.constant != 'none' or config.imu.alone or _varies(config):
             return second  # the first stage takes the momentum for constant, and needs poses
+        if config.flexible.joints:
+            return second  # nor does it know of joints that swing
         return TwoStageEstimator(_difference(config, known, reporting), second)
     return _paper(config, kernel)
+
+
+def _varies(config: EstimatorConfig) -> bool:
+    """Return whether a torque or force from outside is declared that varies in a motion."""
+    push = config.disturbance
+    return (push.torque_std > 0.0 and push.torque_time > 0.0) or (push.force_std > 0.0 and push.force_time > 0.0)
 
 
 def make_reporting(config: EstimatorConfig, kernel: MomentumKernel) -> Reporting:
@@ -108,6 +116,11 @@ def _difference(config: EstimatorConfig, known: KnownRobot, reporting: Reporting
         raise ParameterError(
             f"parameter 'disturbance.constant' is '{config.disturbance.constant}' with method difference, which takes "
             'the momentum for constant; accepted: none, or method trajectory'
+        )
+    if _varies(config):
+        raise ParameterError(
+            "parameters 'disturbance.torque_time' and '.force_time' are set with method difference, which takes both "
+            'for constant in a motion; accepted: 0, or method trajectory'
         )
     if config.method == 'difference' and config.target_prior.mass_std > 0.0:
         raise ParameterError(

@@ -17,7 +17,7 @@ from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream
 from mbaid_ros.core.sensors.base import AttachedFrame, measured_orientation
 from mbaid_ros.core.sensors.external_momentum import StoredMomentum
-from mbaid_ros.core.sensors.imu import DeadReckoning, Gyro
+from mbaid_ros.core.sensors.gyro import DeadReckoning, Gyro
 from mbaid_ros.core.sensors.joints import JointMerge
 from mbaid_ros.core.sensors.streams import OTHER_CLOCK, Gate, Reorder
 from mbaid_ros.messages import (
@@ -209,7 +209,7 @@ class Intake:
 
     def __init__(self, config: EstimatorConfig, robot: Robot) -> None:
         self._robot = robot
-        self.joint_reader = JointReader(robot.model.independent_joints, config.wheels.names)
+        self.joint_reader = JointReader(robot.model.independent_joints, config.wheels.names, config.flexible.joints)
         self.odometry_reader = _odometry_reader(config, robot)
         self.imu_reader: ImuReader = imu_reader(config, robot.model)
         self.stored_momentum = StoredMomentum(robot.model, config.wheels.momentum_frame)

@@ -15,7 +15,7 @@ from mbaid_ros.core.capture import Capture, CaptureEstimator, Phase
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.publication import Debris, debris
+from mbaid_ros.core.results.published_inertia import Debris, debris
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import physical
@@ -24,7 +24,7 @@ from mbaid_ros.core.robot.urdf_edit import change_inertial, joints_moved
 from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.files import require_regular
 from mbaid_ros.session.posterior import nominal_model, with_known_errors
-from mbaid_ros.session.settings import PRINCIPAL, debris_frame, marker_frame, storage
+from mbaid_ros.session.settings import PRINCIPAL, debris_frame, marker_frame, springs, storage
 
 _PACKAGE, _FILE = 'package://', 'file://'
 
@@ -97,6 +97,7 @@ class Robot:
         self._written: tuple[RobotModel, str] = (self.model, urdf)  # what `urdf` was last asked for
         self.target_link = config.target_link or self.model.last_link
         kernel = MomentumKernel(self.model, self.target_link).storing(storage(config.wheels, self.model))
+        kernel = kernel.swinging(springs(config.flexible, self.model))
         self.described, self._link_covariance = with_known_errors(kernel, config.known_links)
         # Read once: a run that starts again keeps its calibration.
         self.known = nominal_model(config, self.described) if config.known_links.calibration else None

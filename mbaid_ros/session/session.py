@@ -195,6 +195,7 @@ class Session:
         """Return a summary of the robot description, with the joints that messages have named so far."""
         chosen = bool(self.config.target_link)
         heard = [name for name in self.intake.joint_reader.heard if name not in self.config.wheels.names]
+        heard += self.config.flexible.joints if heard else ()
         return summarise(self.robot.model, self.robot.target_link, chosen=chosen, heard=heard)
 
     def posterior(self) -> Posterior | None:
@@ -294,7 +295,13 @@ class _Segment:
             config.maximum_gap,
             checks,
             self.thrust,
-            FoundNoise(noise.declared, described.model.joints, noise.undeclared, estimate=noise.estimate),
+            FoundNoise(
+                noise.declared,
+                described.model.joints,
+                noise.undeclared,
+                estimate=noise.estimate,
+                passive=described.springs.joints,
+            ),
             falling=falling_frame(config.orbit, model),
             gyro=gyro,
         )

@@ -4,24 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
 from mbaid_ros.config.capture import ThrustConfig
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig, make_orbit, make_storage
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.flexible import FlexibleConfig
 from mbaid_ros.config.model_errors import KnownJointsConfig, TargetPriorConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import rotation_from_quaternion
-from mbaid_ros.core.results.publication import Frame
+from mbaid_ros.core.results.published_inertia import Frame
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.momentum import Storage
+from mbaid_ros.core.robot.springs import Springs
 from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.sensors.external_momentum import FallingFrame
 from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.environment import Circle
+from mbaid_ros.core.unknowns.environment import Circle, PushAxes, Pushing
 from mbaid_ros.core.unknowns.sensors import GyroErrors
 from mbaid_ros.messages import ImuReader
 
@@ -164,6 +167,29 @@ def storage(config: WheelsConfig, model: RobotModel) -> Storage:
     return wheels + Storage.published(model.link(config.momentum_frame), config.momentum_std)
 
 
+def springs(config: FlexibleConfig, model: RobotModel) -> Springs:
+    """Return the springs of passive joints as declared.
+
+    Raises
+    ------
+    ParameterError
+        A name is no joint's, a joint has no frequency, or mimics another.
+    """
+    passive = config.passive(model.joint_names)
+    followers = [name for name in passive if name not in model.independent_joints]
+    if followers:
+        raise ParameterError(
+            f"parameter 'flexible.joints' has '{followers[0]}', which mimics another joint; accepted: "
+            f'{listing(model.independent_joints)}'
+        )
+    return Springs(
+        tuple(model.joint_names.index(name) for name in passive),
+        2.0 * np.pi * np.array([joint.frequency for joint in passive.values()]),
+        np.array([joint.damping for joint in passive.values()]),
+        np.zeros((2, len(passive))),
+    )
+
+
 def _spin_deviations(config: WheelsConfig) -> tuple[float, ...]:
     """Return the standard deviation of each spin inertia, kg m^2; 0 for a published momentum, which has none."""
     wheels = (config.spin_inertia_relative_std * inertia for inertia in config.spin_inertias)
@@ -205,6 +231,7 @@ def with_surroundings(
     position, orientation = mount
     alone = config.imu.alone  # without odometry there is no mount, and the frame has no momentum
     tracking = _joint_values(config.known_joints, 'tracking_std', model)
+    passive = config.flexible.passive(model.joint_names).values()
     return Uncertainty(
         *joints,
         mount_position=0.0 if alone else position,
@@ -220,10 +247,32 @@ def with_surroundings(
         clock_drift=config.time_offset.drift_std if config.time_offset.estimate else 0.0,
         odometry_scale=0.0 if alone else config.odometry.scale_std,
         twist_bias=0.0 if alone else config.odometry.angular_velocity_bias_std,
-        torque=config.disturbance.torque_std,
+        torque=_pushing(config, 'torque'),
+        force=Pushing() if alone else _pushing(config, 'force'),
         tracking=tracking,
         tracking_time=(_TRACKING_TIME,) * len(tracking),
+        spring_frequency=[joint.frequency_relative_std for joint in passive],
+        spring_ratio=[joint.damping_std for joint in passive],
+        spring_start=[joint.initial_std for joint in passive],
+        spring_noise=[joint.disturbance_std for joint in passive],
     )
+
+
+def _pushing(config: EstimatorConfig, kind: str) -> Pushing:
+    """Return how a force or torque from outside varies; a time that windows cannot show, or no orbit, is refused."""
+    disturbance = config.disturbance
+    deviation, time = getattr(disturbance, f'{kind}_std'), getattr(disturbance, f'{kind}_time')
+    if 0.0 < time < config.window:
+        raise ParameterError(
+            f"parameter 'disturbance.{kind}_time' is {time:g} s; accepted: 0, or at least window, {config.window:g} s"
+        )
+    axes = cast('PushAxes', disturbance.axes)
+    orbit = make_orbit(config.orbit) if axes == 'orbit' else None
+    if axes == 'orbit' and (orbit is None or config.orbit.epoch > 0.0):
+        raise ParameterError(
+            "parameter 'disturbance.axes' is 'orbit'; accepted with orbit.mean_motion above 0 and orbit.epoch 0"
+        )
+    return Pushing(deviation, time, axes, orbit)
 
 
 def _uncertain_circle(config: OrbitConfig) -> Circle | None:

@@ -14,6 +14,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, parse
 from mbaid_ros.simulation.environment import BodyPoses, Effect, Push
 from mbaid_ros.simulation.one_quaternion import rotate, rotation_vector_rate, turned
+from mbaid_ros.simulation.springs import Springs
 
 # Smallest eigenvalue, relative to the largest, of the joint-space inertia scaled to a unit diagonal. Rounding leaves
 # 1e-16; the stiffest of the robots tested has 1e-5.
@@ -78,6 +79,7 @@ class Dynamics:
     model : RobotModel
     push : what acts on it from outside
     effects : what else acts on its bodies
+    springs : of joints that nothing drives
 
     Raises
     ------
@@ -85,8 +87,15 @@ class Dynamics:
         The mass matrix is singular or not positive: something that moves has no inertia.
     """
 
-    def __init__(self, model: RobotModel, push: Push | None = None, effects: Sequence[Effect] = ()) -> None:
+    def __init__(
+        self,
+        model: RobotModel,
+        push: Push | None = None,
+        effects: Sequence[Effect] = (),
+        springs: Springs | None = None,
+    ) -> None:
         self.model = model
+        self._springs = springs
         self._pinocchio = parse(model.urdf, model.base_link)
         self._data = self._pinocchio.createData()
         joints = list(self._pinocchio.joints)[2:]
@@ -150,12 +159,36 @@ class Dynamics:
         if self._effects:
             self._act_all(time, state, configuration)
         forces = (self._forces,) if self._effects else ()
+        if self._springs is not None:
+            return self._torque_beside_springs(self._springs, state, configuration, acceleration, forces)
         # Nothing else pushes the base: its six rows of the inverse dynamics must vanish, which gives its acceleration.
         motion = (self._pinocchio, self._data, configuration, state.velocity)
         push = pinocchio.rnea(*motion, acceleration, *forces)[:6]
         pinocchio.crba(self._pinocchio, self._data, configuration)
         try:
             acceleration[:6] = np.linalg.solve(self._data.Ycrb[1].matrix(), -push)
+        except np.linalg.LinAlgError as error:
+            raise ModelError(_DIVERGED) from error
+        return np.array(pinocchio.rnea(*motion, acceleration, *forces)[6:])
+
+    def spring_torque(self, state: State) -> Array:
+        """Return what springs do to the joints, (n,), N m or N."""
+        torque = np.zeros(self.model.joints)
+        if self._springs is not None:
+            torque[self._springs.joints] = self._springs.torque(state.joint_position, state.joint_velocity)
+        return torque
+
+    def _torque_beside_springs(
+        self, springs: Springs, state: State, configuration: Array, acceleration: Array, forces: tuple[object, ...]
+    ) -> Array:
+        """Return the joint torques for an acceleration (6 + n,) of the joints that no spring moves."""
+        free = np.concatenate((np.arange(6), 6 + springs.joints))
+        acceleration[free] = 0.0
+        motion = (self._pinocchio, self._data, configuration, state.velocity)
+        wanted = np.concatenate((np.zeros(6), springs.torque(state.joint_position, state.joint_velocity)))
+        missing = wanted - pinocchio.rnea(*motion, acceleration, *forces)[free]
+        try:
+            acceleration[free] = np.linalg.solve(self._mass_matrix(configuration)[np.ix_(free, free)], missing)
         except np.linalg.LinAlgError as error:
             raise ModelError(_DIVERGED) from error
         return np.array(pinocchio.rnea(*motion, acceleration, *forces)[6:])

@@ -12,6 +12,7 @@ from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.simulation import quaternions
+from mbaid_ros.simulation.springs import Springs
 
 
 @dataclass(frozen=True)
@@ -197,10 +198,12 @@ class Surroundings:
     ----------
     wheels : inside the base; None where there are none
     orbit : about the epoch at time 0; None where there is none
+    springs : of joints that nothing drives; None where there is none
     """
 
     wheels: Wheels | None = None
     orbit: Orbit | None = None
+    springs: Springs | None = None
 
     def effects(self, model: RobotModel, origin: Array) -> tuple[Effect, ...]:
         """Return what acts on a robot whose positions count from an origin (3,) m in the odometry frame."""
@@ -212,4 +215,5 @@ class Surroundings:
         return Surroundings(
             None if self.wheels is None else self.wheels.later(time),
             None if self.orbit is None else self.orbit.later(time),
+            self.springs,
         )

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.urdf import Transmission
 
@@ -130,6 +130,18 @@ def sinusoids(start: Array, amplitudes: Array, frequencies: Array, phases: Array
         )
     shape = (joints, -1)
     return Sinusoids(start, amplitudes.reshape(shape), frequencies.reshape(shape), phases.reshape(shape))
+
+
+def among(driven: Flags, motion: Sinusoids, start: Array) -> Sinusoids:
+    """Return a motion of k joints that start at (k,) and of which the driven ones move."""
+    if driven.all():
+        return motion
+    parts = []
+    for part in (motion.amplitude, motion.frequency, motion.phase):
+        whole = np.zeros((len(driven), part.shape[1]))
+        whole[driven] = part
+        parts.append(whole)
+    return Sinusoids(start, *parts)
 
 
 def random_sinusoids(

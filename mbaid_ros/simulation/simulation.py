@@ -91,7 +91,10 @@ class Simulation:
         around = surroundings or Surroundings()
         self._wheels = around.wheels
         self._dynamics = Dynamics(
-            model, None if push is None else push.about(self._origin), around.effects(model, self._origin)
+            model,
+            None if push is None else push.about(self._origin),
+            around.effects(model, self._origin),
+            around.springs,
         )
         start = replace(initial, base_position=np.zeros(3))
         self._first = 0  # index of the first step kept
@@ -138,7 +141,7 @@ class Simulation:
 
     def _torque(self, time: float, state: State) -> Array:
         command = self.motion.command(time, state.joint_position, state.joint_velocity)
-        return np.zeros(self.model.joints) if command is None else self._dynamics.torque(state, command, time)
+        return self._dynamics.spring_torque(state) if command is None else self._dynamics.torque(state, command, time)
 
     def _truth(self, instants: Array, values: Array, rates: Array) -> Truth:
         """Return what the interpolated curve (position, quaternion, joints) and its rates say."""

@@ -1,4 +1,4 @@
-"""The tables of docs/accuracy.md."""
+"""The tables of docs/measured/accuracy.md."""
 
 from __future__ import annotations
 

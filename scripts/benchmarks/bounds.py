@@ -18,8 +18,8 @@ from benchmarks.data import Case, exact_samples, kernel, momentum_of
 from mbaid_ros.core.difference.errors_in_variables import maximum_likelihood
 from mbaid_ros.core.difference.window_rows import Subspace, subspace, window_rows
 from mbaid_ros.core.filter.knots import Midpoints
-from mbaid_ros.core.filter.prediction import joint_gains, predict
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, POSE, Layout
+from mbaid_ros.core.filter.twist_prediction import joint_gains, predict
 from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.momentum import physical_jacobian

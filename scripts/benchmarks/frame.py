@@ -96,7 +96,10 @@ class Frame:
             add('--processes', type=int, metavar='N', default=os.cpu_count(), help='default: one a core')
             add('--store', type=Path, metavar='FOLDER', help='save finished runs there, and continue from them')
         for name, value in options.items():
-            add(f'--{name}', type=type(value), default=value, help='default: %(default)s')
+            if isinstance(value, bool):
+                add(f'--{name}', action='store_true', help='default: no')
+            else:
+                add(f'--{name}', type=type(value), default=value, help='default: %(default)s')
         add('--output', type=Path, metavar='FOLDER', help=f'write the tables of {page} there')
         self.arguments = self._parser.parse_args()
         self._page = page

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.planning.goal import Wanted
 from mbaid_ros.planning.information import Grid
 from mbaid_ros.planning.limits import BaseLimits, JointLimits
 from mbaid_ros.planning.motions import Motions
-from mbaid_ros.planning.search import Wanted
 from mbaid_ros.simulation.motion import Sinusoids
 
 SINUSOIDS = 50

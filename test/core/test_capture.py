@@ -13,7 +13,7 @@ from checked import same, some
 from mbaid_ros.core.capture import BEFORE, CaptureEstimator
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.publication import Frame, debris
+from mbaid_ros.core.results.published_inertia import Frame, debris
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples
 from observed import MID, configured_motion, estimator, kernel, observe, windows

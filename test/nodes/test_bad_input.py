@@ -329,6 +329,7 @@ def test_a_stream_that_starts_again(graph: Graph) -> None:
     assert node.stderr.count(reason) == 1
 
 
+@pytest.mark.long
 def test_a_clock_that_is_missing_jumps_stands_still_and_is_negative(graph: Graph) -> None:
     parameters = ['-p', f'robot_description_file:={CONFIG}/table1.urdf', '-p', 'use_sim_time:=true']
     node = graph.start('estimator', '--ros-args', *parameters)

@@ -119,6 +119,7 @@ def test_a_capture_told_to_a_live_estimator(graph: Graph, tmp_path: Path) -> Non
 # -- Commanded thrust at a live estimator and recorder: used, told of, and in the bag.
 
 
+@pytest.mark.long
 def test_thrust_is_used_and_reported(graph: Graph) -> None:
     graph.start('estimator', '--ros-args', '-p', f'robot_description_file:={CONFIG / "servicer7.urdf"}')
     estimates = graph.collect('/estimator/estimate', InertiaEstimate)

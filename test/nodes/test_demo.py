@@ -71,6 +71,7 @@ def test_the_demo_shows_the_estimate_converging_to_the_truth(tmp_path: Path) -> 
     assert result['span_s'] > 6.0  # the recorder finds the topics a moment after they appear, six times as fast as real
 
 
+@pytest.mark.long
 def test_an_interrupted_demo_leaves_no_process_behind(tmp_path: Path) -> None:
     demo = start('--output', tmp_path)
     assert demo.stdout is not None
@@ -114,6 +115,7 @@ def words(parameters: dict[str, object]) -> list[str]:
     return [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
 
 
+@pytest.mark.long
 def test_a_planned_motion_is_followed_and_tells_what_was_uncertain(graph: Graph, tmp_path: Path) -> None:
     (tmp_path / 'first.yaml').write_text(as_yaml(first_motion('servicer7', 6.0)))
     plan = words({f'plan.{name}': value for name, value in PLAN.items()})

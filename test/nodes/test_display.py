@@ -31,7 +31,7 @@ from mbaid_ros.core.geometry import Array, rotation_from_quaternion, unvec
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model, parse
 from mbaid_ros.nodes.markers import NAMESPACE, Display, LinkFrames, markers
-from mbaid_ros.nodes.publication import Publishers
+from mbaid_ros.nodes.publishers import Publishers
 from mbaid_ros.nodes.subscriptions import LATCHED, message_class, qos
 from mbaid_ros.outgoing import Frames
 from simulated import CONFIG, robot

@@ -26,10 +26,10 @@ from captured import with_bare_link
 from graph import Graph, Process
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.results.publication import InertiaPublication, is_complete
+from mbaid_ros.core.results.published_inertia import InertiaPublication, is_complete
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
-from mbaid_ros.nodes.publication import last_of_each_window
+from mbaid_ros.nodes.publishers import last_of_each_window
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, qos
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
 from mbaid_ros.session import Session

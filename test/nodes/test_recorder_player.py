@@ -173,6 +173,7 @@ def test_the_player_publishes_the_bag_and_the_recorder_records_the_same_bytes(
     assert (times[-1] - times[0]) * 1e-9 == pytest.approx(2.0 / 4, rel=0.3)
 
 
+@pytest.mark.long
 def test_a_choice_of_topics_with_a_clock_and_latched_topics_in_a_loop(live: Graph, bag: Path) -> None:
     states = live.collect('/joint_states', JointState, DEEP)
     clocks = live.collect('/clock', Clock, DEEP)
@@ -324,10 +325,8 @@ def by_window(data: Iterable[bytes]) -> dict[int, bytes]:
     return {(span.sec * 1_000_000_000 + span.nanosec + 1) // WINDOW: each for span, each in spans}
 
 
-# One of the four stands for the others: test_estimator.py compares another with the core.
-@pytest.mark.parametrize(
-    'method', [each if each == 'paper_main' else pytest.param(each, marks=pytest.mark.long) for each in methods()]
-)
+@pytest.mark.long
+@pytest.mark.parametrize('method', methods())
 def test_a_played_bag_gives_the_estimates_of_its_replay(live: Graph, tmp_path: Path, method: str) -> None:
     moving = papers_case(tmp_path / 'moving', duration=20.0, rate=100.0)
     parameters, model = tmp_path / 'estimator.yaml', CONFIG / 'table1.urdf'

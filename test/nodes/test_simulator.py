@@ -59,6 +59,7 @@ def test_it_is_the_run_of_the_core_and_ends_after_its_duration(graph: Graph) -> 
     assert seconds == sorted(seconds)
 
 
+@pytest.mark.long
 def test_what_the_machine_does_not_keep_up_with_comes_later_and_nothing_is_left_out(graph: Graph) -> None:
     joints = graph.collect('joint_states', JointState, DEEP)
     odometry = graph.collect('odom', Odometry, DEEP)

@@ -320,6 +320,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_the_estimator_goes_on_from_the_file_of_a_robot_that_is_not_its_urdf(drawn: Path) -> None:
     (drawn / 'after.yaml').write_text(
         'estimator: {ros__parameters: {target_link: link7, noise.joint_position: 1.0e-4, '

@@ -114,6 +114,7 @@ def test_every_run_is_there_in_order_and_the_statistics_are_theirs(
     assert content(whole) == before
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures('numbers')
 def test_motions_that_follow_are_compared_by_what_they_tell_and_what_they_do_to_the_base(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
@@ -161,6 +162,7 @@ cases:
 """
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures('numbers')
 def test_errors_of_the_urdf_are_an_axis_like_others(tmp_path: Path) -> None:
     output = tmp_path / 'output'
@@ -319,6 +321,7 @@ class Deadly(CampaignRun):
         return os._exit, (1,)
 
 
+@pytest.mark.long
 def test_a_process_that_dies_costs_no_run_but_the_one_that_kills_it(whole: Path) -> None:
     plan = load_campaign(whole.parent / 'campaign.yaml')
     runs = list(plan.runs())[:4]

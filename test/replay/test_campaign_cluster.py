@@ -113,6 +113,7 @@ def dying(kill: Callable[[], None], after: int) -> Callable[..., Generator[Resul
     return made
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('runs', [RUNS], ids='{} runs'.format)
 def test_a_campaign_on_a_cluster_that_loses_a_worker_is_that_of_this_machine(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, two: Cluster, runs: int

@@ -63,6 +63,7 @@ def without_origin(text: str) -> str:
     return json.dumps(result)
 
 
+@pytest.mark.long
 def test_the_first_bag_that_fails_is_the_one_told_of(capsys: pytest.CaptureFixture[str], bags: list[str]) -> None:
     assert main([bags[0], '/absent', '/missing', '--model', MODEL, '--processes', '2', '--method', 'difference']) == 2
     many = capsys.readouterr()
@@ -128,6 +129,7 @@ def test_an_interrupt_ends_all_processes_without_a_word(bags: list[str]) -> None
     assert len(set(re.findall(r'/(\d+) bags', text))) == 1
 
 
+@pytest.mark.long
 def test_no_process_is_left_when_replay_is_killed(bags: list[str]) -> None:
     with on_a_terminal(*bags * 200, '--model', MODEL, '--processes', '2') as (process, shown):
         at_work(shown)

@@ -213,6 +213,7 @@ def test_a_robot_without_shapes_is_drawn_as_its_skeleton() -> None:
         assert len(svgs(html([brief(urdf=urdf)]))) == drawings
 
 
+@pytest.mark.long
 @pytest.mark.timeout(60)
 def test_of_many_shapes_some_are_drawn() -> None:
     shape = '<visual><geometry><sphere radius="0.1"/></geometry></visual>'

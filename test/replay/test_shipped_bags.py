@@ -97,6 +97,7 @@ def test_the_live_bag_holds_the_estimates_of_the_node() -> None:
     assert np.all(np.abs(recorded - run.final.parameters[PLANAR]) < 0.1 * run.final.std[PLANAR]), 'run `make bags`'
 
 
+@pytest.mark.long
 def test_what_the_document_says_makes_these_bags(tmp_path: Path) -> None:
     (block,) = blocks(BAGS / 'README.md', 'run by test/replay/test_shipped_bags.py')
     short = f'{block.text.rstrip()} --assume-old=install/.built ARGS="--output {tmp_path}/made --duration 2"'

@@ -114,7 +114,8 @@ def test_a_joint_that_moves_for_the_first_time_is_taken_for_no_push(monkeypatch:
     assert max(told.worst, told.young) < 5.0
 
 
-@pytest.mark.parametrize('seed', [pytest.param(20, marks=pytest.mark.long), 90])
+@pytest.mark.long
+@pytest.mark.parametrize('seed', [20, 90])
 def test_what_a_young_run_has_left_behind_counts_no_more(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
     # While a pass over a single joint's windows is due, its inertia becomes eight times as well known: 5 deviations off
     # where those windows were linearised.

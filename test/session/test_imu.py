@@ -19,7 +19,7 @@ from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotati
 from mbaid_ros.core.identifier import GYRO_ALONE, ORIENTATION_AND_GYRO
 from mbaid_ros.core.samples import ImuStream
 from mbaid_ros.core.sensors.base import measured_orientation
-from mbaid_ros.core.sensors.imu import DeadReckoning
+from mbaid_ros.core.sensors.gyro import DeadReckoning
 from mbaid_ros.messages import IMU_FRAME, ImuReader
 from mbaid_ros.replay.start import replay
 from mbaid_ros.session import Session, explain, obstacles

@@ -12,6 +12,7 @@ import pytest
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.unknowns.environment import Pushing
 from mbaid_ros.session import Session, methods, reading, session, settings, storage
 from mbaid_ros.session.planning import plan_settings
 from simulated import robot
@@ -21,6 +22,7 @@ ORBIT = {'orbit.mean_motion': 1e-3, 'orbit.nadir': [0.0, 0.0, -1.0], 'orbit.norm
 LVLH = {'orbit.mean_motion': 1e-3, 'orbit.frame': 'lvlh'}
 PAPER = {'method': 'paper_difference'}
 BEFORE = {'capture.phase': 'pre_capture'}
+TORQUE, FORCE = {'disturbance.torque_std': 0.1}, {'disturbance.force_std': 0.1}
 WHEEL = {'wheels.names': ['w'], 'wheels.axes': [0.0, 0.0, 1.0], 'wheels.spin_inertias': [2.0]}
 
 
@@ -58,7 +60,11 @@ def argument(module: Any, name: str, key: str, parameters: dict[str, object]) ->
         ('time_offset.drift_std', 1e-4, {}, settings, 'Uncertainty', 'clock_drift', 1e-4),
         ('odometry.scale_std', 0.01, {}, settings, 'Uncertainty', 'odometry_scale', 0.01),
         ('odometry.angular_velocity_bias_std', 1e-3, {}, settings, 'Uncertainty', 'twist_bias', 1e-3),
-        ('disturbance.torque_std', 0.02, {}, settings, 'Uncertainty', 'torque', 0.02),
+        ('disturbance.torque_std', 0.02, {}, settings, 'Uncertainty', 'torque', Pushing(0.02)),
+        ('disturbance.torque_time', 30.0, TORQUE, settings, 'Uncertainty', 'torque', Pushing(0.1, 30.0)),
+        ('disturbance.force_std', 0.02, {}, settings, 'Uncertainty', 'force', Pushing(0.02)),
+        ('disturbance.force_time', 30.0, FORCE, settings, 'Uncertainty', 'force', Pushing(0.1, 30.0)),
+        ('disturbance.axes', 'inertial', FORCE, settings, 'Uncertainty', 'force', Pushing(0.1, 0.0, 'inertial')),
         ('wheels.spin_inertia_relative_std', 0.1, WHEEL, settings, 'Uncertainty', 'spin_inertias', (0.2,)),
     ],
 )

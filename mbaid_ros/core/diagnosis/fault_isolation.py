@@ -16,7 +16,7 @@ from mbaid_ros.core.diagnosis.readings import roughness
 from mbaid_ros.core.filter.batch import BackgroundTask
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.run import FilterRun
-from mbaid_ros.core.filter.state import Layout
+from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.results.evidence import correlation_time_of
 from mbaid_ros.core.results.status import Cause, Verdict
@@ -166,7 +166,8 @@ def with_undeclared_orbit(judgement: Verdict, moments: MeanAndCovariance, layout
         if isinstance(unknown, Gravity) and unknown.count:
             begin = np.arange(place.start, place.start + 5)  # the others are its rate
             found = moments.mean[begin]
-            square = float(found @ np.linalg.solve(moments.covariance(begin), found))
+            own = begin - BODY.stop
+            square = float(found @ np.linalg.solve(moments.of_unknowns[own[:, None], own], found))
             if square > chi_square.limit(_FALSE_ALARM, len(found)):
                 rate = rate_of(unknown.factor @ moments.mean[place])
                 return replace(judgement.with_cause(Cause(orbit_fixed_frame(rate), 0.5 * square)), adequate=False)

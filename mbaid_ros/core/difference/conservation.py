@@ -3,7 +3,7 @@
 How much would the sum of squared residuals fall if the momentum had jumped by d before window k? With the gradient s by
 d at the solution for the other unknowns, and S its covariance, all windows from k on together, by
 
-    s^T S^-1 s,    d = -S^-1 s                                               (docs/method.md, eq. 9)
+    s^T S^-1 s,    d = -S^-1 s                                               (method.md, eq. 9)
 
 which is chi-square distributed if nothing happened (Rao 1948). For a jump before the newest window alone it is that
 window's normalised innovation squared.

@@ -1,6 +1,6 @@
 """Linear equations whose coefficients carry noise too: maximum likelihood, its information, and first solutions.
 
-Block k reads (numbers as in docs/method.md)
+Block k reads (numbers as in method.md)
 
     f_k = A_k x + y_k,    covariance of f_k = G_k G_k^T,    G_k = G0_k + G1_k . x         (3), (4)
 

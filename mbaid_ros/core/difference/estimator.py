@@ -181,7 +181,7 @@ class Run:
             spread = plain @ cross_information
             if margin == 1.0 and cross_information.shape[2]:
                 shares = [self._shares(*pair) for pair in zip(plain, spread, strict=True)]
-            total = plain + spread @ np.swapaxes(spread, 1, 2)  # docs/method.md, eq. 8
+            total = plain + spread @ np.swapaxes(spread, 1, 2)  # method.md, eq. 8
             covariances.append(self.space.lift(total, self._open_variance))
         return [
             (

@@ -61,7 +61,7 @@ class CrossInformation:
 
 
 class MarginalisedPrior:
-    """The windows that have left: a quadratic cost (x - x_m)^T N (x - x_m) + const (docs/method.md, eq. 7).
+    """The windows that have left: a quadratic cost (x - x_m)^T N (x - x_m) + const (method.md, eq. 7).
 
     N holds information beyond the noise. The sum over windows may be negative in directions that the data do not
     excite, since the noise's own information is subtracted in expectation: N leaves such directions out.

@@ -72,7 +72,7 @@ def subspace(detector: PlaneDetector, kernel: MomentumKernel) -> Subspace:
 
 
 def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoise, origin: Array) -> Blocks:
-    """Return one block of six equations f = A x + y for each window (docs/method.md, eq. 3).
+    """Return one block of six equations f = A x + y for each window (method.md, eq. 3).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The error chain of a window, linear in the state at its first knot (docs/trajectory.md, eq. 2).
+"""The error chain of a window, linear in the state at its first knot (trajectory.md, eq. 2).
 
 The error xi = (theta, rho) is that of the measured pose: R_true = Exp(theta) R, p_true = p + rho. From knot to knot it
 changes by the predicted motion less the measured one.
@@ -22,8 +22,9 @@ from mbaid_ros.core.filter.measured_window import (
     twist_covariance,
     twist_measurement,
 )
-from mbaid_ros.core.filter.prediction import Bodies, Prediction, by_deflections, predict
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
+from mbaid_ros.core.filter.swing import BESIDE, Motions, SwingCourse
+from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, by_deflections, predict
 from mbaid_ros.core.filter.window import Stack
 from mbaid_ros.core.geometry import Array, Integers, cross, exp
 from mbaid_ros.core.robot.model import express
@@ -86,7 +87,9 @@ class WindowModel:
         return WindowModel(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
 
 
-def window_models(layout: Layout, stacks: Sequence[Stack], point: Point) -> WindowModel:
+def window_models(
+    layout: Layout, stacks: Sequence[Stack], point: Point, course: SwingCourse | None = None
+) -> WindowModel:
     """Return windows linearised at one point, in their order before they were stacked.
 
     Below, arrays have a window's m intervals (or m + 1 knots) first, and the B windows of a stack second.
@@ -95,10 +98,17 @@ def window_models(layout: Layout, stacks: Sequence[Stack], point: Point) -> Wind
     ----------
     layout, stacks : of the state; of windows of one shape each
     point : windows of one chain share its readings, which correct the motion
+    course : of passive joints in the windows before; None where there are none of either
     """
-    motions = [stack.motion(point.side, layout.imu) for stack in stacks]
+    swinging = point.side.kernel.springs.count > 0
+    motions: Motions = [stack.motion(point.side, layout.imu, BESIDE if swinging else 1) for stack in stacks]
+    if swinging:
+        course = course or SwingCourse(layout)
+        motions = course.applied(stacks, motions, point)
     flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
     prediction, bodies = predict(layout, flat, point)
+    if swinging and course is not None:
+        course.add_to(stacks, motions, point, prediction, bodies)
     for unknown, place in layout.of_joints:
         spacings = [stack.windows[0].spacing for stack in stacks]
         stack_motions = [motion for motion, _ in motions]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
+from itertools import groupby
 
 import numpy as np
 from scipy.linalg.lapack import dpotri, dtrtrs
@@ -13,7 +14,7 @@ from mbaid_ros.core.filter.joint_noise import InformationCorrection
 from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout
 from mbaid_ros.core.filter.variables import Variables
-from mbaid_ros.core.geometry import Array, Integers
+from mbaid_ros.core.geometry import Array, Flags, Integers
 from mbaid_ros.core.results.evidence import (
     AS_DECLARED,
     Distance,
@@ -29,7 +30,7 @@ _SURE = 0.9  # probability that something is further off than declared, from whi
 
 @dataclass(frozen=True, eq=False)
 class PriorScaleFactors:
-    """Variance components of the unknowns' priors (Koch 1999, section 3.6; docs/trajectory.md, eq. 7).
+    """Variance components of the unknowns' priors (Koch 1999, section 3.6; trajectory.md, eq. 7).
 
     Where what the windows see of a kind of unknowns is as far off as k times its declared deviation would make it, what
     they do not see probably is as well. A single thing, or a part of one, may be mistaken where all others of its kind
@@ -59,19 +60,27 @@ class PriorScaleFactors:
         values, covariance : (e,), (e, e) of the numbers, of unit variance about zero a priori
         causes, parts : 'zero:joint1' that each belongs to, 'mass:link1' that it is by itself, or empty
         """
-        each, groups = np.ones(len(values)), _Groups.of(tuple(causes), tuple(parts))
-        sizes: dict[str, LikelyScale] = {}
-        distances: dict[str, Distance] = {}
-        beyond = values**2 + covariance.diagonal() - 1.0  # on average at most zero of what looks as declared
-        for names, own, chances, single in groups.alike:
-            if not (single or np.any(np.add.reduce(beyond[own], axis=1) > 0.0)):
-                sizes |= dict.fromkeys(names, AS_DECLARED)
-                continue
+        groups = _Groups.of(tuple(causes), tuple(parts))
+        each, names = np.ones(len(values)), groups.narrow.names
+        table = np.zeros((2, len(names), groups.narrow.width))
+        table[1] = 1.0  # beyond its numbers a row has nothing that the data observe
+        for rows, own in groups.narrow.alike:
             numbers = PriorComparison.of(values[own], covariance[own[:, :, None], own[:, None, :]])
-            likely, away = numbers.likely_sizes(*chances), numbers.distances
-            each[own] = np.maximum(each[own], likely[0][:, None])
-            sizes |= dict(zip(names, map(LikelyScale, *map(np.ndarray.tolist, likely)), strict=True))
-            distances |= dict(zip(names, map(Distance, *map(np.ndarray.tolist, away)), strict=True))
+            table[0, rows, : own.shape[1]], table[1, rows, : own.shape[1]] = numbers.mean, numbers.variance
+        numbers = PriorComparison(*table)
+        likely, away = numbers.likely_sizes(*groups.narrow.chances), numbers.distances
+        for row in np.flatnonzero(likely[0] > 1.0).tolist():
+            own = groups.places[names[row]]
+            each[own] = np.maximum(each[own], likely[0][row])
+        sizes = dict(zip(names, map(LikelyScale, *map(np.ndarray.tolist, likely)), strict=True))
+        distances = dict(zip(names, map(Distance, *map(np.ndarray.tolist, away)), strict=True))
+        beyond = values**2 + covariance.diagonal() - 1.0  # on average at most zero of what looks as declared
+        for kind in groups.wide:
+            own, sizes[kind] = groups.places[kind], AS_DECLARED
+            if np.add.reduce(beyond[own]) > 0.0:
+                found = PriorComparison.of(values[own], covariance[own[:, None], own]).likely_sizes(*_KIND)
+                sizes[kind] = LikelyScale(*map(float, found))
+                each[own] = np.maximum(each[own], sizes[kind].factor)
         return PriorScaleFactors(
             {name: sizes[name] for name in groups.within},
             {thing: distances[thing] for thing in groups.things},
@@ -88,7 +97,7 @@ class PriorScaleFactors:
     def beside(self, contributions: Array) -> Array:
         """Return the columns (m, n) that a covariance factor gains, of the contributions (e, m) of each number.
 
-        Numbers s times as far off add s^2 - 1 times the square of their contribution (docs/trajectory.md, eq. 7).
+        Numbers s times as far off add s^2 - 1 times the square of their contribution (trajectory.md, eq. 7).
         """
         larger = self.each > 1.0
         return np.asarray(contributions[larger].T * np.sqrt(self.each[larger] ** 2 - 1.0))
@@ -117,15 +126,45 @@ def _kind(cause: str) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class _Groups:
-    """Groups of numbers: `within` as above, single causes, and groups of equal size.
+class _Narrow:
+    """Groups that are compared together, as rows of one table.
 
-    Those are (names, places (B, n), prior probabilities, whether single causes are among them).
+    Attributes
+    ----------
+    names : of the rows
+    alike : (rows, places (B, n)) of the groups of n numbers
+    chances : (B,) each, prior probabilities of the rows
+    width : the most numbers of a row
     """
+
+    names: tuple[str, ...]
+    alike: tuple[tuple[slice, Integers], ...]
+    chances: tuple[Array, Array]
+    width: int
+
+    @staticmethod
+    def of(places: Mapping[str, Integers], chances: Mapping[str, tuple[float, float]]) -> _Narrow:
+        """Return the rows of groups, by name."""
+        names = sorted(places, key=lambda name: len(places[name]))
+        alike, start = [], 0
+        for _, equal in groupby(names, key=lambda name: len(places[name])):
+            own = np.array([places[name] for name in equal])
+            alike.append((slice(start, start + len(own)), own))
+            start += len(own)
+        width = max((own.shape[1] for _, own in alike), default=0)
+        too_small, doubt = np.array([chances[name] for name in names]).reshape(-1, 2).T
+        return _Narrow(tuple(names), tuple(alike), (too_small, doubt), width)
+
+
+@dataclass(frozen=True, eq=False)
+class _Groups:
+    """Groups of numbers: `within` as above, single causes, places by name, and kinds of several causes (`wide`)."""
 
     within: Mapping[str, Sequence[str]]
     things: tuple[str, ...]
-    alike: tuple[tuple[tuple[str, ...], Integers, tuple[float, float], bool], ...]
+    places: Mapping[str, Integers]
+    wide: tuple[str, ...]
+    narrow: _Narrow  # single causes, and parts of them
 
     @staticmethod
     @lru_cache(maxsize=8)  # a run asks at each window
@@ -140,18 +179,11 @@ class _Groups:
         within: dict[str, Sequence[str]] = dict.fromkeys(kinds, ())
         within |= {thing: (_kind(thing),) for thing in things if thing not in kinds}
         within |= {part: (_kind(causes[place]), causes[place]) for part, (place,) in alone.items()}
-        alike: dict[tuple[int, tuple[float, float]], dict[str, list[int]]] = {}
-        for name, places in {**things, **kinds, **alone}.items():  # a kind may be a single thing
-            chances = _KIND if name in kinds else _PART if name in alone else _THING
-            alike.setdefault((len(places), chances), {})[name] = places
-        return _Groups(
-            within,
-            tuple(things),
-            tuple(
-                (tuple(named), np.array(list(named.values())), chances, not things.keys().isdisjoint(named))
-                for (_, chances), named in alike.items()
-            ),
-        )
+        places = {name: np.array(own) for name, own in {**things, **kinds, **alone}.items()}
+        chances = {name: _KIND if name in kinds else _PART if name in alone else _THING for name in places}
+        wide = tuple(kind for kind in kinds if kind not in things)  # a kind may be a single thing
+        narrow = {name: own for name, own in places.items() if name not in wide}
+        return _Groups(within, tuple(things), places, wide, _Narrow.of(narrow, chances))
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +251,7 @@ class MeanAndCovariance:
     def published(self, sizes: PriorScaleFactors, layout: Layout, rows: Integers) -> tuple[Array, Array]:
         """Return some numbers (r,) of the state, the body's among them, and a covariance factor (r, w), as published.
 
-        With the correction for noise in the rows (docs/trajectory.md, eq. 14), and the priors scaled (eq. 7).
+        With the correction for noise in the rows (trajectory.md, eq. 14), and the priors scaled (eq. 7).
         """
         body, attenuation = self._attenuated
         part = self.factor_of(self.variables.spread[rows])
@@ -242,7 +274,7 @@ class MeanAndCovariance:
 
     @cached_property
     def _attenuated(self) -> tuple[Array, InformationCorrection]:
-        """A covariance factor (b, v) of the body's variables, and their correction (docs/trajectory.md, eq. 14)."""
+        """A covariance factor (b, v) of the body's variables, and their correction (trajectory.md, eq. 14)."""
         variables = self.variables
         body = self.factor_of(np.eye(variables.own)[variables.body])
         mean = variables.gather[variables.body, BODY] @ self.mean[BODY]
@@ -257,15 +289,21 @@ class MeanAndCovariance:
 
         They come last, with a force: the lower rows of the triangle are the root of their marginal information.
         """
-        first, known = self.variables.own, layout.known
-        count = len(self.variables.scale) - first
-        if not count:  # LAPACK complains of empty triangles, on the terminal
-            return np.zeros(0), np.zeros((0, 0))
-        upper = dpotri(self.gaussian.root[first:, first:-2])[0][:count, :count]
-        values, covariance = self.mean[BODY.stop :] - known.mean, upper + np.triu(upper, 1).T
+        known = layout.known
+        values, covariance = self.mean[BODY.stop :] - known.mean, self.of_unknowns
         if known.independent:
             return values, covariance
         return known.whitening @ values, known.whitening @ covariance @ known.whitening.T
+
+    @cached_property
+    def of_unknowns(self) -> Array:
+        """The covariance (e, e) of the unknowns in the state."""
+        first = self.variables.own
+        count = len(self.variables.scale) - first
+        if not count:  # LAPACK complains of empty triangles, on the terminal
+            return np.zeros((0, 0))
+        upper = dpotri(self.gaussian.root[first:, first:-2])[0][:count, :count]
+        return np.where(_upper(count), upper, upper.T)
 
     def sizes(self, layout: Layout) -> PriorScaleFactors:
         """Return the scale factors of the unknowns' priors."""
@@ -278,3 +316,9 @@ class MeanAndCovariance:
         """
         with_unknowns = self.with_variables(factor)[self.variables.own : len(self.variables.scale)]
         return with_unknowns if layout.known.independent else np.asarray(layout.known.whitening @ with_unknowns)
+
+
+@cache
+def _upper(size: int) -> Flags:
+    """Return which places are those of an upper triangle."""
+    return np.asarray(np.triu(np.ones((size, size), dtype=bool)))

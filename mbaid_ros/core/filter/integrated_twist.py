@@ -1,4 +1,4 @@
-"""The integrated twist beside poses with correlated errors (docs/trajectory.md, eqs. 9 and 10).
+"""The integrated twist beside poses with correlated errors (trajectory.md, eqs. 9 and 10).
 
 Integrated over windows, the joints' noise in the predicted twist telescopes: neighbours share only its effect c on the
 pose at the border, which is carried from window to window.

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtrs
 
 from mbaid_ros.core.array_record import ArrayRecord
-from mbaid_ros.core.filter.prediction import Bodies, Prediction, gains_by_unknowns, joint_gains
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, BODY, Layout
+from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, gains_by_unknowns, joint_gains
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import Stack
 from mbaid_ros.core.geometry import Array, Integers
@@ -76,6 +76,9 @@ def joint_noise(
     apart = np.concatenate([each * (place[2] - place[0]) for each, place in zip(size, places, strict=True)])
     length = apart + np.concatenate(size)
     deviation = np.concatenate([np.sqrt(stack.joint_variance / stack.samples) for stack in stacks])
+    if kernel.springs.count:  # nothing reads passive joints: their errors are those of the parameters
+        deviation = np.repeat(deviation, kernel.model.joints // deviation.shape[-1], axis=-1)
+        deviation[..., list(kernel.springs.joints)] = 0.0
     # At position level the turn of A itself remains, and F~ A dq.
     remainder = by_position[1] + slope @ middle - (last - first) / apart
     by_unknowns = gains_by_unknowns(layout, kernel, bodies[index[1]], middle[:, ANGULAR_FIRST])[:, ANGULAR_FIRST]
@@ -127,7 +130,7 @@ def errors_in_variables_bias(precision: Array, slope: Array, body: Array, variab
     weighed = precision[:, None] @ of_body  # (B, n, 6, b)
     windows, joints, numbers, count = of_body.shape
     flat = of_body.reshape(windows, joints * numbers, count)
-    information = np.swapaxes(flat, 1, 2) @ weighed.reshape(flat.shape)  # M of docs/trajectory.md, eq. 13
+    information = np.swapaxes(flat, 1, 2) @ weighed.reshape(flat.shape)  # M of trajectory.md, eq. 13
     at = variables.gather[variables.body, BODY] @ body[..., None]
     return np.concatenate((information, information @ at), axis=-1)
 
@@ -140,7 +143,7 @@ def no_bias(variables: Variables) -> Array:
 
 @dataclass(frozen=True)
 class InformationCorrection:
-    """Correction of the body's b variables for M (docs/trajectory.md, eqs. 13 and 14), P their covariance without it.
+    """Correction of the body's b variables for M (trajectory.md, eqs. 13 and 14), P their covariance without it.
 
     Attributes
     ----------
@@ -156,11 +159,11 @@ class InformationCorrection:
     @staticmethod
     def of(covariance: Array, bias_information: Array, mean: Array) -> InformationCorrection:
         """Return it for covariance (b, b), (M, M body) (b, b + 1) and mean (b,)."""
-        root, (information, at) = np.linalg.cholesky(covariance), np.split(bias_information, [-1], axis=1)
+        root, information, at = np.linalg.cholesky(covariance), bias_information[:, :-1], bias_information[:, -1]
         # With P = F F^T and F^T M F = V diag(mu) V^T:  N = F^-T V diag(mu / (1 - mu)) V^T F^-1.
         part, along = np.linalg.eigh(root.T @ information @ root)
         part = np.clip(part, 0.0, _MOST)
-        back = solve_triangular(root, along, trans='T', lower=True)
+        back = dtrtrs(root.T, along)[0]
         gain = (back * (part / (1.0 - part))) @ back.T
-        score = information @ mean - at[:, 0]
+        score = information @ mean - at
         return InformationCorrection(gain, back * (np.sqrt(part) / (1.0 - part)), score + gain @ covariance @ score)

@@ -12,8 +12,8 @@ import numpy as np
 
 from mbaid_ros.core.filter.integrated_twist import IntegratedTwist, weights_of_ways
 from mbaid_ros.core.filter.knots import Midpoints, gradient
-from mbaid_ros.core.filter.prediction import Prediction
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
+from mbaid_ros.core.filter.twist_prediction import Prediction
 from mbaid_ros.core.filter.window import Stack
 from mbaid_ros.core.geometry import Array, cross, crossed, rotate, rotate_back, skew
 from mbaid_ros.core.unknowns.declaration import ImuMotion, Reading
@@ -108,7 +108,7 @@ def _mean(knots: Array, change: Array) -> Array:
 
 
 def pose_measurement(errors: Array, change: Array, readings: Array, point: Array) -> tuple[Array, Array]:
-    """0 = mean of xi over the knots + readings + noise (docs/trajectory.md, eq. 3), linearised at (r,).
+    """0 = mean of xi over the knots + readings + noise (trajectory.md, eq. 3), linearised at (r,).
 
     A share `change` of the change of xi whitens correlated errors. The twist in the readings is that at the knots
     themselves: half an interval later its noise, the joints' as that of xi, would look like a delay by that half.

@@ -30,7 +30,7 @@ _HELD, _WELL_KNOWN, _CURVED, _UNIT = 16.0, 1e-3, 0.1, 0.01
 
 
 class LinearisationPoint:
-    """The linearisation point of the windows to come (docs/trajectory.md, eq. 6).
+    """The linearisation point of the windows to come (trajectory.md, eq. 6).
 
     Each window is blind along some directions: all masses and momenta growing together, say, or CoM and odometry mount
     displaced together. Linearised at another point these are others, and together the windows would seem to see them.
@@ -176,6 +176,12 @@ class FilterRun:
         return best(self._bank).gaussian.log_likelihood - self._bank[0].gaussian.log_likelihood if self._bank else 0.0
 
     @property
+    def innovations(self) -> Array:
+        """Misfit of each hypothesis with a mechanism over all windows, and number of its innovations, (k, 2)."""
+        physical = [each for each in self._bank if each.hypothesis.physical]
+        return np.array([(each.misfit, each.gaussian.measured) for each in physical]).reshape(-1, 2)
+
+    @property
     def unexplained(self) -> bool:
         """Whether there is no start, or it leaves much of the windows unexplained."""
         if self._latest is None:
@@ -204,6 +210,12 @@ class FilterRun:
     def point(self) -> Point:
         """The point of the present estimate, if nothing drifts."""
         return self._point_of(self._bank[0])
+
+    @property
+    def largest_deflections(self) -> Array:
+        """Largest deflections (f,) of passive joints at the ends of the windows, rad or m."""
+        assert self._point.point is not None, 'there is a start'
+        return self._linearised.largest_deflections(self._point.point)
 
     def curvatures(self, *, explained: bool) -> tuple[Curvature, ...]:
         """Return the nonlinearity of the windows; about the present estimate only where the model explains the data."""

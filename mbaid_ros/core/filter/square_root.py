@@ -138,7 +138,7 @@ def update(gaussian: SquareRootInformation, window: WhitenedWindow) -> SquareRoo
         gaussian.measured + count,
         nis,
         count,
-        gaussian.log_likelihood - 0.5 * (nis + window.log_noise + growth),  # docs/trajectory.md, eq. 5
+        gaussian.log_likelihood - 0.5 * (nis + window.log_noise + growth),  # trajectory.md, eq. 5
         carried,
     )
 
@@ -204,7 +204,7 @@ def _advanced_with_link(
     variables: Variables,
     hypothesis: Hypothesis,
 ) -> SquareRootInformation:
-    """Return the Gaussian and c at the next window's first knot (docs/trajectory.md, eq. 10).
+    """Return the Gaussian and c at the next window's first knot (trajectory.md, eq. 10).
 
     `rows` (2 k, 2 k + v + 2) are those of q and c after the update; the rest is as for `advance`.
     """
@@ -238,6 +238,8 @@ def pose_reset(gaussian: SquareRootInformation, variables: Variables) -> SquareR
     root, poses = gaussian.root.copy(), variables.poses
     root[:poses] = 0.0
     root[:poses, :poses] = variables.prior()[1][:poses, :poses]
+    if variables.broken.shape[1]:
+        root = _walked(root, variables.broken, len(variables.scale))
     return gaussian.with_root(_forgotten(root, variables))
 
 
@@ -313,7 +315,7 @@ def _forgotten(root: Array, variables: Variables) -> Array:
 
 
 def _wandered(root: Array, places: Integers, kept: Array, stepped: Array) -> Array:
-    """Return the triangle after a step of Gauss-Markov processes of unit variance (docs/trajectory.md, eq. 11).
+    """Return the triangle after a step of Gauss-Markov processes of unit variance (trajectory.md, eq. 11).
 
     v' = kept v + noise, and the first variables go along: x' = x + stepped (v' - v). v is eliminated.
 

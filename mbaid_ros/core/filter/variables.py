@@ -37,6 +37,7 @@ class Variables:
     walks : (e, w) factor of the unknowns' random walks, per square root of a second; of no columns where there is none
     renewed : (e, w) factor of the unknowns' change from one motion to the next
     times : (e,) s, time constants of the unknowns' Gauss-Markov processes, inf of constants; empty where all are
+    broken : (e, w) factor of the unknowns' change over a gap in the data
     left : (v, v + 1) square-root information left by the run before the target changed, and z; else None
     """
 
@@ -51,6 +52,7 @@ class Variables:
     walks: Array = field(default_factory=lambda: np.zeros((0, 0)))
     renewed: Array = field(default_factory=lambda: np.zeros((0, 0)))
     times: Array = field(default_factory=lambda: np.zeros(0))
+    broken: Array = field(default_factory=lambda: np.zeros((0, 0)))
     left: Array | None = None
 
     @property
@@ -202,6 +204,7 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
         _walks(layout),
         _renewed(layout),
         layout.times,
+        _broken(layout),
     )
 
 
@@ -220,6 +223,12 @@ def _renewed(layout: Layout) -> Array:
     renewed = np.repeat([each.of_a_motion for each in layout.unknowns], [each.count for each in layout.unknowns])
     forgotten = np.isfinite(layout.times) if layout.times.size else False
     return np.asarray(np.sqrt(2.0) * np.eye(len(renewed))[:, renewed.astype(bool) & ~np.asarray(forgotten)])
+
+
+def _broken(layout: Layout) -> Array:
+    """Return the (e, w) factor of the change, over a gap, of unknowns that are other ones after it."""
+    drawn = np.repeat([each.of_a_chain for each in layout.unknowns], [each.count for each in layout.unknowns])
+    return np.asarray(np.sqrt(2.0) * np.eye(len(drawn))[:, drawn.astype(bool)])
 
 
 def _typical(layout: Layout, uncertainty: Uncertainty) -> Array:

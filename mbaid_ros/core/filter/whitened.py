@@ -11,6 +11,7 @@ from mbaid_ros.core.filter.chain import WindowModel, window_models
 from mbaid_ros.core.filter.integrated_twist import IntegratedTwist, TwistLink, linked
 from mbaid_ros.core.filter.joint_noise import errors_in_variables_bias
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, POSE, Layout, Point
+from mbaid_ros.core.filter.swing import SwingCourse
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import Stack, Window, stacked
 from mbaid_ros.core.geometry import Array, Integers, skew
@@ -237,6 +238,7 @@ class LinearisationCache:
     def __init__(self, layout: Layout, variables: Variables) -> None:
         self._layout = layout
         self._variables = variables
+        self._course = SwingCourse(layout) if layout.kernel.springs.count else None
         self._coming: Sequence[Window] = ()
         self._turn: dict[Window, int] = {}
         self._made: dict[Window, WhitenedWindow] = {}
@@ -249,6 +251,10 @@ class LinearisationCache:
         self._coming = windows
         self._turn = {window: turn for turn, window in enumerate(windows)}
         self._made.clear()
+
+    def largest_deflections(self, point: Point) -> Array:
+        """Return the largest deflections (f,) of passive joints at the ends of windows, rad or m."""
+        return np.zeros(0) if self._course is None else self._course.largest(point)
 
     def whitened(self, window: Window, point: Point) -> WhitenedWindow:
         """Return a window, linearised at a point."""
@@ -263,7 +269,7 @@ class LinearisationCache:
 
     def all_whitened(self, stacks: Sequence[Stack], point: Point) -> list[tuple[Window, WhitenedWindow]]:
         """Return stacked windows in their order before they were stacked, as they are and linearised."""
-        models = window_models(self._layout, stacks, point)
+        models = window_models(self._layout, stacks, point, self._course)
         placed = dict(pair for stack in stacks for pair in zip(stack.places, stack.windows, strict=True))
         windows = [placed[place] for place in sorted(placed)]
         return list(zip(windows, prepared(models, self._variables), strict=True))

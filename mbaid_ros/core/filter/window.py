@@ -130,8 +130,8 @@ class Stack:
         """The motion midway between all knots as measured, (J - 1, B, ...)."""
         return midpoints(self.knots, self.windows[0].spacing)
 
-    def motion(self, side: NominalModel, imu: Link | None = None) -> tuple[Midpoints, slice]:
-        """Return the motion as a nominal model corrects it, with one interval on either side, and the own part.
+    def motion(self, side: NominalModel, imu: Link | None = None, beside: int = 1) -> tuple[Midpoints, slice]:
+        """Return the motion as a nominal model corrects it, with intervals `beside` it, and the own part.
 
         An IMU may be on a link that joints move (`imu`).
         """
@@ -149,8 +149,8 @@ class Stack:
         if side.zeros.any():
             middle = replace(middle, joint_position=middle.joint_position + side.zeros)
         first, last, _ = self.windows[0].inside.indices(len(middle))
-        begin = max(first - 1, 0)
-        middle = middle[begin : last + 1]
+        begin = max(first - beside, 0)
+        middle = middle[begin : last + beside]
         if imu is not None and middle.gyro.shape[-1]:
             middle = on_link(middle, side.kernel.kinematics, imu)
         return middle, slice(first - begin, last - begin)

@@ -11,7 +11,8 @@ import numpy as np
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.paper import forms
-from mbaid_ros.core.results.estimate import Estimate, Status
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.status import status_of
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.momentum import standard
@@ -183,14 +184,16 @@ class PaperEstimator:
         else:
             body = np.nan_to_num(standard(parameters))
             momentum[:, 3:] = (states.known_momentum + (states.regressor @ body[..., None])[..., 0])[:, 3:]
-        status = self._status(parameters[-1], determined[-1])
+        steady = self._is_steady(parameters[-1], determined[-1])
         warnings = (THRUST,) if np.any(window.impulse) else ()
         first = self._samples
         self._samples += len(window)
         return [
             Estimate(
                 method=self.method,
-                status=status if index == len(window) - 1 else self._running(determined[index]),
+                status=status_of(
+                    determined=bool(np.any(determined[index])), precise=steady and index == len(window) - 1
+                ),
                 time=float(window.time[index]),
                 stamp=origin + round(window.time[index] * 1e9),
                 parameters=np.where(determined[index], parameters[index], np.nan),
@@ -202,20 +205,14 @@ class PaperEstimator:
             for index in range(len(window))
         ]
 
-    @staticmethod
-    def _running(determined: Array) -> Status:
-        return 'estimating' if np.any(determined) else 'not_identifiable'
-
-    def _status(self, parameters: Array, determined: Array) -> Status:
-        """Return 'converged' once nothing determined has moved for ten windows."""
+    def _is_steady(self, parameters: Array, determined: Array) -> bool:
+        """Return whether nothing determined has moved for ten windows."""
         self._settled.append(np.where(determined, parameters, np.nan))
-        if not np.any(determined):
-            return 'not_identifiable'
-        if len(self._settled) < _SETTLED_WINDOWS:
-            return 'estimating'
+        if not np.any(determined) or len(self._settled) < _SETTLED_WINDOWS:
+            return False
         scale = np.concatenate((np.abs(parameters[:1]), np.full(3, self._settings.length), _inertia_scale(parameters)))
         change = np.abs(np.array(self._settled) - parameters)[:, determined] / scale[determined]
-        return 'converged' if np.all(change < self._settings.settled) else 'estimating'
+        return bool(np.all(change < self._settings.settled))
 
 
 def _inertia_scale(parameters: Array) -> Array:

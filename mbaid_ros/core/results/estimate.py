@@ -99,10 +99,13 @@ class Estimate:
     time_offset, time_offset_std : s, JointState stamps minus true time relative to Odometry; NaN where not estimated
     consistency_correction : size of the projection on physical bodies in standard deviations; 0 is none
     impulse : (6,) what known thrust has changed the momentum by since the first sample
+    innovations : (k, 2) sum of the normalised innovations squared so far, and their number, under each hypothesis of
+        the trajectory filter that has a mechanism; empty where there is none
     samples : number of samples used
     phase : where the run is; see core/capture/estimator.py
     stage : method of the stage that it is from, where the method has several
     thrusters : what has been found of each thruster that may be off its command
+    flexible : the passive joints as estimated
     noise : of the sensors as estimated; None where it is not
     budget : where the parameters' variances come from; None where not available
     causes : what may be wrong where the data contradict the model, the likeliest first, each with how much likelier
@@ -125,10 +128,12 @@ class Estimate:
     time_offset_std: float = np.nan
     consistency_correction: float = 0.0
     impulse: Array = field(default_factory=lambda: np.zeros(6))
+    innovations: Array = field(default_factory=lambda: np.zeros((0, 2)))
     samples: int = 0
     phase: Literal['pre_capture', 'post_capture'] = 'post_capture'
     stage: str = ''
     thrusters: tuple[Thruster, ...] = ()
+    flexible: tuple[PassiveJoint, ...] = ()
     noise: SensorLevels | None = None
     budget: ErrorBudget | None = None
     causes: tuple[tuple[str, float], ...] = ()
@@ -155,6 +160,28 @@ class Estimate:
         if not np.any(impulse):
             return self
         return replace(self, momentum=self.momentum + impulse, impulse=impulse)
+
+
+@dataclass(frozen=True)
+class PassiveJoint:
+    """A passive joint as estimated: natural frequency (Hz, all else held), damping ratio, standard deviations.
+
+    `largest` is the largest deflection at the windows' ends, rad or m.
+    """
+
+    joint: str
+    frequency: float
+    frequency_std: float
+    damping: float
+    damping_std: float
+    largest: float
+
+    def __str__(self) -> str:
+        """Return it with 95 % intervals."""
+        return (
+            f'{self.joint} swings at {self.frequency:.5g} ± {1.96 * self.frequency_std:.2g} Hz with a damping ratio of '
+            f'{self.damping:.2g} ± {1.96 * self.damping_std:.1g}, by up to {self.largest:.2g} rad (m)'
+        )
 
 
 def determined(momentum: Array, stds: Array) -> Flags:

@@ -156,7 +156,7 @@ class PriorComparison:
 
     If the prior is right, the posterior mean m varies about zero with S = 1 - P, P the posterior covariance; if the
     numbers are k times as far off, with S + (k^2 - 1) S^2. With k times the standard deviation, prior information falls
-    by D = 1 - 1/k^2, and the log-likelihood of the data grows by (docs/trajectory.md, eq. 8)
+    by D = 1 - 1/k^2, and the log-likelihood of the data grows by (trajectory.md, eq. 8)
 
         1/2 m^T (1/D - P)^-1 m  -  1/2 log|1 - D P|  -  n log k
 
@@ -188,7 +188,7 @@ class PriorComparison:
         """Return the largest gains of log-likelihood (...), and the factors k up to `most` that do it."""
         return self._largest([factor for factor in _FACTORS if factor <= most])
 
-    def likely_sizes(self, too_small: float, doubt: float) -> tuple[Array, Array, Array]:
+    def likely_sizes(self, too_small: float | Array, doubt: float | Array) -> tuple[Array, Array, Array]:
         """Return how many times as far from zero each group is as declared: (...) each of what `LikelyScale` has.
 
         The root mean square of one and the likeliest factor, by the chance of either; numbers that the data
@@ -196,7 +196,7 @@ class PriorComparison:
 
         Parameters
         ----------
-        too_small : chance that they are declared too certain, before the data are asked
+        too_small : chance that they are declared too certain, before the data are asked; of all groups or (...) each
         doubt : chance afterwards up to which that counts for nothing
         """
         # Only a mean larger than the data expect can gain by a factor.

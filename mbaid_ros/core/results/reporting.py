@@ -18,7 +18,7 @@ from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, are_physical, project, project_planar
-from mbaid_ros.core.results.status import Reason, Severity, with_reasons
+from mbaid_ros.core.results.status import Reason, Severity, status_of, with_reasons
 from mbaid_ros.core.robot.kinematics import Plane
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian
 
@@ -122,16 +122,14 @@ class Reporting:
         published = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
         parameters[~identifiable] = np.nan
         published[~(identifiable[:, :, None] & identifiable[:, None])] = np.nan
-        converged = np.all(
-            (relative_std(published, self.sizes(parameters)) < self.converged_std) | ~identifiable, axis=1
-        )
+        precise = np.all((relative_std(published, self.sizes(parameters)) < self.converged_std) | ~identifiable, axis=1)
         estimates = []
         for k, (solution, instant) in enumerate(zip(solutions, instants, strict=True)):
             residual = float(np.sqrt(max(solution.cost, 0.0) / max(solution.redundancy, 1)))
             known, correction = identifiable[k], float(corrections[k])
             estimate = Estimate(
                 method=method,
-                status=('converged' if converged[k] else 'estimating') if known.any() else 'not_identifiable',
+                status=status_of(determined=bool(known.any()), precise=bool(precise[k])),
                 time=instant.time,
                 stamp=instant.stamp,
                 parameters=parameters[k],

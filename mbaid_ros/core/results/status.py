@@ -11,7 +11,7 @@ import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import WITHHELD, Estimate
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Status
 from mbaid_ros.core.results.evidence import SENSORS, Distance, Innovations, correlated_noise, correlation_time_of
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.samples import Samples
@@ -34,6 +34,19 @@ class Reason:
     text: str
     severity: Severity = 'note'
     gain: float | None = None
+
+
+def status_of(*, determined: bool, precise: bool) -> Status:
+    """Return the status of a solution that nothing contradicts.
+
+    Parameters
+    ----------
+    determined : whether the data determine any parameter
+    precise : whether every determined parameter is as precise, or as steady, as the method's threshold asks
+    """
+    if not determined:
+        return 'not_identifiable'
+    return 'converged' if precise else 'estimating'
 
 
 def with_reasons(estimate: Estimate, reasons: Sequence[Reason]) -> Estimate:

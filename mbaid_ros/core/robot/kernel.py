@@ -21,6 +21,7 @@ from mbaid_ros.core.robot.model import Link, RobotModel, express
 from mbaid_ros.core.robot.model_errors import KnownErrors, displaced
 from mbaid_ros.core.robot.momentum import Storage, momentum, regressor
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about, of_bodies, of_link
+from mbaid_ros.core.robot.springs import Springs
 from mbaid_ros.core.samples import Samples
 
 _PART = 16_000  # bodies times samples, of 240 bytes each: what a cache of some megabytes holds
@@ -102,6 +103,7 @@ class MomentumKernel:
     known : (n + 1, 10) standard parameters of the known bodies, each in its own frame
     errors : of these parameters; none by default
     storage : momentum stored inside bodies; none by default
+    springs : of passive joints; none by default
 
     Raises
     ------
@@ -117,6 +119,7 @@ class MomentumKernel:
         self.known = model.body_parameters(without=(target, *others))
         self.errors = KnownErrors()
         self.storage = Storage()
+        self.springs = Springs()
 
     def corrected(self, change: Array) -> MomentumKernel:
         """Return a kernel whose known bodies differ by (n + 1, 10) standard parameters, each in its own frame."""
@@ -140,6 +143,10 @@ class MomentumKernel:
     def storing(self, storage: Storage) -> MomentumKernel:
         """Return a kernel of a robot that stores momentum inside bodies."""
         return self._with(storage=storage)
+
+    def swinging(self, springs: Springs) -> MomentumKernel:
+        """Return a kernel of a robot with these passive joints."""
+        return self._with(springs=springs)
 
     def _with(self, **changed: object) -> MomentumKernel:
         other = copy(self)
@@ -184,6 +191,17 @@ class MomentumKernel:
             tide=np.zeros((count, 0, 6, 10)),
             thrust=np.zeros((count, 0, 6, OF_A_THRUSTER)),
         )
+
+
+def cantilever_inertias(model: RobotModel, parameters: Array) -> Array:
+    """Return the inertia about or along each joint's axis of all that it carries, (n,) kg m^2 or kg, joints at zero.
+
+    `parameters` (n + 1, 10) are the bodies' standard ones, each in its own frame.
+    """
+    kinematics = Kinematics(model)
+    placed = kinematics.configure(np.eye(3)[None], np.zeros((1, model.joints)))
+    carried = kinematics.ancestors.T @ express(parameters, placed.rotation, placed.position)
+    return np.asarray(np.sum(placed.joint_twist * momentum(carried, placed.joint_twist), axis=-1)[0])
 
 
 def unknown_scale(kernel: MomentumKernel) -> Array:
@@ -326,7 +344,7 @@ def _put_regressor(matrix: Array, link: _Motion) -> None:
     """Write the (6, 10, N) Y of a link; see `momentum.regressor`."""
     axes, position, velocity, rate = link.axes, link.position, link.velocity, link.rate
     of_mass, of_first, of_inertia = matrix[:, 0], matrix[:, 1:4].swapaxes(0, 1), matrix[3:, 4:]
-    # P = m v + [w]x R h (docs/method.md, eq. 1)
+    # P = m v + [w]x R h (method.md, eq. 1)
     first = _cross(rate, axes)
     of_mass[:3], of_first[:, :3] = velocity, first
     # L_b = m r x v + ([r]x [w]x R - [v]x R) h + R bracket(R^T w) vec(I_o) (eq. 2, about the base's origin)

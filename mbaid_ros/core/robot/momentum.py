@@ -148,7 +148,7 @@ def regressor(rotation: Array, position: Array, twist: Array) -> Array:
     velocity = twist[..., :3] + cross(angular, position)  # v, of the link's origin
     shape = np.broadcast_shapes(rotation.shape[:-2], twist.shape[:-1])
     matrix = np.zeros((*shape, 6, 10))
-    # P = m v + [w]x R h (docs/method.md, eq. 1)
+    # P = m v + [w]x R h (method.md, eq. 1)
     first = skew(angular) @ rotation
     matrix[..., :3, 0] = velocity
     matrix[..., :3, 1:4] = first

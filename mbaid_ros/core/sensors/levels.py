@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -116,16 +117,23 @@ class FoundNoise:
     joints : number
     undeclared : (6,) which CHANNELS are undeclared: their estimated level is used until a message declares one
     estimate : whether estimated levels replace all declared ones
+    passive : joints that nothing measures
     """
 
     def __init__(
-        self, noise: SensorNoise, joints: int, undeclared: Flags | None = None, *, estimate: bool = False
+        self,
+        noise: SensorNoise,
+        joints: int,
+        undeclared: Flags | None = None,
+        *,
+        estimate: bool = False,
+        passive: Sequence[int] = (),
     ) -> None:
         self._noise = noise
         self._estimate = estimate
         self._undeclared = np.zeros(len(CHANNELS), dtype=bool) if undeclared is None else undeclared
         self._declared_from: Stamps = np.full(len(CHANNELS), _NEVER)  # by messages, ns
-        self._levels = NoiseLevels(noise, joints)
+        self._levels = NoiseLevels(noise, joints, passive)
 
     @property
     def joint_position(self) -> float:

@@ -7,6 +7,7 @@ to the same however the readings are cut into calls.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import comb
 
@@ -200,9 +201,13 @@ class NoiseLevels:
     ----------
     noise : of the joints, as declared; the readings hold that of the base
     joints : number
+    passive : those that nothing measures
     """
 
-    def __init__(self, noise: SensorNoise, joints: int) -> None:
+    def __init__(self, noise: SensorNoise, joints: int, passive: Sequence[int] = ()) -> None:
+        measured = [joint for joint in range(joints) if joint not in passive]
+        self._measured = slice(None) if not passive else np.array(measured, dtype=np.intp)
+        joints = len(measured)
         self._noise = np.array([noise.joint_position, noise.joint_velocity])
         self._time = noise.base_correlation_time
         self._joints = Differences((slice(0, joints), slice(joints, 2 * joints)), ((1,), (1,)))
@@ -214,7 +219,8 @@ class NoiseLevels:
     def take(self, joints: JointStream | None, base: BaseStream | None) -> None:
         """Add readings of each kind in the order of their stamps."""
         if joints is not None and len(joints.stamp):
-            values = np.concatenate((joints.position, joints.velocity), axis=1)
+            parts = (joints.position[:, self._measured], joints.velocity[:, self._measured])
+            values = np.concatenate(parts, axis=1)
             self._joints.add(joints.stamp, values, np.repeat(self._noise[None], len(values), axis=0))
         if base is not None and len(base.stamp):
             parts = base.position, base.rotation.reshape(-1, 9), base.linear_velocity, base.angular_velocity

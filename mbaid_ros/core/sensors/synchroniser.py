@@ -12,7 +12,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, exp, log
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, Stamps
 from mbaid_ros.core.sensors.base import at_once, hermite
-from mbaid_ros.core.sensors.imu import Gyro
+from mbaid_ros.core.sensors.gyro import Gyro
 from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, HeldJoints, Outliers, Repeats, joint_channels
 

@@ -26,8 +26,10 @@ from mbaid_ros.core.trajectory.solution import (
     error_budget,
     estimates,
     forces,
+    implausible,
     joint_delay,
     jumps,
+    passive_joints,
     point_of,
     thrusters,
 )
@@ -108,6 +110,7 @@ class TrajectoryEstimator:
         too_small = [underestimated_text(*each) for each in sizes.sure if verdict.adequate]
         acting = filtered.hypothesis.disturbed and filtered.hypothesis.physical
         estimated = [f'{filtered.hypothesis.name}; estimated along, which widens the intervals'] if acting else []
+        flexible = passive_joints(moments, layout, run.largest_deflections) if layout.kernel.springs.count else ()
         x, factor = moments.published(sizes, layout, _REPORTED)
         covariance = (factor @ factor.T + moments.variables.outside[np.ix_(_REPORTED, _REPORTED)]) * verdict.widening
         return Solved(
@@ -120,15 +123,21 @@ class TrajectoryEstimator:
                 origin=origin,
                 plane=self._plane.plane(self._kernel.target),
                 curvatures=run.curvatures(explained=verdict.adequate),
-                reasons=(*notes((*self._runs.warnings, *too_small, *estimated)), *contradictions(verdict.reasons)),
+                reasons=(
+                    *notes((*self._runs.warnings, *too_small, *estimated)),
+                    *contradictions(verdict.reasons),
+                    *implausible(moments, layout, flexible),
+                ),
             ),
             instant=now,
             verdict=verdict,
             events=(*forces(filtered, moments), *self._runs.events(moments), *jumps(filtered, moments, origin)),
-            budget=error_budget(moments, layout, self._settings.uncertainty, sizes),
+            budget=partial(error_budget, moments, layout, self._settings.uncertainty, sizes),
             thrusters=thrusters(moments, layout),
+            flexible=flexible,
             delay=joint_delay(moments, layout),
             impulse=self._momentum_change(window, moments.mean),
+            innovations=run.innovations,
         )
 
     def _with_causes(self, run: FilterRun, verdict: Verdict) -> Verdict:
@@ -158,6 +167,7 @@ class TrajectoryEstimator:
             events=self._runs.events(None),
             warnings=(reason, *self._runs.warnings),
             impulse=window.impulse[-1],
+            innovations=run.innovations,
         )
 
     def _momentum_change(self, window: Samples, state: Array) -> Array:

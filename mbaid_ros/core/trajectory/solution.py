@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,23 +12,25 @@ from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance, PriorScaleFactors
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout, Point
 from mbaid_ros.core.filter.variables import Variables
-from mbaid_ros.core.geometry import Array, cross
+from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.results.estimate import (
     PULSE,
     SYMPTOM,
     Estimate,
     Event,
+    PassiveJoint,
     Status,
     Thruster,
     changed_by,
     constant_force,
 )
-from mbaid_ros.core.results.parameters import SENSOR_NOISE, ErrorBudget
+from mbaid_ros.core.results.parameters import SENSOR_NOISE, DeferredBudget, ErrorBudget
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
-from mbaid_ros.core.results.status import MOST_JUMPS, Verdict
+from mbaid_ros.core.results.status import MOST_JUMPS, Reason, Verdict
 from mbaid_ros.core.robot.momentum import physical_jacobian, standard
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Thrusters
+from mbaid_ros.core.unknowns.flexible import FREQUENCY, SpringErrors
 from mbaid_ros.core.unknowns.sensors import TimeOffset
 
 _NOTHING = 1e-6  # chance that noise looks like a constant force as large: one less sure is not reported
@@ -94,7 +96,7 @@ _ROUNDING = 1e-3  # of a variance: a share further below zero is a difference of
 
 
 def error_budget(
-    moments: MeanAndCovariance, layout: Layout, uncertainty: Uncertainty, sizes: PriorScaleFactors
+    moments: MeanAndCovariance, layout: Layout, uncertainty: Uncertainty, sizes: PriorScaleFactors, known: Flags
 ) -> ErrorBudget:
     """Return the variance by source of the ten parameters; NaN where unknown. The rest of all priors is sensor noise.
 
@@ -103,29 +105,37 @@ def error_budget(
     moments, layout : of the filter
     uncertainty : priors of target and momentum, where they are given
     sizes : scale factors of the unknowns' priors
+    known : (10,) which parameters are determined
     """
+    given = []
+    if uncertainty.target.given:
+        given.append(('target prior', moments.variables.body))
+    if uncertainty.linear_momentum > 0.0:
+        given.append(('momentum prior', slice(moments.variables.poses, moments.variables.head)))
+    names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
+    return DeferredBudget(names, lambda: _shares(moments, layout, [which for _, which in given], sizes, known))
+
+
+def _shares(
+    moments: MeanAndCovariance, layout: Layout, given: list[slice], sizes: PriorScaleFactors, known: Flags
+) -> tuple[Array, Flags]:
+    """Return the shares (10, c), and which are unchecked, as of `error_budget`; `given` are variables with a prior."""
     variables = moments.variables
     jacobian, part = physical_jacobian(moments.mean[BODY]), moments.factor_of(variables.spread[BODY])
     factor = jacobian @ moments.amplification(part, BODY_PLACES) @ part
     errors = moments.contributions(factor, layout).T * sizes.each
     squares = errors**2
-    given = []
-    if uncertainty.target.given:
-        given.append(('target prior', variables.body))
-    if uncertainty.linear_momentum > 0.0:
-        given.append(('momentum prior', slice(variables.poses, variables.head)))
-    priors = np.array([_of_a_prior(factor, moments, variables, which) for _, which in given]).reshape(-1, len(factor))
+    priors = np.array([_of_a_prior(factor, moments, variables, which) for which in given]).reshape(-1, len(factor))
     total = np.sum(factor**2, axis=1) + np.sum(moments.by_score(jacobian @ part) ** 2, axis=1)
     noise = total - np.sum((errors / sizes.each) ** 2, axis=1) - priors.sum(axis=0)
     noise = np.where(noise < -_ROUNDING * total, np.nan, np.maximum(noise, 0.0))
     parts = np.column_stack((noise, squares @ layout.belongs, priors.T))
-    names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
     with np.errstate(divide='ignore', invalid='ignore'):
         shares = parts / parts.sum(axis=1, keepdims=True)
     unchecked = np.zeros(shares.shape, dtype=bool)
     declared = slice(1, 1 + len(layout.causes))
     unchecked[:, declared] = shares[:, declared] > _seen(errors, sizes.covariance, layout)
-    return ErrorBudget(names, shares, unchecked)
+    return np.where(known[:, None], shares, np.nan), unchecked
 
 
 def _seen(errors: Array, covariance: Array, layout: Layout) -> Array:
@@ -156,32 +166,36 @@ class Solved:
     instant : when
     verdict : on the model
     events : what has acted or changed
-    budget : parts of the variance
+    budget : returns the parts of the variance
     thrusters : how far they are off their commands
+    flexible : passive joints as estimated
     delay : value and standard deviation of the joints' delay, s; NaN where it is no unknown
     impulse : (6,) by which thrust and orbit have changed the momentum since the first sample
+    innovations : as of `Estimate`
     """
 
     solution: Solution
     instant: Instant
     verdict: Verdict
     events: tuple[Event, ...]
-    budget: ErrorBudget
+    budget: Callable[[Flags], ErrorBudget]
     thrusters: tuple[Thruster, ...]
+    flexible: tuple[PassiveJoint, ...]
     delay: tuple[float, float]
     impulse: Array
+    innovations: Array
 
     def completed(self, estimate: Estimate) -> Estimate:
         """Return the estimate of this solution with the history."""
         known = estimate.identifiable
-        shares = np.where(known[:, None], self.budget.shares, np.nan)
         return replace(
             estimate,
             stage='trajectory',
-            budget=replace(self.budget, shares=shares) if known.any() else None,
+            budget=self.budget(known) if known.any() else None,
             causes=tuple((cause.text, cause.gain) for cause in self.verdict.causes),
             events=self.events,
             thrusters=self.thrusters,
+            flexible=self.flexible,
             time_offset=self.delay[0],
             time_offset_std=self.delay[1],
         )
@@ -197,6 +211,7 @@ class NoSolution:
     events: tuple[Event, ...]
     warnings: tuple[str, ...]
     impulse: Array
+    innovations: Array
 
 
 def estimates(
@@ -228,7 +243,7 @@ def estimates(
                 events=each.events,
                 warnings=each.warnings,
             )
-        made.append(estimate.after_thrust(each.impulse))
+        made.append(replace(estimate.after_thrust(each.impulse), innovations=each.innovations))
     return made
 
 
@@ -268,6 +283,50 @@ def thrusters(moments: MeanAndCovariance, layout: Layout) -> tuple[Thruster, ...
     return tuple(estimated)
 
 
+def passive_joints(moments: MeanAndCovariance, layout: Layout, largest: Array) -> tuple[PassiveJoint, ...]:
+    """Return the passive joints as estimated; `largest` (f,) are their deflections, rad or m."""
+    springs, model = layout.kernel.springs, layout.kernel.model
+    value, std = np.zeros((2, springs.count, 2))
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        if isinstance(unknown, SpringErrors):
+            value = (unknown.factor @ moments.mean[place]).reshape(-1, 2)
+            std = np.abs(unknown.factor @ _deviation(moments, place)).reshape(-1, 2)
+    frequency = springs.rate * np.exp(value[:, 0]) / (2.0 * np.pi)
+    numbers = (frequency, frequency * std[:, 0], springs.ratio + value[:, 1], std[:, 1], largest)
+    names = [model.joint_names[joint] for joint in springs.joints]
+    return tuple(PassiveJoint(name, *map(float, each)) for name, *each in zip(names, *numbers, strict=True))
+
+
+_FAR = 3.0  # standard deviations of its declaration, beyond which a frequency is another thing's
+
+
+def implausible(moments: MeanAndCovariance, layout: Layout, joints: Sequence[PassiveJoint]) -> list[Reason]:
+    """Return why passive joints cannot be what they are declared to be."""
+    model, springs = layout.kernel.model, layout.kernel.springs
+    reasons = []
+    away = {}
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        if isinstance(unknown, SpringErrors):
+            away = dict(zip(unknown.causes, moments.mean[place].tolist(), strict=True))
+    for joint, place, rate in zip(joints, springs.joints, springs.rate, strict=True):
+        far = abs(away.get(f'{FREQUENCY}:{joint.joint}', 0.0))
+        if far > _FAR:
+            text = (
+                f'{joint.joint} would swing at {joint.frequency:.3g} Hz, {far:.1f} standard deviations from '
+                f'flexible.{joint.joint}.frequency, {rate / (2.0 * np.pi):.3g} Hz: correct it, or something else swings'
+            )
+            reasons.append(Reason(text, 'contradiction', 0.5 * far**2))
+        limit = model.limits[place]
+        lower, upper = (limit.lower, limit.upper) if limit.upper > limit.lower else (-np.inf, np.inf)
+        if joint.largest > min(upper, -lower):
+            text = (
+                f'{joint.joint} would swing by {joint.largest:.3g} rad (m), beyond its limits in the URDF, '
+                f'{lower:.3g} to {upper:.3g}: something else moves'
+            )
+            reasons.append(Reason(text, 'contradiction', 0.5 * _FAR**2))
+    return reasons
+
+
 def _with_linear_momentum_unknown(estimate: Estimate) -> Estimate:
     """Return an estimate of a base that nothing locates: the frame moves with the common centre of mass."""
     momentum, covariance = estimate.momentum.copy(), estimate.momentum_covariance.copy()
@@ -276,5 +335,5 @@ def _with_linear_momentum_unknown(estimate: Estimate) -> Estimate:
 
 
 def _deviation(moments: MeanAndCovariance, place: slice) -> Array:
-    """Return the standard deviations of a part of the state."""
-    return np.sqrt(moments.covariance(np.arange(place.start, place.stop)).diagonal())
+    """Return the standard deviations of some unknowns of the state."""
+    return np.sqrt(moments.of_unknowns.diagonal()[place.start - BODY.stop : place.stop - BODY.stop])

@@ -45,7 +45,7 @@ class OdometryMount(Unknown):
     def equation_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return how the equations of a robot that is measured by its odometry's frame depend on where that is.
 
-        A turn of the base takes everything along but the measured twist (docs/trajectory.md, eq. 2). A base that is
+        A turn of the base takes everything along but the measured twist (trajectory.md, eq. 2). A base that is
         elsewhere, by a, moves faster by w x a, and the angular momentum about its origin is less by a x P.
         """
         del kernel

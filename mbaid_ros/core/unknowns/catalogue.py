@@ -33,13 +33,23 @@ from mbaid_ros.core.unknowns.bodies import KnownBodies, KnownTarget, TargetPrior
 from mbaid_ros.core.unknowns.declaration import Linear, Unknown, Words, diagonal
 from mbaid_ros.core.unknowns.environment import (
     Circle,
+    ExternalForce,
     ExternalTorque,
     Gravity,
     OrbitShape,
-    external_torque,
+    Pushing,
+    external,
     gravity,
     orbit_shape,
     thrusters,
+)
+from mbaid_ros.core.unknowns.flexible import (
+    SpringErrors,
+    StartingSwing,
+    SwingNoise,
+    spring_errors,
+    starting_swing,
+    swing_noise,
 )
 from mbaid_ros.core.unknowns.joints import (
     FlexibleJoints,
@@ -60,10 +70,11 @@ _WORDS: dict[str, Words] = {
 for _unknown in (
     *(KnownBodies, JointPlacements, JointTracking, FlexibleJoints),
     *(OdometryMount, OdometryScale, OdometryTurning, TwistBias, TwistLate),
-    *(TimeOffset, ClockDrift, Gravity, OrbitShape, ExternalTorque),
+    *(TimeOffset, ClockDrift, Gravity, OrbitShape, ExternalTorque, ExternalForce),
+    *(SpringErrors, StartingSwing, SwingNoise),
 ):
     _WORDS.update(_unknown.words)
-_LARGEST_SIZE = 10.0  # that is tried (docs/trajectory.md, eq. 8): beyond it, how many times is not known
+_LARGEST_SIZE = 10.0  # that is tried (trajectory.md, eq. 8): beyond it, how many times is not known
 _LEAST_STD = 1e-6  # least standard deviation of a number in its unit: exact beside others of the same unknown
 
 
@@ -91,9 +102,14 @@ class Uncertainty:
     twist_bias: float = 0.0  # rad/s, of its angular velocity
     orbit: float = 0.0  # rad/s, mean motion of an orbit that may be there undeclared; 0 is none
     circle: Circle | None = None  # the orbit that is declared, where it may be no circle
-    torque: float = 0.0  # N m, of a torque from outside in base axes
+    torque: Pushing = field(default_factory=Pushing)  # from outside
+    force: Pushing = field(default_factory=Pushing)  # from outside
     tracking: Sequence[float] = ()  # of each joint: rad or m, how far it wanders from its reading; empty is not at all
     tracking_time: Sequence[float] = ()  # s, over which it does
+    spring_frequency: Sequence[float] = ()  # of each passive joint: relative, of its natural frequency
+    spring_ratio: Sequence[float] = ()  # of its damping ratio
+    spring_start: Sequence[float] = ()  # rad or m, of its deflection at the start
+    spring_noise: Sequence[float] = ()  # rad or m, stationary, of the deflection that the model does not excite
 
 
 def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
@@ -115,6 +131,28 @@ def _not_calibrated(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[U
         spin_inertias(kernel, uncertainty.spin_inertias),
         thrusters(uncertainty.thrusters, *thrust),
         joint_tracking(kernel.model.joint_names, uncertainty.tracking, uncertainty.tracking_time),
+        *_of_springs(kernel, uncertainty),
+    )
+
+
+def _of_springs(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
+    """Return the springs of passive joints, and how these swing at the start."""
+    springs = kernel.springs
+    if not springs.count:
+        return ()
+    names = [kernel.model.joint_names[joint] for joint in springs.joints]
+    nothing = np.zeros(springs.count)
+    frequency, ratio, start, noise = (
+        part if len(part) else nothing
+        for part in (
+            *(uncertainty.spring_frequency, uncertainty.spring_ratio),
+            *(uncertainty.spring_start, uncertainty.spring_noise),
+        )
+    )
+    return (
+        spring_errors(names, frequency, ratio),
+        starting_swing(names, start, springs.rate),
+        swing_noise(names, noise, springs.rate, springs.ratio),
     )
 
 
@@ -127,7 +165,7 @@ def _of_sensors(uncertainty: Uncertainty) -> tuple[Unknown, ...]:
         odometry_scale(uncertainty.odometry_scale),
         twist_bias(uncertainty.twist_bias, 0.0),
         gravity(uncertainty.orbit),
-        external_torque(uncertainty.torque),
+        *external(uncertainty.torque, uncertainty.force),
         *(() if uncertainty.circle is None else (orbit_shape(uncertainty.circle),)),
     )
 

@@ -151,6 +151,8 @@ class Unknown:
     pushes = False
     # Whether every motion has one of its own.
     of_a_motion = False
+    # Whether it is another one after every gap in the data.
+    of_a_chain = False
     # Whether it adds to the joints' motion.
     of_joints = False
 

@@ -24,7 +24,8 @@ from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, Orbit
 from mbaid_ros.core.unknowns.declaration import Linear, NominalModel, Reading, Unknown, Words, diagonal
 
-GRAVITY, SHAPE, TORQUE = 'gravity gradient', 'orbit shape', 'external torque'
+GRAVITY, SHAPE, TORQUE, FORCE = 'gravity gradient', 'orbit shape', 'external torque', 'external force'
+PushAxes = Literal['body', 'inertial', 'orbit']
 
 # Orthonormal symmetric matrices without trace, (5, 3, 3).
 _TRACELESS = np.array(
@@ -108,7 +109,7 @@ class Circle:
 
 @dataclass(frozen=True, eq=False)
 class OrbitShape(_Pushing):
-    """The numbers k, h and d of an orbit beside its circle (docs/orbit.md)."""
+    """The numbers k, h and d of an orbit beside its circle (orbit.md)."""
 
     circle: Circle
 
@@ -166,38 +167,113 @@ def orbit_shape(circle: Circle) -> OrbitShape:
     return OrbitShape(np.sqrt(0.5) * circle.eccentricity * np.eye(3), (SHAPE,) * 3, circle)
 
 
+@dataclass(frozen=True)
+class Pushing:
+    """How a force or torque from outside varies.
+
+    Attributes
+    ----------
+    deviation : N or N m, standard deviation along each axis; 0 is none
+    time : s, time constant of the first-order Gauss-Markov process that each component is; 0: constant in a motion
+    axes : in which it is constant or varies; those of the orbit are LVLH
+    orbit : whose axes these are, its epoch at the begin of the run
+    """
+
+    deviation: float = 0.0
+    time: float = 0.0
+    axes: PushAxes = 'body'
+    orbit: Orbit | None = None
+
+    def rotation(self, time: Array, base: Array) -> Array:
+        """Return the (B, 3, 3) rotations from its axes to inertial ones, (B,) s after the begin; `base` of the base."""
+        if self.axes == 'body':
+            return base
+        if self.axes == 'inertial' or self.orbit is None:
+            return np.broadcast_to(np.eye(3), base.shape)
+        down = -self.orbit.upward(time)
+        across = np.broadcast_to(-self.orbit.normal, down.shape)
+        return np.stack((cross(across, down), across, down), axis=-1)
+
+
 @dataclass(frozen=True, eq=False)
 class ExternalTorque(_Pushing):
-    """The torque, (3,) N m in base axes; another one in every motion."""
+    """A torque, (3,) N m; another one in every motion."""
+
+    pushing: Pushing
 
     words: ClassVar = {
         TORQUE: Words(
             'torques from outside',
             'disturbance.torque_std',
             'a torque from outside: shield it, or a longer motion determines it (disturbance.torque_std)',
-            lambda _, value: (
-                f'a torque of {np.linalg.norm(value):.2g} N m acts from outside: find what pushes, or raise '
+            lambda name, value: (
+                f'a torque of {np.linalg.norm(value):.2g} N m {_varying(name)}: find what pushes, or raise '
                 'disturbance.torque_std'
             ),
         )
     }
     of_a_motion = True
 
+    @property
+    def times(self) -> Array:
+        """The time constant of each component; inf where it is constant."""
+        return np.full(self.count, self.pushing.time or np.inf)
+
     def momentum_rates(self, whole: Array, origin: Array, time: Array, rotation: Array) -> Array:
         """Return the change of (P, L) a second by each component."""
-        del origin, time
+        del origin
         rates = np.zeros((len(whole), 6, 3))
-        rates[:, 3:] = rotation
+        rates[:, 3:] = self.pushing.rotation(time, rotation)
         return rates
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return the one about the normal."""
-        return np.asarray(detector.plane_of(0).normal[:, None])
+        if self.pushing.axes == 'body':
+            return np.asarray(detector.plane_of(0).normal[:, None])
+        return detector.rows()[2:, 3:].T
 
 
-def external_torque(deviation: float) -> ExternalTorque:
-    """Return it as an unknown, with a standard deviation in N m about each axis; 0 is none."""
-    return ExternalTorque(diagonal(np.full(3, deviation)), (TORQUE,) * 3)
+@dataclass(frozen=True, eq=False)
+class ExternalForce(ExternalTorque):
+    """A force, (3,) N, through the common centre of mass; another one in every motion. Its lever arm is a torque."""
+
+    words: ClassVar = {
+        FORCE: Words(
+            'forces from outside',
+            'disturbance.force_std',
+            'a force from outside: shield it, or a longer motion determines it (disturbance.force_std)',
+            lambda name, value: (
+                f'a force of {np.linalg.norm(value):.2g} N {_varying(name)}: find what pushes, or raise '
+                'disturbance.force_std'
+            ),
+        )
+    }
+
+    def momentum_rates(self, whole: Array, origin: Array, time: Array, rotation: Array) -> Array:
+        """Return the change of (P, L) a second by each component."""
+        del origin
+        axes, centre = self.pushing.rotation(time, rotation), whole[:, 1:4] / whole[:, :1]
+        return np.concatenate((axes, skew(centre) @ axes), axis=1)
+
+    def plane_basis(self, detector: PlaneDetector) -> Array:
+        """Return the two in the plane."""
+        if self.pushing.axes == 'body':
+            return np.asarray(detector.plane_of(0).across.T)
+        return detector.rows()[:2, :3].T
+
+
+def _varying(name: str) -> str:
+    return f'from outside varies with {name}' if name else 'acts from outside'
+
+
+def external(torque: Pushing, force: Pushing) -> tuple[ExternalTorque, ExternalForce]:
+    """Return a torque and a force from outside as unknowns."""
+    labels = (
+        (f'{kind}:{push.time:g} s' if push.time else kind,) * 3 for kind, push in ((TORQUE, torque), (FORCE, force))
+    )
+    factors = (diagonal(np.full(3, push.deviation)) for push in (torque, force))
+    one, other = zip(factors, labels, (torque, force), strict=True)
+    return ExternalTorque(*one), ExternalForce(*other)
 
 
 @dataclass(frozen=True, eq=False)

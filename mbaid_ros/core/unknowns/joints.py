@@ -1,6 +1,6 @@
 """The joints: zero, origin and axis of each may be off; it may not be where it is read to be; it may be flexible.
 
-A displaced joint frame takes all that it carries along: docs/trajectory.md, eq. 2.
+A displaced joint frame takes all that it carries along: trajectory.md, eq. 2.
 """
 
 from __future__ import annotations

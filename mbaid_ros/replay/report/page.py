@@ -72,6 +72,7 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
         listed([*run.all_warnings, problem] if problem else run.all_warnings, 'warnings'),
         '<h3>Estimate</h3>',
         _parameters(run, matching),
+        '' if run.holdout is None else paragraph(f'{run.holdout.sentence.capitalize()}.', 'told'),
         '' if run.contradicted else error_budget(run.final),
         paragraph(f'What motion would help most: {run.advice}.', 'told') if run.advice else '',
         captured_body(run),

@@ -63,7 +63,7 @@ def test_all_bodies_are_recovered_and_predict_the_momentum_of_another_motion() -
         assert found.residual == pytest.approx(1.0, abs=0.1)
     # 400 chi-squares: standard deviation sqrt(800).
     assert sum(squares) == pytest.approx(400.0, abs=4.0 * np.sqrt(800.0))
-    # A tenth of the samples of two minutes at 100 Hz: errors some three times those of docs/calibration.md.
+    # A tenth of the samples of two minutes at 100 Hz: errors some three times those of docs/how-to/calibrate.md.
     assert np.all(np.sqrt(np.mean(np.square(before), axis=0)) > 4.0 * np.sqrt(np.mean(np.square(after), axis=0)))
     # One direction makes most of the error of a run: five chi-squares, above 20 once in 1000.
     assert np.sum(np.square(deviations)) < 20.0

@@ -74,9 +74,10 @@ def test_each_prior_has_its_share_and_noise_the_rest(name: str, given: bool) -> 
     gaussian, rows = measured(prior, 1, of_filter.gather @ state)
     moments = MeanAndCovariance.of(gaussian, of_filter)
     declared = replace(moments.sizes(layout), each=np.ones(layout.size - BODY.stop))
-    found = error_budget(moments, layout, known, declared)
+    found = error_budget(moments, layout, known, declared, np.ones(10, dtype=bool))
     zeros = np.array([cause.startswith('zero') for unknown in layout.unknowns for cause in unknown.causes])
-    wider = error_budget(moments, layout, known, replace(declared, each=np.where(zeros, 3.0, 1.0)))
+    wrong = replace(declared, each=np.where(zeros, 3.0, 1.0))
+    wider = error_budget(moments, layout, known, wrong, np.ones(10, dtype=bool))
 
     information = prior.root[:, :-2].T @ prior.root[:, :-2]
     covariance = np.linalg.inv(information + rows.T @ rows)

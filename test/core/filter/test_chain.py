@@ -12,8 +12,8 @@ from scipy.signal import lfilter
 from derivatives import central_difference
 from floating import true_momentum
 from mbaid_ros.core.filter.knots import BEFORE, Knots, midpoints
-from mbaid_ros.core.filter.prediction import joint_gains, predict
 from mbaid_ros.core.filter.state import POSE, Layout, Point
+from mbaid_ros.core.filter.twist_prediction import joint_gains, predict
 from mbaid_ros.core.filter.window import Stack
 from mbaid_ros.core.geometry import Array, exp, rotate
 from mbaid_ros.core.samples import Samples

@@ -79,7 +79,8 @@ def test_a_constant_force_on_the_base(robot: MomentumKernel, joints: Sinusoids, 
     assert normalised(follow(robot, observe(truth, MID, 5), MID)[-1], robot) > 2.0 * LIMIT
 
 
-@pytest.mark.parametrize('axes', ['inertial', pytest.param('body', marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize('axes', ['inertial', 'body'])
 def test_a_pulse_is_told_without_what_a_constant_force_brings(
     robot: MomentumKernel, joints: Sinusoids, momentum: Array, axes: str
 ) -> None:

@@ -14,7 +14,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.linear_algebra import inverses
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.physical_consistency import is_physical
-from mbaid_ros.core.results.publication import (
+from mbaid_ros.core.results.published_inertia import (
     Debris,
     DebrisPublication,
     Frame,

@@ -1,0 +1,75 @@
+"""Sphinx configuration of the site, for `make docs` and rosdoc2: pages of docs/, README and public modules."""  # noqa: INP001
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+HERE = Path(__file__).resolve().parent
+README = HERE.parent / 'README.md'
+
+project = 'mbaid_ros'
+author = 'mbaid_ros maintainers'
+version = release = ET.parse(HERE.parent / 'package.xml').getroot().findtext('version') or ''
+
+extensions = [
+    'myst_parser',
+    'sphinx.ext.autodoc',
+    'sphinx.ext.autosummary',
+    'sphinx.ext.napoleon',
+    'sphinx.ext.mathjax',
+]
+exclude_patterns = ['requirements.txt', '_build']
+source_suffix = {'.md': 'markdown', '.rst': 'restructuredtext'}
+language = 'en_GB'
+
+myst_heading_anchors = 4
+myst_enable_extensions = ['dollarmath']
+suppress_warnings = ['myst.header']  # generated pages begin with their tables
+
+autosummary_generate = True
+autodoc_default_options = {'members': True, 'member-order': 'bysource', 'show-inheritance': True}
+autodoc_typehints = 'description'
+autodoc_mock_imports = ['rclpy', 'mbaid_msgs']  # their libraries are found by a sourced ROS environment only
+napoleon_google_docstring = False
+
+html_theme = 'furo'
+html_title = f'mbaid_ros {release}'
+html_theme_options = {'sidebar_hide_name': False, 'navigation_with_keys': True}
+
+_OVERVIEW = HERE / 'overview.md'
+_LINK = re.compile(r'\]\(([\w/.-]+\.md)\)')
+
+
+def _write_overview(_: Any) -> None:
+    """Copy the README into the site, its links relative to docs/."""
+    text = README.read_text(encoding='utf-8')
+    text = re.sub(r'\]\((?!https?:|#)(?!docs/)', '](../', text).replace('](docs/', '](')
+    text = re.sub(r'\[([^\]]+)\]\(\.\./[\w/]+\.md\)', r'\1', text)  # pages that are not part of the site
+    if not _OVERVIEW.is_file() or _OVERVIEW.read_text(encoding='utf-8') != text:
+        _OVERVIEW.write_text(text, encoding='utf-8')
+
+
+def _adapt(_: Any, name: str, source: list[str]) -> None:
+    """Link the README's copy; end the index with a table of contents, one for each of its sections."""
+    source[0] = re.sub(r'\]\((?:\.\./)+README\.md', '](/overview.md', source[0])
+    if name == 'index':
+        sections = re.split(r'^## ', source[0], flags=re.MULTILINE)[1:]
+        entries = [(each.partition('\n')[0], _LINK.findall(each)) for each in sections]
+        listed = {page for _, pages in entries for page in pages} | {'index.md', 'overview.md', 'api/modules.md'}
+        others = sorted({str(page.relative_to(HERE)) for page in HERE.rglob('*.md')} - listed)
+        entries += [('More', others)] * bool(others) + [('Code', ['api/modules.md'])]
+        source[0] += ''.join(_toctree(caption, pages) for caption, pages in [('Start', ['overview.md']), *entries])
+
+
+def _toctree(caption: str, pages: list[str]) -> str:
+    """Return a hidden table of contents."""
+    return '\n```{toctree}\n:hidden:\n:caption: ' + caption + '\n\n' + '\n'.join(pages) + '\n```\n'
+
+
+def setup(app: Any) -> None:
+    """Connect the two handlers."""
+    app.connect('builder-inited', _write_overview, priority=1)
+    app.connect('source-read', _adapt)

@@ -1,0 +1,283 @@
+"""How passive joints swing along the windows, and how that depends on the parameters (appendages.md).
+
+Their state x = (deflections, s) at the midpoints of intervals follows from the motion of joints and base, the momentum
+and the parameters, step by step from the first instant on. Windows are linearised along it; its derivatives by the
+parameters enter those of the predicted twist.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import expm
+
+from mbaid_ros.core.filter.knots import Midpoints
+from mbaid_ros.core.filter.state import Layout, Point
+from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, passive_motion
+from mbaid_ros.core.filter.window import Stack
+from mbaid_ros.core.geometry import Array, Flags, Integers
+
+BESIDE = 2  # intervals on either side of a window that its steps are interpolated from
+_SWEEPS = 8  # of Newton's iteration along the windows, at most: each squares the error
+_CONVERGED = 1e-7  # rad or m, change of a deflection by a sweep
+_POINTS, _ENDS, _GUESSES = 8, 2_000, 20_000  # linearisation points, their intervals, and guesses that are remembered
+
+Motions = Sequence[tuple[Midpoints, slice]]
+Start = Callable[[int, int, int], Array]  # of a stack, a window and an interval: the columns (2 f, c) to begin with
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A stack of B windows of m intervals: their numbers (m, B), the own part, and which follow a gap."""
+
+    numbers: Integers
+    inside: slice
+    fresh: Flags
+    spacing: float
+
+    @staticmethod
+    def of(stack: Stack, inside: slice, intervals: int) -> _Run:
+        spacing = stack.windows[0].spacing
+        starts = np.array([round(window.start / spacing) for window in stack.windows])
+        numbers = starts + np.arange(intervals)[:, None] - inside.start
+        return _Run(numbers, inside, np.array([window.fresh for window in stack.windows]), spacing)
+
+
+class SwingCourse:
+    """The swing of the passive joints along the windows of one run.
+
+    Parameters
+    ----------
+    layout : of the state
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        # Time constants of the parameters that are Gauss-Markov processes, s; inf of all others.
+        times = np.concatenate([np.full(16, np.inf), *(each.times for each in layout.predicted)])
+        self._decay = 1.0 / times
+        # By linearisation point and number of an interval: x and its derivative by the parameters, (2 f, 1 + u).
+        self._ends: OrderedDict[Point, OrderedDict[int, Array]] = OrderedDict()
+        self._guesses: OrderedDict[int, Array] = OrderedDict()  # x (2 f,) by number of an interval
+
+    def applied(self, stacks: Sequence[Stack], motions: Motions, point: Point) -> Motions:
+        """Return motions, (m, B, ...) each, with deflections and rates of the passive joints."""
+        springs = point.side.kernel.springs
+        joints, size = list(springs.joints), springs.count
+        runs = _runs(stacks, motions)
+        zeros = [motion.joint_position[..., joints] for motion, _ in motions]
+
+        def placed(states: Sequence[Array], rates: Sequence[Array] | None = None) -> Motions:
+            moved = []
+            for place, (motion, inside) in enumerate(motions):
+                position, velocity = motion.joint_position.copy(), motion.joint_velocity.copy()
+                position[..., joints] = zeros[place] + states[place][..., :size]
+                velocity[..., joints] = 0.0 if rates is None else rates[place]
+                moved.append((replace(motion, joint_position=position, joint_velocity=velocity), inside))
+            return moved
+
+        def moving(states: Sequence[Array], rates: Array | None) -> tuple[list[Array], ...]:
+            flat = Midpoints.concatenate([motion.flat for motion, _ in placed(states)])
+            along = np.concatenate([state[..., size:].reshape(-1, size) for state in states])
+            found, speed = passive_motion(self._layout, flat, point, along, rates)
+            slope = np.concatenate((found.rates, found.forces), axis=-1)[..., None]
+            return tuple(_divided(part, motions) for part in (speed, found.along, found.by_state, slope))
+
+        first = [
+            np.broadcast_to(np.append(springs.start[0], np.zeros(size)), (*each.shape[:-1], 2 * size)) for each in zeros
+        ]
+        count = sum(each[..., 0].size for each in zeros)
+        starting = moving(first, np.broadcast_to(springs.start[1], (count, size)))[1]
+
+        def start(stack: int, window: int, interval: int) -> Array:
+            return np.concatenate((springs.start[0], starting[stack][interval, window]))[:, None]
+
+        states = self._guessed(runs, starting, size)
+        for _ in range(_SWEEPS):
+            _, _, by_state, slope = moving(states, None)
+            driven = [rate - jacobian @ x[..., None] for rate, jacobian, x in zip(slope, by_state, states, strict=True)]
+            new = [part[..., 0] for part in self._followed(runs, stacks, (by_state, driven), start, point, 1)]
+            change = max(float(np.max(np.abs(one - other)[..., :size])) for one, other in zip(new, states, strict=True))
+            states = new
+            if change < _CONVERGED:
+                break
+        if not all(np.isfinite(state).all() for state in states):
+            raise np.linalg.LinAlgError('the passive joints swing without bounds')
+        for run, state in zip(runs, states, strict=True):
+            self._guesses.update(zip(run.numbers.ravel().tolist(), state.reshape(-1, 2 * size), strict=True))
+        while len(self._guesses) > _GUESSES:
+            self._guesses.popitem(last=False)
+        self._states = states
+        return placed(states, moving(states, None)[0])
+
+    def add_to(
+        self, stacks: Sequence[Stack], motions: Motions, point: Point, prediction: Prediction, bodies: Bodies
+    ) -> None:
+        """Add to the derivatives of the predicted twist what the parameters change by the swing, at all instants."""
+        passive = bodies.passive
+        assert passive is not None, 'there are passive joints'
+        runs = _runs(stacks, motions)
+        by_state, driven, first = (
+            _divided(part, motions) for part in (passive.by_state, passive.by_parameters, passive.first)
+        )
+
+        def start(stack: int, window: int, interval: int) -> Array:
+            return first[stack][interval, window]
+
+        swing = self._followed(runs, stacks, (by_state, driven), start, point, None)
+        for run, state, derivative in zip(runs, self._states, swing, strict=True):
+            self._put(run, np.concatenate((state[..., None], derivative), axis=-1), point)
+        flat = np.concatenate([part.reshape(-1, *part.shape[2:]) for part in swing])
+        prediction.by_parameters[...] += passive.twist_by_state @ flat
+
+    def largest(self, point: Point) -> Array:
+        """Return the largest deflections (f,) at the ends of the windows that were linearised at a point."""
+        size = self._layout.kernel.springs.count
+        ends = self._ends.get(point)
+        return np.zeros(size) if not ends else np.max([np.abs(end[:size, 0]) for end in ends.values()], axis=0)
+
+    def _guessed(self, runs: Sequence[_Run], starting: Sequence[Array], size: int) -> list[Array]:
+        """Return the states (m, B, 2 f) that earlier sweeps ended at, or else the start's."""
+        states = []
+        for run, along in zip(runs, starting, strict=True):
+            state = np.concatenate((np.zeros((*along.shape[:-1], size)), along), axis=-1)
+            for place in np.ndindex(run.numbers.shape):
+                found = self._guesses.get(int(run.numbers[place]))
+                if found is not None:
+                    state[place] = found
+            states.append(state)
+        return states
+
+    def _followed(
+        self,
+        runs: Sequence[_Run],
+        stacks: Sequence[Stack],
+        slopes: tuple[Sequence[Array], Sequence[Array]],
+        start: Start,
+        point: Point,
+        columns: int | None,
+    ) -> list[Array]:
+        """Return states, or their derivatives, (m, B, 2 f, c), along windows in order.
+
+        Parameters
+        ----------
+        runs, stacks : of the windows
+        slopes : (m, B, 2 f, 2 f) derivatives of the rates of x, and the rest (m, B, 2 f, c) of those
+        start : where a window follows none
+        point : of the linearisation
+        columns : of what is remembered: the first, 1, or all others, None
+        """
+        mean = np.mean(np.concatenate([part.reshape(-1, *part.shape[2:]) for part in slopes[0]]), axis=0)
+        steps = [_steps(mean, *part, run.spacing) for run, *part in zip(runs, *slopes, strict=True)]
+        results = [np.zeros_like(driven) for driven in slopes[1]]
+        which = slice(0, 1) if columns else slice(1, None)
+        ends: dict[int, Array] = {}
+        order = sorted(
+            (place, stack, window) for stack, each in enumerate(stacks) for window, place in enumerate(each.places)
+        )
+        for _, stack, window in order:
+            run, (onward, gain), out = runs[stack], steps[stack], results[stack]
+            numbers = run.numbers[:, window].tolist()
+            # A window's amplitudes of what decays are those at its own begin.
+            length = run.spacing * (run.inside.stop - run.inside.start)
+            onwards = 1.0 if columns else np.exp(self._decay * length)
+            begin = run.inside.start - (0 if run.fresh[window] or run.inside.start == 0 else 1)
+
+            def earlier(place: int, numbers: Sequence[int] = numbers, onwards: float | Array = onwards) -> Array | None:
+                if numbers[place] in ends:
+                    return np.asarray(ends[numbers[place]] * onwards)
+                found = self._end(numbers[place], point)
+                return None if found is None else np.asarray(found[:, which] * onwards)
+
+            before = None if run.fresh[window] else earlier(begin)
+            out[begin, window] = start(stack, window, begin) if before is None else before
+            for place in range(begin, len(out) - 1):
+                out[place + 1, window] = onward[place, window] @ out[place, window] + gain[place, window]
+            for place in range(begin - 1, -1, -1):
+                before = earlier(place)
+                out[place, window] = out[begin, window] if before is None else before
+            for place in range(run.inside.stop - 2, run.inside.stop):
+                ends[numbers[place]] = out[place, window]
+        return results
+
+    def _end(self, number: int, point: Point) -> Array | None:
+        """Return x and its derivatives (2 f, 1 + u) at an interval, of this point, or from another one near."""
+        if point in self._ends and number in self._ends[point]:
+            return self._ends[point][number]
+        others = [other for other in self._ends if number in self._ends[other]]
+        if not others:
+            return None
+        near = min(others, key=lambda other: _apart(other, point))
+        found = self._ends[near][number]
+        moved = found.copy()
+        moved[:, 0] += found[:, 1:] @ (point.parameters - near.parameters)
+        return moved
+
+    def _put(self, run: _Run, columns: Array, point: Point) -> None:
+        """Remember the last two own intervals of windows, (m, B, 2 f, 1 + u)."""
+        ends = self._ends.setdefault(point, OrderedDict())
+        self._ends.move_to_end(point)
+        for place in range(run.inside.stop - 2, run.inside.stop):
+            ends.update(zip(run.numbers[place].tolist(), columns[place].copy(), strict=True))
+        while len(ends) > _ENDS:
+            ends.popitem(last=False)
+        while len(self._ends) > _POINTS:
+            self._ends.popitem(last=False)
+
+
+def _apart(one: Point, other: Point) -> float:
+    """Return how far two points are apart, squared, in units of their priors; the mass in units of itself."""
+    step = one.parameters - other.parameters
+    return float(np.sum(step[16:] ** 2) + (step[6] / (abs(one.parameters[6]) + 1e-9)) ** 2)
+
+
+def _runs(stacks: Sequence[Stack], motions: Motions) -> list[_Run]:
+    return [_Run.of(stack, inside, len(motion)) for stack, (motion, inside) in zip(stacks, motions, strict=True)]
+
+
+def _divided(flat: Array, motions: Motions) -> list[Array]:
+    """Return parts (m, B, ...) of all instants, one after the other."""
+    shapes = [motion.turn.shape[:2] for motion, _ in motions]
+    ends = np.cumsum([0, *(rows * windows for rows, windows in shapes)])
+    return [
+        flat[begin:end].reshape(*shape, *flat.shape[1:])
+        for (begin, end), shape in zip(pairwise(ends), shapes, strict=True)
+    ]
+
+
+def _midway(values: Array) -> Array:
+    """Return the values between neighbours along the first axis, cubic; at the ends quadratic."""
+    middle = np.empty((len(values) - 1, *values.shape[1:]))
+    middle[1:-1] = (9.0 * (values[1:-2] + values[2:-1]) - values[:-3] - values[3:]) / 16.0
+    middle[0] = (3.0 * values[0] + 6.0 * values[1] - values[2]) / 8.0
+    middle[-1] = (3.0 * values[-1] + 6.0 * values[-2] - values[-3]) / 8.0
+    return middle
+
+
+def _steps(mean: Array, by_state: Array, driven: Array, spacing: float) -> tuple[Array, Array]:
+    """Return, from each instant to the next, (2 f, 2 f) and (2 f, c) of x' = onward x + gain.
+
+    Lawson's method of order 4: the mean (2 f, 2 f) of the derivatives exactly, the rest by Runge and Kutta's.
+    """
+    half = expm(0.5 * spacing * mean)
+    whole, size, count = half @ half, len(mean), driven.shape[-1]
+    rest = by_state - mean
+    between, pushed = _midway(rest), _midway(driven)
+    identity: Array = np.zeros((*between.shape[:-2], size, size + count))
+    identity[..., :size] = np.eye(size)
+
+    def rate(jacobian: Array, push: Array, at: Array) -> Array:
+        slope = jacobian @ at
+        slope[..., size:] += push
+        return np.asarray(slope)
+
+    first = rate(rest[:-1], driven[:-1], identity)
+    second = rate(between, pushed, half @ (identity + 0.5 * spacing * first))
+    third = rate(between, pushed, half @ identity + 0.5 * spacing * second)
+    last = rate(rest[1:], driven[1:], whole @ identity + spacing * half @ third)
+    after = whole @ identity + spacing / 6.0 * (whole @ first + 2.0 * half @ (second + third) + last)
+    return after[..., :size], after[..., size:]

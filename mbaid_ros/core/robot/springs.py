@@ -1,0 +1,31 @@
+"""Springs and dampers of passive joints, as the nominal model has them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Springs:
+    """f joints that no JointState reports.
+
+    Attributes
+    ----------
+    joints : f indices
+    rate, ratio : (f,) natural angular frequency, rad/s, with all else held; damping ratio
+    start : (2, f) deflection and rate at the first instant, rad or m, and per s
+    """
+
+    joints: tuple[int, ...] = ()
+    rate: Array = field(default_factory=lambda: np.zeros(0))
+    ratio: Array = field(default_factory=lambda: np.zeros(0))
+    start: Array = field(default_factory=lambda: np.zeros((2, 0)))
+
+    @property
+    def count(self) -> int:
+        """Number f."""
+        return len(self.joints)

@@ -1,0 +1,132 @@
+"""Passive joints: natural frequency and damping of each, and how it swings at the first instant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown, Words, diagonal
+
+FREQUENCY, DAMPING, SWING, DISTURBANCE = 'frequency', 'damping', 'swing', 'disturbance'
+
+
+@dataclass(frozen=True, eq=False)
+class SpringErrors(Unknown):
+    """Of each passive joint: relative error of its natural frequency, and error of its damping ratio.
+
+    Attributes
+    ----------
+    joints : names
+    """
+
+    joints: tuple[str, ...]
+
+    words: ClassVar = {
+        FREQUENCY: Words(
+            'the frequencies of passive joints',
+            'flexible.<joint>.frequency_relative_std',
+            'the frequency of {}: measure it (flexible)',
+            lambda name, value: f'the frequency of {name} is off by {100.0 * np.sum(value):+.3g} %: correct flexible',
+        ),
+        DAMPING: Words(
+            'the damping of passive joints',
+            'flexible.<joint>.damping_std',
+            'the damping of {}: measure it (flexible)',
+            lambda name, value: f'the damping ratio of {name} is off by {np.sum(value):+.2g}: correct flexible',
+        ),
+    }
+    in_equations = False
+
+    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+        """Return the nominal model with these springs; a damper never drives."""
+        springs, each = side.kernel.springs, value.reshape(-1, 2)
+        rate = springs.rate * np.exp(each[:, 0])
+        return replace(
+            side,
+            kernel=side.kernel.swinging(replace(springs, rate=rate, ratio=np.maximum(springs.ratio + each[:, 1], 0.0))),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class StartingSwing(Unknown):
+    """Of each passive joint: deflection (rad or m) and rate at the first instant after a gap or the start."""
+
+    words: ClassVar = {
+        SWING: Words('how passive joints swing at the start', 'flexible.<joint>.initial_std'),
+    }
+    in_equations = False
+    of_a_motion = True
+    of_a_chain = True
+
+    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+        """Return the nominal model with this start."""
+        springs = side.kernel.springs
+        return replace(
+            side, kernel=side.kernel.swinging(replace(springs, start=springs.start + value.reshape(-1, 2).T))
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SwingNoise(Unknown):
+    """Of each passive joint: what excites it beside the model, as two quadratures of a swing that wanders.
+
+    White noise drives a spring with a damper to a swing whose amplitudes are first-order Gauss-Markov processes, with
+    the time constant of the damping.
+
+    Attributes
+    ----------
+    correlation : (e,) s, time constant of each independent number
+    """
+
+    correlation: Array
+
+    words: ClassVar = {
+        DISTURBANCE: Words('what excites passive joints', 'flexible.<joint>.disturbance_std'),
+    }
+    in_equations = False
+
+    @property
+    def times(self) -> Array:
+        """Time constants of the amplitudes."""
+        return self.correlation
+
+    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+        """Return the nominal model as it is: windows are linearised without."""
+        del value
+        return side
+
+    def settled(self, value: Array, deviation: Array) -> Array:
+        """Return zero."""
+        del deviation
+        return np.zeros_like(value)
+
+
+_SLOWEST = 1e-3  # damping ratio, as which less counts: the amplitudes' time constant is finite
+
+
+def swing_noise(
+    joints: Sequence[str], deviations: Sequence[float], rates: Sequence[float], ratios: Sequence[float]
+) -> SwingNoise:
+    """Return the unknown of stationary deflections, rad or m, with rates, rad/s, and damping ratios."""
+    each, rate = np.asarray(deviations, dtype=float), np.asarray(rates, dtype=float)
+    factor = diagonal(np.column_stack((each, each * rate)).ravel())
+    labels = tuple(f'{DISTURBANCE}:{name}' for name in joints for _ in range(2))
+    times = np.repeat(1.0 / (np.maximum(ratios, _SLOWEST) * rate), 2)[np.repeat(each > 0.0, 2)]
+    return SwingNoise(factor, labels, times)
+
+
+def spring_errors(joints: Sequence[str], frequencies: Sequence[float], ratios: Sequence[float]) -> SpringErrors:
+    """Return them as an unknown: relative standard deviations of frequencies, and those of damping ratios."""
+    labels = tuple(f'{kind}:{name}' for name in joints for kind in (FREQUENCY, DAMPING))
+    return SpringErrors(diagonal(np.column_stack((frequencies, ratios)).ravel()), labels, tuple(joints))
+
+
+def starting_swing(joints: Sequence[str], deviations: Sequence[float], rates: Sequence[float]) -> StartingSwing:
+    """Return it as an unknown: standard deviations of deflections, rad or m; natural frequencies, rad/s."""
+    each = np.asarray(deviations, dtype=float)
+    labels = tuple(f'{SWING}:{name}' for name in joints for _ in range(2))
+    return StartingSwing(diagonal(np.column_stack((each, each * np.asarray(rates))).ravel()), labels)

@@ -1,0 +1,193 @@
+"""What the node `estimator` publishes of a run: estimates as they come, stale or withdrawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import groupby
+from typing import Any
+
+from geometry_msgs.msg import InertiaStamped
+from mbaid_msgs.msg import InertiaEstimate
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from std_msgs.msg import String
+
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.published_inertia import DebrisPublication, InertiaPublication, is_complete
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
+from mbaid_ros.nodes.markers import Display
+from mbaid_ros.nodes.planning import Planning
+from mbaid_ros.nodes.reports import RunLog, RunState
+from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, quiet_publisher
+from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
+from mbaid_ros.session import Session
+
+_PATIENCE = Duration(nanoseconds=50_000_000)  # with a subscriber that has died, or has no time
+
+
+class Publishers:
+    """The latched topics of the estimate: ~/estimate, ~/inertia, ~/robot_description and, if asked for, ~/debris."""
+
+    def __init__(self, node: Node, *, with_debris: bool = False) -> None:
+        self._node = node
+        self._topics = {'~/estimate': InertiaEstimate, '~/inertia': InertiaStamped, '~/robot_description': String}
+        if with_debris:
+            self._topics['~/debris'] = InertiaEstimate
+        self._publishers: dict[str, Publisher] = {}
+        self.clear()
+
+    def clear(self) -> None:
+        """Withdraw everything: later subscribers get nothing of it."""
+        self.close()
+        for topic in self._topics:
+            self._open(topic)
+
+    def close(self) -> None:
+        """Publish no more."""
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
+        self._publishers, self._inertia = {}, InertiaPublication()
+        self._described = False  # whether ~/robot_description holds a robot
+
+    def publish(self, estimate: Estimate, frames: Frames, urdf: str) -> None:
+        """Publish an estimate in all the forms that it determines, and withdraw the last one from the others."""
+        self.send('~/estimate', estimate_message(estimate, TYPES, frames))
+        inertia = self._inertia.follow(estimate)
+        if inertia is not None:
+            self.send('~/inertia', inertia_message(inertia, TYPES, frames))
+        described, self._described = self._described, is_complete(estimate)
+        if self._described:
+            text = replace_inertial(urdf, frames.target_link, estimate.parameters)
+            self.send('~/robot_description', String(data=text))
+        elif described:
+            # A robot without numbers is none, and only a publisher's end makes a latched topic forget.
+            self._node.destroy_publisher(self._publishers['~/robot_description'])
+            self._open('~/robot_description')
+
+    def send(self, topic: str, message: Any) -> None:
+        """Publish a message on a topic, once its subscribers have the last one."""
+        # A latched topic keeps one message, and would lose it to the next when several windows close at once.
+        self._publishers[topic].wait_for_all_acked(_PATIENCE)
+        self._publishers[topic].publish(message)
+
+    def _open(self, topic: str) -> None:
+        self._publishers[topic] = quiet_publisher(self._node, self._topics[topic], topic, LATCHED)
+
+
+class EstimatePublication:
+    """The estimates of the runs of a node, on its topics and in its log.
+
+    Parameters
+    ----------
+    node, config, log : of the node
+    state : of the node; its estimate is the last one published
+    planning : whose motion is withdrawn with the run that it was planned from
+    missing : returns the obstacles to an estimate
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        config: EstimatorConfig,
+        state: RunState,
+        log: RunLog,
+        planning: Planning,
+        missing: Callable[[], tuple[str, ...]],
+    ) -> None:
+        self._node = node
+        self._config = config
+        self._state = state
+        self._log = log
+        self._planning = planning
+        self._missing = missing
+        self.display = Display(node, with_frames=config.publish_tf, prefix=config.frame_prefix)
+        self._publishers = Publishers(node, with_debris=config.debris.report)
+        self._restarted = 0  # restarts of the session that have been reported
+        self._calibrated = ''  # summary of the calibration that has been reported
+        self._debris = DebrisPublication()
+        self._waiting: tuple[str, ...] | None = None  # warnings of the last estimate of status 'waiting'
+
+    def publish(self, session: Session, estimates: list[Estimate]) -> None:
+        """Publish new estimates, and withdraw those from before a restart."""
+        for estimate in last_of_each_window(estimates, self._config.window):
+            if session.restarted != self._restarted and session.restarts[-1] in estimate.warnings:
+                self._report_restart(session)
+            self._state.estimate, self._state.stale = estimate, ''
+            frames = _frames(session)
+            self._publishers.publish(estimate, frames, session.robot.urdf)
+            self._log.estimate(estimate)
+            calibrated = session.robot.calibrated
+            if calibrated and calibrated != self._calibrated:
+                self._calibrated = calibrated
+                self._log.event(calibrated)
+            debris = self._debris.follow(session.robot.debris(estimate))
+            if debris is not None:
+                message = debris_message(debris, estimate, TYPES, frames, session.robot.captured(estimate))
+                self._publishers.send('~/debris', message)
+            self.display.show(estimate, f'{frames.prefix}{frames.target_link}')
+        if session.restarted != self._restarted:
+            self._report_restart(session)
+
+    def publish_waiting(self) -> None:
+        """Publish, while there is no estimate, the obstacles to one, whenever these change."""
+        if self._state.estimate is not None:
+            return
+        missing = self._missing()
+        if missing == self._waiting:
+            return
+        self._waiting = missing
+        session = self._state.session
+        frames = _frames(session) if session else Frames(target_link=self._config.target_link, odometry='')
+        stamp = self._node.get_clock().now().nanoseconds
+        waiting = Estimate(method=self._config.method, status='waiting', stamp=stamp, warnings=missing)
+        self._publishers.publish(waiting, frames, '')
+
+    def publish_stale(self, reason: str) -> None:
+        """Publish the last estimate again, marked stale, with the reason; once."""
+        state = self._state
+        if state.session is None or state.estimate is None or not reason or state.stale:
+            return
+        state.stale = reason
+        self._log.event(f'the estimate is stale: {reason}')
+        warnings = [state.account, reason]
+        message = estimate_message(state.estimate, TYPES, _frames(state.session), warnings, stale=True)
+        self._publishers.send('~/estimate', message)
+
+    def withdraw(self, *, warned: bool = False) -> None:
+        """Withdraw everything of a run that has ended; `warned` is whether the log has reported that."""
+        self._state.estimate, self._state.stale, self._state.advice, self._waiting = None, '', '', None
+        if not warned:  # a session that has been reset or replaced
+            self._restarted = 0
+        self._log.begin(warned=warned)
+        self._debris = DebrisPublication()
+        self._planning.withdraw()
+        self._publishers.clear()
+        self.display.clear()
+        self.publish_waiting()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._publishers.close()
+        self.display.close()
+
+    def _report_restart(self, session: Session) -> None:
+        self._restarted = session.restarted
+        for restart in session.restarts:
+            self._log.warn_once(restart)
+        self.withdraw(warned=True)
+
+
+def _frames(session: Session) -> Frames:
+    robot, prefix = session.robot, session.config.frame_prefix
+    return Frames(target_link=robot.target_link, odometry=session.intake.odometry_reader.frame, prefix=prefix)
+
+
+def last_of_each_window(estimates: Sequence[Estimate], window: float) -> list[Estimate]:
+    """Return the last estimate of each window (s): the methods of the paper give one a sample, too many to publish.
+
+    The stamps of the samples alone separate windows, so how many come at once makes no difference.
+    """
+    windows = groupby(estimates, key=lambda estimate: int((estimate.time + 1e-9) / window))
+    return [list(several)[-1] for _, several in windows]

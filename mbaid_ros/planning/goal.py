@@ -1,0 +1,42 @@
+"""The goal of a planned motion: which parameters it has to determine how well, and what the search makes small."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, Flags
+
+Criterion = Literal['worst', 'mean', 'volume']
+
+_SHARP = 8  # exponent of the mean that stands for the worst, smooth enough to be climbed
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """What a motion is to reach.
+
+    Attributes
+    ----------
+    relative : (10,) relative standard deviations wanted
+    asked : (10,) which of them count
+    criterion : what is made small: the worst of the ratios to what is wanted, their mean square, or their volume
+    """
+
+    relative: Array
+    asked: Flags
+    criterion: Criterion = 'worst'
+
+    def ratio(self, relative: Array) -> Array:
+        """Return the largest ratio (...) of (..., 10) to what is wanted: 1 is reached."""
+        return np.asarray((relative / self.relative)[..., self.asked].max(axis=-1))
+
+    def cost(self, relative: Array) -> Array:
+        """Return what the search makes small, (...)."""
+        ratios = (relative / self.relative)[..., self.asked]
+        if self.criterion == 'volume':
+            return np.asarray(np.exp(np.log(ratios).mean(axis=-1)))
+        power = _SHARP if self.criterion == 'worst' else 2
+        return np.asarray((ratios**power).mean(axis=-1) ** (1.0 / power))

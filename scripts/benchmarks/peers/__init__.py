@@ -1,0 +1,1 @@
+"""The same recordings identified by every method, side by side."""

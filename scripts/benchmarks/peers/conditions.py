@@ -1,0 +1,192 @@
+"""The rows of the benchmark: a robot, its sensors, and what differs; and the true motion of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from benchmarks.bounds import trajectory_bound
+from benchmarks.data import RATE, Case, drawn, model, motion, simulator_config, true_model
+from benchmarks.honesty import robots
+from benchmarks.in_mujoco import InMuJoCo
+from benchmarks.model_errors.runs import attainable
+from benchmarks.model_errors.variant import DEFAULT, settings
+from mbaid_ros.config.model_errors import EXACT
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.simulated_robot import is_driven, make_initial_state, make_motion, make_simulation
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.motion import Driven, tracking
+from mbaid_ros.simulation.simulation import Simulation, Truth
+
+ORBIT = {'orbit.mean_motion': 1.1308e-3, 'orbit.nadir': (0.6, 0.0, 0.8), 'orbit.normal': (0.8, 0.0, -0.6)}
+_AWAY = (12.0, -10.0, 13.0)  # m from the origin of the falling frame, in orbit
+_PANEL, _PANEL_JOINT = 'panel', 'panel_joint'
+_PANEL_MASS, _PANEL_SIZE = 20.0, (0.9, 2.2, 0.03)  # kg, m
+_FREQUENCY, _DAMPING, _DEFLECTION = 0.3, 0.005, 0.01  # Hz, of critical, rad
+_STEP = 0.005  # s, of MuJoCo: agrees with the simulator to 3e-9
+_PERIOD, _PACE = 20.0, 0.5  # s, between two stops; fastest pace over that of the motion without stops
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One row: several seeds of the same motion.
+
+    Attributes
+    ----------
+    robot : name of a URDF of config/
+    level : of the sensors' noise
+    differs : what differs from a robot that is exactly its URDF, in free fall, moved by the project's simulator
+    """
+
+    robot: str
+    level: str
+    differs: str = ''
+
+    @property
+    def name(self) -> str:
+        """Short, for tables and files."""
+        return ', '.join(filter(None, (f'{self.robot} {self.level}', self.differs)))
+
+    @property
+    def case(self) -> Case:
+        """The plain case of robot and sensors."""
+        return Case(self.robot, self.level)
+
+
+NOT_URDF, IN_ORBIT, STOPS = 'not its URDF', 'in orbit', 'slow with stops'
+TORQUES, PANEL, OTHER_ENGINE = 'torques 1 % off', 'swinging panel', 'moved by MuJoCo'
+CONDITIONS = (
+    *(Condition(robot, level) for robot in ('servicer7', 'ets7', 'table1') for level in ('low', 'mid', 'high')),
+    *(Condition('ets7', 'mid', differs) for differs in (NOT_URDF, IN_ORBIT, STOPS, TORQUES, OTHER_ENGINE)),
+    Condition('servicer7', 'mid', PANEL),
+)
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A run without its sensors.
+
+    Attributes
+    ----------
+    nominal : the robot as its URDF says, the target link true
+    truth : Truth
+    errors : zeros and mount, that the sensors know nothing of
+    momentum : (6,) total at the begin, about the odometry origin
+    bound : (10,) standard deviations that no unbiased method surpasses; NaN for what the motion leaves open
+    """
+
+    nominal: RobotModel
+    truth: Truth
+    errors: ModelErrors | None
+    moving: RobotModel
+    bound: Array
+
+
+def moved(condition: Condition, seed: int, seconds: float) -> Moved:
+    """Return the motion of a seed; it depends on the seed only where the robot is not its URDF."""
+    return _not_urdf(condition, seed, seconds) if condition.differs == NOT_URDF else _moved(condition, seconds)
+
+
+def declared(condition: Condition) -> dict[str, object]:
+    """Return the parameters that declare how far the robot may be off its URDF, and its orbit."""
+    if condition.differs == NOT_URDF:
+        off = {name: value for name, value in settings(DEFAULT).items() if not name.startswith('noise.')}
+        return {**EXACT, **off}
+    return {**EXACT, **(ORBIT if condition.differs == IN_ORBIT else {})}
+
+
+def _not_urdf(condition: Condition, seed: int, seconds: float) -> Moved:
+    errors = drawn(condition.robot, DEFAULT, seed)
+    truth = _until(motion(condition.robot, RATE, errors), seconds)
+    bound = attainable(condition.robot, truth, errors, DEFAULT)[0]
+    return Moved(model(condition.robot), truth, errors, true_model(condition.robot, errors), bound)
+
+
+@cache
+def _moved(condition: Condition, seconds: float) -> Moved:
+    robot, differs = model(condition.robot), condition.differs
+    plain = truth = _until(motion(condition.robot), seconds)
+    instants = truth.time
+    moving = nominal = robot
+    if differs == IN_ORBIT:
+        config = simulator_config(condition.robot, {**ORBIT, 'initial.base_position': _AWAY})
+        truth = make_simulation(config, robot).advance(instants)
+    elif differs == STOPS:
+        driven = Stopping(_driven(condition.robot))
+        begin = make_initial_state(simulator_config(condition.robot), robot, driven)
+        plain = truth = Simulation(robot, driven, begin, 0.02).advance(instants)
+    elif differs == OTHER_ENGINE:
+        begin = _begin(condition.robot)
+        truth = InMuJoCo(robot, _STEP).driven(_driven(condition.robot), begin, instants, robot.joint_names)
+    elif differs == PANEL:
+        moving, nominal, truth = _with_panel(condition.robot, instants)
+    return Moved(nominal, truth, None, moving, trajectory_bound(condition.case, plain, (seconds + 1.0,))[0])
+
+
+def _until(truth: Truth, seconds: float) -> Truth:
+    return truth[: int(np.searchsorted(truth.time, seconds + 1e-9))]
+
+
+def _driven(robot: str) -> Driven:
+    driven = make_motion(simulator_config(robot), model(robot))
+    if not is_driven(driven):
+        raise ValueError(f'the joints of {robot} are not driven')
+    return driven
+
+
+def _begin(robot: str) -> State:
+    return make_initial_state(simulator_config(robot), model(robot), _driven(robot))
+
+
+def _with_panel(robot: str, instants: Array) -> tuple[RobotModel, RobotModel, Truth]:
+    """Return a robot with a panel on a spring, the same as its URDF has it, fixed, and the motion."""
+    panel = robots.box(_PANEL_MASS, _PANEL_SIZE, (0.0, 0.5 * _PANEL_SIZE[1], 0.0))
+    urdf = robots.with_parts(
+        model(robot).urdf, [robots.part(_PANEL, robots.BASE, (-0.1, 0.6, 0.0), (1, 0, 0), panel, 'revolute')]
+    )
+    moving, names = load_model(urdf), model(robot).joint_names
+    about_hinge = panel[4] + panel[0] * panel[2] ** 2
+    rate = 2.0 * np.pi * _FREQUENCY
+    springs = {_PANEL_JOINT: (about_hinge * rate**2, 2.0 * _DAMPING * about_hinge * rate)}
+    plain, driven = _begin(robot), _driven(robot)
+    arm = np.array([name in names for name in moving.joint_names])
+    position, velocity = np.full(len(arm), _DEFLECTION), np.zeros(len(arm))
+    position[arm], velocity[arm] = plain.joint_position, plain.joint_velocity
+    begin = replace(plain, joint_position=position, velocity=np.concatenate((plain.velocity[:6], velocity)))
+    truth = InMuJoCo(moving, _STEP, springs=springs).driven(driven, begin, instants, names)
+    return moving, load_model(robots.locked(urdf, _PANEL)), truth
+
+
+@dataclass(frozen=True)
+class Stopping:
+    """A motion at half its pace that rests for half of each period, by a time of its own: s' = pace max(0, sin)^2."""
+
+    motion: Driven
+    begin: float = 0.0  # s
+
+    @property
+    def start(self) -> Array:
+        """Where the joints begin, (n,)."""
+        return self.motion.start
+
+    def reference(self, time: float) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration of the joints at a time, (n,) each."""
+        whole, part = divmod(time + self.begin, _PERIOD)
+        rate = 2.0 * np.pi / _PERIOD
+        moving = min(part, 0.5 * _PERIOD)
+        own = _PACE * (0.25 * _PERIOD * whole + 0.5 * moving - np.sin(2.0 * rate * moving) / (4.0 * rate))
+        pace, change = _PACE * np.sin(rate * moving) ** 2, _PACE * rate * np.sin(2.0 * rate * moving)
+        position, velocity, acceleration = self.motion.reference(own)
+        return position, pace * velocity, pace * pace * acceleration + change * velocity
+
+    def command(self, time: float, position: Array, velocity: Array) -> Array:
+        """Return the reference's acceleration, corrected by the tracking error."""
+        return tracking(self.reference(time), position, velocity)
+
+    def later(self, time: float) -> Stopping:
+        """Return the same motion, begun at a time (s) of this one."""
+        return Stopping(self.motion, self.begin + time)

@@ -1,0 +1,140 @@
+"""The data set: for each run a bag, a URDF, what a method may know, and the truth; a manifest with their SHA-256."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+import zlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.data import START, model
+from benchmarks.peers.conditions import TORQUES, Condition, Moved, declared, moved
+from benchmarks.peers.recording import JOINTS, ODOMETRY
+from mbaid_ros.bags import BagWriter
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.core.robot.urdf_edit import change_inertial
+from mbaid_ros.outgoing import SensorMessages
+from mbaid_ros.replay.output import shaped
+from mbaid_ros.replay.run import BAG_TYPES
+from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.simulation import Truth, total_momentum
+
+BAG, URDF, KNOWN, TRUTH = 'bag', 'robot.urdf', 'known.json', 'truth.json'
+MANIFEST = 'manifest.json'
+_FAR = 0.1  # how far the URDF's inertial of the target is off
+_TORQUE = 0.01  # gain error of each joint's torque; noise of a reading, over the torque's root mean square
+
+
+@dataclass(frozen=True)
+class Run:
+    """One recording."""
+
+    condition: Condition
+    seed: int
+    seconds: float
+
+    @property
+    def name(self) -> str:
+        """Name of its folder."""
+        return f'{re.sub(r"[^0-9A-Za-z]+", "_", self.condition.name)}-{self.seed}'
+
+
+def make(runs: list[Run], folder: Path) -> dict[str, dict[str, str]]:
+    """Make the runs that are not there, write the manifest, and return it: SHA-256 by run and file."""
+    manifest = {}
+    for run in runs:
+        own = folder / run.name
+        if not _complete(own, run):
+            shutil.rmtree(own, ignore_errors=True)
+            _make(run, own)
+        files = sorted(path for path in own.rglob('*') if path.suffix in {'.mcap', '.urdf', '.json'})
+        manifest[run.name] = {str(path.relative_to(own)): _sha256(path) for path in files}
+    (folder / MANIFEST).write_text(json.dumps(manifest, indent=2) + '\n', encoding='utf-8')
+    return manifest
+
+
+def _complete(folder: Path, run: Run) -> bool:
+    """Return whether a run is there, which its truth, written last, says."""
+    file = folder / TRUTH
+    return file.is_file() and json.loads(file.read_text(encoding='utf-8'))['seconds'] == run.seconds
+
+
+def _make(run: Run, folder: Path) -> None:
+    motion = moved(run.condition, run.seed, run.seconds)
+    case, target = run.condition.case, model(run.condition.robot).last_link
+    # Robots and levels draw apart, and what differs does, too.
+    seed = zlib.crc32(run.condition.name.encode()) << 32 | run.seed
+    rng = np.random.default_rng([seed, 1])
+    truth = motion.truth
+    if run.condition.differs == TORQUES:
+        truth = replace(truth, joint_effort=_with_torque_errors(truth.joint_effort, rng))
+    folder.mkdir(parents=True)
+    _write_bag(folder / BAG, motion, truth, Sensors(case.noise, seed, motion.errors))
+    body = physical(motion.nominal.link(target).parameters)
+    (folder / URDF).write_text(change_inertial(motion.nominal.urdf, target, _catalogued(body, rng)), encoding='utf-8')
+    momentum = _momentum(motion)
+    known = {
+        'target_link': target,
+        'noise': vars(case.noise),
+        'declared': declared(run.condition),
+        'momentum': momentum.tolist(),
+    }
+    _write(folder / KNOWN, known)
+    about = {'condition': run.condition.name, 'seed': run.seed, 'seconds': run.seconds, 'target_link': target}
+    bound = [float(value) if np.isfinite(value) else None for value in motion.bound]
+    momenta = {'linear': momentum[:3].tolist(), 'angular': momentum[3:].tolist()}
+    _write(folder / TRUTH, {**about, **shaped(body), 'parameters': body.tolist(), 'momentum': momenta, 'bound': bound})
+
+
+def _momentum(motion: Moved) -> Array:
+    """Return the total momentum (6,) at the begin; a panel at rest counts as fixed."""
+    robot = motion.moving if motion.moving.joints == motion.nominal.joints else motion.nominal
+    return total_momentum(robot, motion.truth[:1])[0]
+
+
+def _with_torque_errors(effort: Array, rng: np.random.Generator) -> Array:
+    """Return torques (N, n) with a gain error of each joint and noise."""
+    gain = 1.0 + _TORQUE * rng.normal(size=effort.shape[1])
+    noise = _TORQUE * np.sqrt(np.mean(effort**2, axis=0))
+    return np.asarray(gain * effort + noise * rng.normal(size=effort.shape))
+
+
+def _catalogued(body: Array, rng: np.random.Generator) -> Array:
+    """Return (10,) physical parameters that are 10 % off: mass, centre by that share of its radius of gyration."""
+    mass, inertia = 1.0 + _FAR * rng.choice([-1.0, 1.0], 2)
+    direction = rng.normal(size=3)
+    gyration = np.sqrt(0.5 * (body[4] + body[7] + body[9]) / body[0])
+    centre = body[1:4] + _FAR * gyration * direction / np.linalg.norm(direction)
+    return np.concatenate(([mass * body[0]], centre, inertia * body[4:]))
+
+
+def _write_bag(path: Path, motion: Moved, truth: Truth, sensors: Sensors) -> None:
+    """Write a JointState and an Odometry a sample."""
+    messages = SensorMessages(BAG_TYPES, motion.nominal, 'odom')
+    joints, base = sensors.joints(truth), sensors.base(truth)
+    with BagWriter(path) as bag:
+        bag.add_topic(JOINTS, 'sensor_msgs/msg/JointState')
+        bag.add_topic(ODOMETRY, 'nav_msgs/msg/Odometry')
+        for index, time in enumerate(truth.time.tolist()):
+            stamp = START + round(time * 1e9)
+            bag.write(ODOMETRY, messages.odometry(base, index, stamp), stamp)
+            bag.write(JOINTS, messages.joint_state(joints, index, stamp), stamp)
+
+
+def _write(file: Path, values: object) -> None:
+    file.write_text(json.dumps(values, indent=2) + '\n', encoding='utf-8')
+
+
+def _sha256(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def manifest_digest(manifest: dict[str, dict[str, str]]) -> str:
+    """Return the SHA-256 of a manifest, by which two data sets are compared."""
+    return hashlib.sha256(json.dumps(manifest, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,1 @@
+"""One method a module: `identify`, what it needs to know beside the URDF, and what was tuned."""

@@ -1,0 +1,150 @@
+"""What a method is given and returns, and a recording as arrays."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbaid_ros.bags import BagReader
+from mbaid_ros.core.geometry import Array, rotate, rotation_from_quaternion, skew
+from mbaid_ros.core.robot.kernel import MomentumKernel, momentum_rows, unknown_scale
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import physical, physical_jacobian
+from mbaid_ros.core.samples import Samples, SensorNoise
+
+JOINTS, ODOMETRY = '/joint_states', '/odom'
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a method may know beside the bag and the URDF, whose inertial of the target link is 10 % off.
+
+    Attributes
+    ----------
+    target_link : name
+    noise : one standard deviation of each sensor channel
+    declared : parameters of the estimator that declare how far the robot is off its URDF, and its orbit
+    momentum : (6,) true total (P, L) about the odometry origin; only for a method that says so in NEEDS
+    """
+
+    target_link: str
+    noise: SensorNoise
+    declared: dict[str, Any]
+    momentum: Array
+
+    @staticmethod
+    def read(file: Path) -> Known:
+        """Return what known.json of a run holds."""
+        values = json.loads(file.read_text(encoding='utf-8'))
+        noise, momentum = SensorNoise(**values['noise']), np.array(values['momentum'])
+        return Known(values['target_link'], noise, values['declared'], momentum)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a method returns.
+
+    Attributes
+    ----------
+    parameters : (10,) mass, centre of mass (link frame), inertia about it (xx, xy, xz, yy, yz, zz; link axes): kg, m,
+        kg m^2; NaN where the method gives none
+    covariance : (10, 10) of these; None if the method has none
+    doubt : why the method itself does not trust them; empty if it does
+    """
+
+    parameters: Array
+    covariance: Array | None = None
+    doubt: str = ''
+
+    @staticmethod
+    def standard(parameters: Array, covariance: Array | None = None) -> Answer:
+        """Return it from (10,) standard parameters (m, m r_c, inertia about the link's origin) and their covariance."""
+        jacobian = physical_jacobian(parameters)
+        own = None if covariance is None else jacobian @ covariance @ jacobian.T
+        return Answer(physical(parameters), own)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording as arrays of N samples.
+
+    Attributes
+    ----------
+    kernel : the robot's momentum, by its URDF, with the target link unknown
+    samples : positions, velocities, base pose and twist (odometry axes)
+    effort : (N, n) N m
+    start : (10,) standard parameters of the target link that the URDF has
+    """
+
+    kernel: MomentumKernel
+    samples: Samples
+    effort: Array
+    start: Array = field(default_factory=lambda: np.zeros(10))
+
+    def equations(self) -> tuple[Array, Array]:
+        """Return the momentum equations A x = b, (N, 6, 16) and (N, 6), of x = (m, m r_c, I_o, P, L).
+
+        P and L are total linear and angular momentum about the odometry origin. Rows are linear, then angular momentum
+        about the base's origin, in odometry axes.
+        """
+        rows = momentum_rows(self.kernel, self.samples)
+        place = self.samples.base_position
+        matrix = np.zeros((len(place), 6, 16))
+        matrix[..., :10] = np.moveaxis(rows.regressors[0], -1, 0)
+        matrix[..., 10:] = -np.eye(6)
+        matrix[:, 3:, 10:13] = skew(place)
+        return matrix, -rows.known.T
+
+    @property
+    def scale(self) -> Array:
+        """Typical sizes of the 16 unknowns, by which columns are scaled before anything is solved."""
+        return unknown_scale(self.kernel)
+
+
+def read(bag: Path, urdf: str, known: Known) -> Recording:
+    """Return a recording whose joint states and odometry have the same stamps."""
+    with BagReader(bag) as reader:
+        messages = list(reader.read([JOINTS, ODOMETRY]))
+    joints = [message for topic, message, _ in messages if topic == JOINTS]
+    base = [message for topic, message, _ in messages if topic == ODOMETRY]
+    model = load_model(urdf)
+    order = [joints[0].name.index(name) for name in model.joint_names]
+    position, velocity, effort = (
+        np.array([getattr(each, kind) for each in joints])[:, order] for kind in ('position', 'velocity', 'effort')
+    )
+    stamp = np.array([each.header.stamp.sec + 1e-9 * each.header.stamp.nanosec for each in joints])
+    pose, twist = ([getattr(each, kind) for each in base] for kind in ('pose', 'twist'))
+    orientation = np.array([[getattr(each.pose.orientation, axis) for axis in 'xyzw'] for each in pose])
+    rotation = rotation_from_quaternion(orientation)
+    linear, angular = (_vectors([getattr(each.twist, kind) for each in twist]) for kind in ('linear', 'angular'))
+    shape = (len(stamp), 6, 6)
+    samples = Samples(
+        time=stamp - stamp[0],
+        joint_position=position,
+        joint_velocity=velocity,
+        base_position=_vectors([each.pose.position for each in pose]),
+        base_rotation=rotation,
+        base_linear_velocity=rotate(rotation, linear),
+        base_angular_velocity=rotate(rotation, angular),
+        pose_covariance=np.broadcast_to(known.noise.pose_covariance(), shape),
+        twist_covariance=np.broadcast_to(known.noise.twist_covariance(), shape),
+    )
+    kernel = MomentumKernel(model, known.target_link)
+    return Recording(kernel, samples, effort, kernel.target.parameters)
+
+
+def least_squares(matrix: Array, right_side: Array, scale: Array) -> tuple[Array, Array]:
+    """Return the solution of A x = b, (R, u) and (R,), and its covariance from the size of the residuals."""
+    scaled = matrix * scale
+    solution, _, rank, _ = np.linalg.lstsq(scaled, right_side, rcond=None)
+    residual = right_side - scaled @ solution
+    variance = residual @ residual / max(len(residual) - int(rank), 1)
+    return solution * scale, variance * np.linalg.pinv(scaled.T @ scaled, hermitian=True) * np.outer(scale, scale)
+
+
+def _vectors(values: list[Any]) -> Array:
+    return np.array([[each.x, each.y, each.z] for each in values])

@@ -1,0 +1,53 @@
+"""The seven-joint servicer with solar panels or propellant that swing, for the tests of passive joints."""
+
+from __future__ import annotations
+
+from simulated import CONFIG
+
+PANELS = ('panel_left', 'panel_right')
+_PANEL = """
+<link name="panel_{side}"><inertial><origin xyz="0 {com} 0"/><mass value="20"/>
+  <inertia ixx="8.067" ixy="0" ixz="0" iyy="1.35" iyz="0" izz="9.417"/></inertial></link>
+<joint name="panel_{side}" type="revolute"><parent link="{parent}"/><child link="panel_{side}"/>
+  <origin xyz="{place}" rpy="0 0.3 0"/><axis xyz="1 0 0"/>
+  <limit lower="-0.3" upper="0.3" effort="1" velocity="1"/></joint>
+"""
+SLOSH = ('slosh_x', 'slosh_y', 'slosh_z')
+
+
+def servicer(*more: str, lighter: float = 0.0) -> str:
+    """Return the URDF of the servicer with more bodies, its satellite lighter by as many kg."""
+    text = (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8')
+    text = text.replace('<mass value="560"/>', f'<mass value="{560.0 - lighter!r}"/>')
+    return text.replace('</robot>', ''.join(more) + '</robot>')
+
+
+def with_panels() -> str:
+    """Return it with two panels of 20 kg on its sides."""
+    return servicer(
+        _PANEL.format(side='left', com='1.1', place='-0.1 0.65 0', parent='base_link'),
+        _PANEL.format(side='right', com='-1.1', place='-0.1 -0.65 0', parent='base_link'),
+        lighter=40.0,
+    )
+
+
+def with_panel_on_the_target() -> str:
+    """Return it with a panel of 20 kg on what it holds."""
+    return servicer(_PANEL.format(side='left', com='1.1', place='0.4 0.6 0.9', parent='link7'))
+
+
+def with_fuel(mass: float) -> str:
+    """Return it with so many kg of propellant on three springs."""
+    parts, parent = [], 'base_link'
+    for name, axis in zip(SLOSH, ('1 0 0', '0 1 0', '0 0 1'), strict=True):
+        own = mass if name == SLOSH[-1] else 1e-6
+        inertia = ' '.join(f'{key}="{0.01 * own!r}"' for key in ('ixx', 'iyy', 'izz'))
+        parts.append(
+            f'<link name="{name}"><inertial><mass value="{own!r}"/>'
+            f'<inertia {inertia} ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="{name}" type="prismatic"><parent link="{parent}"/><child link="{name}"/>'
+            f'<origin xyz="{"-0.2 0.1 -0.2" if not parts else "0 0 0"}"/><axis xyz="{axis}"/>'
+            '<limit lower="-0.6" upper="0.6" effort="1" velocity="1"/></joint>'
+        )
+        parent = name
+    return servicer(*parts, lighter=mass)

@@ -1,0 +1,116 @@
+"""Passive joints in MuJoCo: our simulator moves them alike, and the estimator finds the body through their swing."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from appendages import PANELS, SLOSH, with_fuel, with_panels
+from mbaid_ros.core.geometry import Array, quaternion_from_rotation
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.springs import Springs
+from mbaid_ros.simulation import springs as simulated
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.environment import Surroundings
+from mbaid_ros.simulation.motion import Passive
+from mbaid_ros.simulation.simulation import Simulation, Truth
+from observed import MID, estimator, nees, observe, true_body, windows
+
+DAMPING = 0.01
+
+
+class Swinging:
+    """A robot with joints on springs, its arm free, in MuJoCo."""
+
+    def __init__(self, urdf: str, joints: tuple[str, ...], frequencies: tuple[float, ...], seconds: float) -> None:
+        self.model: RobotModel = load_model(urdf)
+        self.joints = [self.model.joint_names.index(name) for name in joints]
+        self.springs = simulated.Springs.of(self.model, joints, frequencies, [DAMPING] * len(joints))
+        position, rate = np.full(self.model.joints, 0.4), 0.03 * np.cos(1.3 * np.arange(self.model.joints))
+        position[self.joints], rate[self.joints] = 0.01 * np.cos(np.arange(len(joints))), 0.0
+        velocity = np.concatenate(([0.001, -0.002, 0.0, 0.01, -0.015, 0.02], rate))
+        self.start = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), position, velocity)
+        self.instants = np.arange(round(50.0 * seconds)) / 50.0
+
+    def ours(self) -> Truth:
+        """Return the motion by our simulator."""
+        around = Surroundings(springs=self.springs)
+        return Simulation(self.model, Passive(), self.start, 0.01, surroundings=around).advance(self.instants)
+
+    def theirs(self) -> Truth:
+        """Return the motion by MuJoCo."""
+        spec = mujoco.MjSpec.from_string(self.model.urdf)
+        spec.body(self.model.base_link).add_freejoint()
+        spec.option.gravity, spec.option.timestep = np.zeros(3), 0.002
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+        spec.option.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        robot = spec.compile()
+        data = mujoco.MjData(robot)
+        each = [robot.joint(name) for name in self.model.joint_names]
+        place, rate = [joint.qposadr[0] for joint in each], [joint.dofadr[0] for joint in each]
+        for index, stiffness, damping in zip(self.joints, self.springs.stiffness, self.springs.damping, strict=True):
+            robot.jnt_stiffness[each[index].id], robot.dof_damping[rate[index]] = stiffness, damping
+        data.qpos[3:7], data.qpos[place] = [1.0, 0.0, 0.0, 0.0], self.start.joint_position
+        data.qvel[:6], data.qvel[rate] = self.start.velocity[:6], self.start.joint_velocity
+        seen: list[tuple[Array, ...]] = []
+        for steps in np.diff(np.round(self.instants / 0.002).astype(int), prepend=0):
+            mujoco.mj_step(robot, data, nstep=int(steps))
+            mujoco.mj_forward(robot, data)
+            turn = data.xmat[robot.body(self.model.base_link).id].reshape(3, 3).copy()
+            seen.append((data.qpos[place], data.qvel[rate], data.qpos[:3].copy(), turn, turn.T @ data.qvel[:3]))
+            seen[-1] += (data.qvel[3:6].copy(),)
+        joints, rates, position, turns, linear, angular = (np.array(part) for part in zip(*seen, strict=True))
+        return Truth(
+            *(self.instants, joints, rates, np.zeros_like(joints)),
+            *(position, quaternion_from_rotation(turns), linear, angular),
+        )
+
+
+@pytest.fixture(scope='module')
+def panels() -> Swinging:
+    return Swinging(with_panels(), PANELS, (0.3, 0.31), 25.0)
+
+
+def test_mujoco_swings_alike(panels: Swinging) -> None:
+    ours, theirs = panels.ours(), panels.theirs()
+    assert np.abs(ours.joint_position[:, panels.joints]).max() > 5e-3
+    assert ours.joint_position == pytest.approx(theirs.joint_position, abs=1e-7)
+    assert ours.base_position == pytest.approx(theirs.base_position, abs=1e-7)
+
+
+def found(case: Swinging, frequencies: tuple[float, ...], seed: int) -> tuple[float, float, list[float]]:
+    """Return the squared error of body and what of it is known, of MuJoCo's motion with panels declared so."""
+    truth = case.theirs()
+    samples = observe(truth, MID, seed)
+    for part in (samples.joint_position, samples.joint_velocity):
+        part[:, case.joints] = 0.0  # which nothing reports
+    rates = 2.0 * np.pi * np.array(frequencies)
+    declared = Springs(tuple(case.joints), rates, np.full(len(rates), DAMPING), np.zeros((2, len(rates))))
+    kernel = MomentumKernel(case.model, 'link7').swinging(declared)
+    names = [case.model.joint_names[joint] for joint in case.joints]
+    given = {f'flexible.{name}.frequency': each for name, each in zip(names, frequencies, strict=True)}
+    parameters = {'method': 'trajectory', 'flexible.joints': names, **given}
+    last = estimator(kernel, MID, **parameters).update(windows(samples), 0)[-1]
+    assert last.status in {'estimating', 'converged'}, last.warnings
+    assert last.identifiable.all()
+    return nees(last, true_body(kernel)), last.std[0], [each.frequency for each in last.flexible]
+
+
+def test_the_body_is_found_through_the_swing_of_mujoco(panels: Swinging) -> None:
+    distance, std, frequencies = found(panels, (0.315, 0.3), 1)
+    assert distance < chi2.isf(1e-3, 10)
+    assert std < 2.0
+    assert frequencies == pytest.approx([0.3, 0.31], rel=5e-3)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('seed', [2, 3])
+def test_propellant_in_mujoco(seed: int) -> None:
+    case = Swinging(with_fuel(20.0), SLOSH, (0.1, 0.1, 0.1), 40.0)
+    distance, std, frequencies = found(case, (0.104, 0.098, 0.1), seed)
+    assert distance < chi2.isf(1e-3, 10)
+    assert std < 2.0
+    assert frequencies == pytest.approx([0.1, 0.1, 0.1], rel=5e-3)

@@ -1,0 +1,141 @@
+"""Passive joints on random robots: momenta and rates against pinocchio, derivatives against central differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio
+import pytest
+
+from mbaid_ros.core.filter.knots import Midpoints
+from mbaid_ros.core.filter.state import BODY, LINEAR, Layout, Point
+from mbaid_ros.core.filter.twist_prediction import passive_motion
+from mbaid_ros.core.geometry import Array, exp
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import load_model, parse
+from mbaid_ros.core.robot.passive import PassiveMotion, spring_constants
+from mbaid_ros.core.robot.springs import Springs
+from mbaid_ros.simulation import springs as simulated
+from mbaid_ros.simulation.dynamics import Dynamics, State
+from random_robots import random_urdf
+
+SEEDS = range(6)
+STEP = 1e-5
+
+
+class Case:
+    """A random tree with two passive joints at an instant of its motion, the base's axes those of the odometry."""
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        self.model = load_model(random_urdf(rng, joints=6, chain=seed % 2 == 0))
+        count = self.model.joints
+        joints = tuple(sorted(rng.choice(count, 2, replace=False).tolist())) if count > 1 else (0,)
+        size = len(joints)
+        springs = Springs(joints, rng.uniform(1.0, 4.0, size), rng.uniform(0.0, 0.05, size), np.zeros((2, size)))
+        self.kernel = MomentumKernel(self.model, self.model.last_link).swinging(springs)
+        self.joints = list(joints)
+        self.position, self.rate = rng.uniform(-1.0, 1.0, count), rng.normal(size=count)
+        self.twist = rng.normal(size=6)
+        self.layout = Layout.of(self.kernel, ())
+
+    def state(self) -> State:
+        """Return the state, and so its momentum."""
+        return State(
+            np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), self.position, np.concatenate((self.twist, self.rate))
+        )
+
+    def momenta(self, state: State) -> Array:
+        """Return M(q) v by pinocchio: the base's in its own axes, then along each joint."""
+        robot = parse(self.model.urdf, self.model.base_link)
+        mass = np.triu(pinocchio.crba(robot, robot.createData(), Dynamics(self.model)._configuration(state)))
+        return np.asarray((mass + np.triu(mass, 1).T) @ state.velocity)
+
+    def point(self, momentum: Array) -> Point:
+        """Return the point of a total momentum about the origin, and the body as described."""
+        values = np.zeros(self.layout.size)
+        values[LINEAR.start : LINEAR.start + 6], values[BODY] = momentum, self.kernel.target.parameters
+        return self.layout.point(values)
+
+    def moving(self, state: State, along: Array) -> tuple[PassiveMotion, Array]:
+        """Return what s (f,) at a state's configuration lead to, with the momentum of the case."""
+        rotation = np.eye(3)[None]
+        none = np.zeros((1, 3))
+        middle = Midpoints(
+            *(state.joint_position[None], state.joint_velocity[None], rotation, state.base_position[None]),
+            *(np.zeros((1, 6)), none, none, np.zeros((1, 6))),
+        )
+        middle = replace(middle, tide=np.zeros((1, 0)), thrust=np.zeros((1, 0)))
+        return passive_motion(self.layout, middle, self.point(self.momenta(self.state())[:6]), along[None])
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_momenta_and_rates_are_those_of_pinocchio(seed: int) -> None:
+    case = Case(seed)
+    along = case.momenta(case.state())[6:][case.joints]
+    found, rates = case.moving(case.state(), along)
+    assert rates[0] == pytest.approx(case.rate[case.joints], rel=1e-9, abs=1e-9)
+    assert found.along[0] == pytest.approx(along, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_momenta_along_the_joints_change_as_in_the_simulator(seed: int) -> None:
+    """Against the articulated-body algorithm: s a moment before and after, all other joints free of torque."""
+    case = Case(seed)
+    known = case.kernel.with_target(case.kernel.target.parameters)
+    stiffness, damping = spring_constants(case.kernel, known)
+    springs = case.kernel.springs
+    names = [case.model.joint_names[joint] for joint in case.joints]
+    ours = simulated.Springs.of(case.model, names, (springs.rate / (2.0 * np.pi)).tolist(), springs.ratio.tolist())
+    assert ours.stiffness == pytest.approx(stiffness, rel=1e-12)
+    assert ours.damping == pytest.approx(damping, rel=1e-12)
+    dynamics = Dynamics(case.model, springs=ours)
+    start = case.state()
+
+    def law(_: float, state: State) -> Array:
+        return dynamics.spring_torque(state)
+
+    def after(length: float) -> Array:
+        torque = dynamics.acceleration(start, law(0.0, start))
+        return case.momenta(dynamics.step(0.0, start, torque, length, law))[6:][case.joints]
+
+    found, _ = case.moving(start, case.momenta(start)[6:][case.joints])
+    change = (8.0 * (after(1e-3) - after(-1e-3)) - (after(2e-3) - after(-2e-3))) / 12e-3
+    assert found.forces[0] == pytest.approx(change, rel=1e-6, abs=1e-6 * float(np.abs(change).max()))
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_derivatives_by_the_state(seed: int) -> None:
+    case = Case(seed)
+    start, size = case.state(), len(case.joints)
+    along = case.momenta(start)[6:][case.joints]
+    found, _ = case.moving(start, along)
+
+    def rates(change: Array) -> Array:
+        position = start.joint_position.copy()
+        position[case.joints] += change[:size]
+        moved, _ = case.moving(replace(start, joint_position=position), along + change[size:])
+        return np.concatenate((moved.rates[0], moved.forces[0]))
+
+    for place in range(2 * size):
+        step = STEP * np.eye(2 * size)[place]
+        expected = (rates(step) - rates(-step)) / (2.0 * STEP)
+        assert found.by_state[0][:, place] == pytest.approx(expected, rel=1e-5, abs=1e-6 * np.abs(expected).max())
+
+
+def test_the_momenta_do_not_depend_on_the_axes() -> None:
+    case = Case(1)
+    turn = exp(np.array([0.3, -0.2, 0.5]))
+    start = case.state()
+    along = case.momenta(start)[6:][case.joints]
+    straight, _ = case.moving(start, along)
+    total = case.momenta(start)[:6]
+    turned = np.concatenate((turn @ total[:3], turn @ total[3:]))
+    none = np.zeros((1, 3))
+    middle = Midpoints(
+        *(start.joint_position[None], start.joint_velocity[None], turn[None], none, np.zeros((1, 6))),
+        *(none, none, np.zeros((1, 6))),
+    )
+    found, _ = passive_motion(case.layout, middle, case.point(turned), along[None])
+    assert found.forces == pytest.approx(straight.forces, rel=1e-9)

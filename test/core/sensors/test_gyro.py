@@ -1,0 +1,194 @@
+"""The preintegrated gyro, and frames attached to the base."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.geometry import Array, cross, exp, log, rotate
+from mbaid_ros.core.samples import BaseStream, ImuStream, Samples, Stamps
+from mbaid_ros.core.sensors.base import AttachedFrame
+from mbaid_ros.core.sensors.gyro import IMU_OUT_OF_ORDER, SATURATED, Gyro
+from mbaid_ros.core.sensors.rates import GyroFrame
+from observed import MID
+
+MILLISECOND = 1_000_000
+GAP = 100 * MILLISECOND
+
+
+def stream(times: Array, rate: Array) -> ImuStream:
+    return ImuStream(np.round(times * MILLISECOND).astype(np.int64), rate)
+
+
+def even(times: Array) -> Array:
+    """Return a rate (N, 3), rad/s, that changes evenly with the time, ms."""
+    return np.array([0.3, -0.2, 0.1]) + 1e-3 * times[:, None] * np.array([0.5, 0.4, -0.6])
+
+
+def integral(times: Array) -> Array:
+    seconds = 1e-3 * times[:, None]
+    return seconds * np.array([0.3, -0.2, 0.1]) + 0.5 * seconds**2 * np.array([0.5, 0.4, -0.6])
+
+
+def at(times: Array) -> Stamps:
+    return np.round(times * MILLISECOND).astype(np.int64)
+
+
+def test_it_is_exact_where_the_rate_changes_evenly() -> None:
+    rng = np.random.default_rng(0)
+    times = np.sort(rng.choice(2000, 400, replace=False)).astype(float)
+    gyro = Gyro(GAP)
+    gyro.push(stream(times, even(times)))
+    asked = np.linspace(times[0], times[-1], 777)
+    expected = integral(asked) - integral(times[:1])
+    assert gyro.sampled(at(asked)) == pytest.approx(expected, abs=1e-8)
+
+
+@pytest.mark.parametrize('size', [1, 7, 64])
+def test_how_the_stream_is_cut_makes_no_difference(size: int) -> None:
+    rng = np.random.default_rng(1)
+    times = np.cumsum(rng.choice([4.0, 5.0, 6.0, 130.0], 500, p=[0.3, 0.37, 0.3, 0.03]))
+    rate = rng.normal(size=(500, 3))
+    rate[120:150, 1] = 1.7  # stuck
+    whole, pieces = Gyro(GAP), Gyro(GAP)
+    whole.push(stream(times, rate))
+    asked = np.arange(0.0, times[-1], 10.0)
+    found = []
+    begin = 0
+    for place in range(0, 500, size):
+        pieces.push(stream(times[place : place + size], rate[place : place + size]))
+        end = int(np.searchsorted(asked, times[min(place + size, 500) - 1], side='right'))
+        found.append(pieces.sampled(at(asked[begin:end])))
+        if end > begin:
+            pieces.forget_before(int(at(asked)[end - 1]))
+        begin = end
+    expected = whole.sampled(at(asked))
+    assert np.array_equal(np.concatenate(found), expected[:begin], equal_nan=True)
+    assert np.isnan(expected).any()
+    assert np.isfinite(expected).any()
+    assert pieces.dropped == whole.dropped
+    assert whole.dropped[SATURATED] == 23  # of thirty alike, seven have to be seen first
+
+
+def test_nothing_is_known_in_a_gap_nor_across_one() -> None:
+    times = np.concatenate((np.arange(0.0, 200.0, 5.0), np.arange(600.0, 800.0, 5.0)))
+    gyro = Gyro(GAP)
+    gyro.push(stream(times, even(times)))
+    asked = np.array([100.0, 190.0, 300.0, 650.0, 700.0])
+    known = np.isfinite(gyro.sampled(at(asked))).all(axis=1)
+    assert known.tolist() == [True, True, False, True, True]
+    # A gap between two samples: the second one is as if it were in it.
+    gyro = Gyro(GAP)
+    gyro.push(stream(times, even(times)))
+    known = np.isfinite(gyro.sampled(at(np.array([100.0, 650.0, 700.0])))).all(axis=1)
+    assert known.tolist() == [True, False, True]
+
+
+def test_readings_at_the_end_of_the_range_and_old_stamps_are_not_used() -> None:
+    times = np.arange(0.0, 500.0, 5.0)
+    rate = even(times)
+    rate[50] = 2.0
+    gyro = Gyro(GAP, largest=2.0)
+    gyro.push(stream(times, rate))
+    gyro.push(stream(times[-3:], rate[-3:]))
+    assert gyro.dropped == {SATURATED: 1, IMU_OUT_OF_ORDER: 3}
+    known = np.isfinite(gyro.sampled(at(np.array([240.0, 248.0, 260.0, 270.0])))).all(axis=1)
+    assert known.tolist() == [True, False, True, True]
+
+
+def window(rng: np.random.Generator, start: float, matrix: Array) -> Samples:
+    """Return a window of a base that turns evenly, whose gyro reads its rate times a matrix."""
+    time = start + np.arange(0.0, 0.5, 0.1)
+    rate = 0.1 * rng.normal(size=3)
+    rotation = exp((time - start)[:, None] * rate) @ exp(1e-4 * rng.normal(size=(5, 3)))
+    none = np.zeros((5, 3))
+    covariance = np.tile(1e-8 * np.eye(6), (5, 1, 1))
+    gyro = time[:, None] * (matrix @ rate + np.array([0.01, -0.02, 0.03]))
+    return Samples(time, none, none, none, rotation, none, none, covariance, covariance, gyro=gyro)
+
+
+@pytest.mark.parametrize(
+    ('matrix', 'told'),
+    [
+        (1.02 * exp(np.array([0.0, 0.03, 0.0])), ''),
+        (np.eye(3) * 180.0 / np.pi, 'it is in degrees'),
+        (np.diag([1.0, -1.0, -1.0]), 'turned by 180 degrees'),
+        (exp(np.array([0.0, 0.0, -1.0])), 'turned by 57 degrees about (0.00, 0.00, 1.00)'),
+    ],
+)
+def test_other_axes_and_units_are_told(matrix: Array, told: str) -> None:
+    rng = np.random.default_rng(2)
+    frame = GyroFrame()
+    found = [frame.update(window(rng, 0.5 * number, matrix)) for number in range(20)][-1]
+    assert told in found
+    assert bool(found) == bool(told)
+
+
+GENERATOR = np.random.default_rng(1)
+FRAME = AttachedFrame(exp(np.array([0.4, -1.1, 0.7])), np.array([0.3, -0.2, 0.5]))
+COUNT = 5
+
+
+def base() -> BaseStream:
+    rotation = exp(GENERATOR.normal(size=(COUNT, 3)))
+    return BaseStream(
+        np.arange(COUNT),
+        *(GENERATOR.normal(size=(COUNT, 3)), rotation),
+        *(GENERATOR.normal(size=(COUNT, 3)), GENERATOR.normal(size=(COUNT, 3))),
+        *(np.tile(MID.pose_covariance(), (COUNT, 1, 1)), np.tile(MID.twist_covariance(), (COUNT, 1, 1))),
+    )
+
+
+def measured(stream: BaseStream) -> BaseStream:
+    """Return what is measured of the frame."""
+    lever = rotate(stream.rotation, FRAME.position)
+    return replace(
+        stream,
+        position=stream.position + lever,
+        rotation=stream.rotation @ FRAME.rotation,
+        linear_velocity=stream.linear_velocity + cross(stream.angular_velocity, lever),
+    )
+
+
+def test_pose_and_twist_are_those_of_the_base() -> None:
+    stream = base()
+    back = FRAME.to_base(measured(stream))
+    for name in ('position', 'rotation', 'linear_velocity', 'angular_velocity'):
+        assert getattr(back, name) == pytest.approx(getattr(stream, name), abs=1e-12), name
+    assert not FRAME.is_base
+    assert AttachedFrame(np.eye(3), np.zeros(3)).is_base
+
+
+def test_covariances_are_those_of_the_errors() -> None:
+    stream = measured(base())
+    converted = FRAME.to_base(stream)
+    step = 1e-6
+
+    def spread(change: list[BaseStream], pick: str) -> Array:
+        """Return the covariance that small errors of the frame lead to, by differences."""
+        columns = []
+        for moved in change:
+            back = FRAME.to_base(moved)
+            if pick == 'pose':
+                turn = log(back.rotation @ np.swapaxes(converted.rotation, 1, 2))
+                columns.append(np.concatenate((back.position - converted.position, turn), axis=1) / step)
+            else:
+                change_of = (
+                    back.linear_velocity - converted.linear_velocity,
+                    back.angular_velocity - converted.angular_velocity,
+                )
+                axes = np.swapaxes(converted.rotation, 1, 2)
+                columns.append(np.concatenate([rotate(axes, value) for value in change_of], axis=1) / step)
+        jacobian = np.stack(columns, axis=-1)
+        covariance = stream.pose_covariance if pick == 'pose' else stream.twist_covariance
+        return jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
+
+    errors = step * np.eye(3)
+    poses = [replace(stream, position=stream.position + error) for error in errors]
+    poses += [replace(stream, rotation=exp(error) @ stream.rotation) for error in errors]
+    twists = [replace(stream, linear_velocity=stream.linear_velocity + rotate(stream.rotation, e)) for e in errors]
+    twists += [replace(stream, angular_velocity=stream.angular_velocity + rotate(stream.rotation, e)) for e in errors]
+    assert converted.pose_covariance == pytest.approx(spread(poses, 'pose'), rel=1e-4, abs=1e-12)
+    assert converted.twist_covariance == pytest.approx(spread(twists, 'twist'), rel=1e-4, abs=1e-12)

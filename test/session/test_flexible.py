@@ -1,0 +1,146 @@
+"""Passive joints, from the simulator's messages to estimates: found within their intervals, or told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from appendages import PANELS, SLOSH, with_fuel, with_panel_on_the_target, with_panels
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.model_errors import EXACT
+from mbaid_ros.config.parameters import build
+from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.replay.run import BAG_TYPES
+from mbaid_ros.session import Session
+from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
+from simulated import CONFIG
+
+NOISE = {
+    **dict(zip(('noise.joint_position', 'noise.joint_velocity'), (1e-4, 1e-3), strict=True)),
+    **{f'noise.base_{part}': 1e-3 for part in ('position', 'linear_velocity')},
+    **{f'noise.base_{part}': 1e-4 for part in ('orientation', 'angular_velocity')},
+}
+LIMIT = float(chi2.isf(1e-3, 10))
+FAR = 4.0  # standard deviations of a frequency: one in 16 000
+# Of each robot: URDF, passive joints, frequencies (Hz), deflections at the start (rad or m).
+ROBOTS = {
+    'panels': (with_panels(), PANELS, (0.3, 0.31), (0.02, -0.01)),
+    'stiff panels': (with_panels(), PANELS, (1.0, 1.03), (0.005, -0.003)),
+    'soft panels': (with_panels(), PANELS, (0.1, 0.103), (0.02, -0.01)),
+    'panel on the target': (with_panel_on_the_target(), PANELS[:1], (0.3,), (0.02,)),
+    'propellant': (with_fuel(20.0), SLOSH, (0.1, 0.1, 0.1), (0.02, 0.0, 0.01)),
+}
+
+
+@cache
+def simulated(name: str, seed: int, seconds: float) -> tuple[SimulatedRun, tuple[TimedMessage, ...]]:
+    urdf, joints, frequencies, deflections = ROBOTS[name]
+    values = load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator')
+    start = [*(0.4, 0.7, -0.3, 0.9, 0.5, -0.6, 0.2), *deflections]
+    values |= {'joint_rate': 50.0, 'odometry_rate': 50.0, **NOISE, 'seed': seed, 'target_link': 'link7'}
+    values |= {'initial.joint_positions': start, 'flexible.joints': list(joints)}
+    values |= {f'flexible.{joint}.frequency': each for joint, each in zip(joints, frequencies, strict=True)}
+    run = SimulatedRun(build(SimulatorConfig, values), urdf, BAG_TYPES)
+    return run, tuple(run.read(seconds))
+
+
+def session(urdf: str, **parameters: object) -> Session:
+    return Session(build(EstimatorConfig, {**EXACT, **NOISE, 'target_link': 'link7', **parameters}), urdf)
+
+
+def declared(name: str, wrong: float, **more: object) -> dict[str, object]:
+    """Return parameters with all frequencies wrong by as much, relative."""
+    _, joints, frequencies, _ = ROBOTS[name]
+    each = {f'flexible.{joint}.frequency': (1.0 + wrong) * own for joint, own in zip(joints, frequencies, strict=True)}
+    return {'flexible.joints': list(joints), **each, **more}
+
+
+def feed(messages: Sequence[TimedMessage], into: Session) -> Estimate:
+    for each in messages:
+        (into.add_joint_state if each.topic == 'joint_states' else into.add_odometry)(each.message)
+    return into.process()[-1]
+
+
+@pytest.mark.parametrize(
+    ('name', 'seeds'),
+    [
+        ('panels', 2),
+        *(
+            pytest.param(name, 3, marks=pytest.mark.long)
+            for name in ('stiff panels', 'soft panels', 'panel on the target', 'propellant')
+        ),
+    ],
+)
+def test_what_swings_is_found_along(name: str, seeds: int) -> None:
+    urdf, joints, frequencies, _ = ROBOTS[name]
+    surprises = []
+    for seed in range(1, 1 + seeds):
+        run, messages = simulated(name, seed, 25.0)
+        last = feed(messages, session(urdf, **declared(name, 0.04 * (-1.0) ** seed)))
+        assert last.status in {'estimating', 'converged'}, last.warnings
+        assert last.identifiable.all()
+        error = last.parameters - run.target_inertia
+        surprises.append(float(error @ np.linalg.solve(last.covariance, error)))
+        assert last.std[0] < 0.002 * last.parameters[0]
+        assert [each.joint for each in last.flexible] == list(joints)
+        for found, frequency in zip(last.flexible, frequencies, strict=True):
+            assert abs(found.frequency - frequency) < FAR * found.frequency_std
+            assert found.frequency_std < 0.01 * frequency
+            assert abs(found.damping - 0.01) < FAR * found.damping_std
+    assert sum(surprises) < chi2.isf(1e-3, 10 * seeds)
+
+
+def test_joints_that_messages_hold_all_the_same_are_not_read() -> None:
+    _, messages = simulated('panels', 1, 8.0)
+    alone = feed(messages, session(ROBOTS['panels'][0], **declared('panels', 0.02)))
+    beside = session(ROBOTS['panels'][0], **declared('panels', 0.02))
+    for each in messages:
+        if each.topic == 'odom':
+            beside.add_odometry(each.message)
+            continue
+        given, find = each.message, BAG_TYPES.find
+        beside.add_joint_state(
+            find('sensor_msgs/msg/JointState')(
+                header=given.header,
+                name=[*given.name, *PANELS],
+                position=np.append(given.position, [np.nan, 0.0]),
+                velocity=np.append(given.velocity, [0.0, np.nan]),
+                effort=np.append(given.effort, [0.0, 0.0]),
+            )
+        )
+    assert beside.process()[-1].parameters == pytest.approx(alone.parameters, rel=1e-12)
+
+
+def test_the_joint_states_of_the_simulator_leave_them_out() -> None:
+    run, messages = simulated('panels', 1, 8.0)
+    names = {tuple(each.message.name) for each in messages if each.topic == 'joint_states'}
+    assert names == {tuple(name for name in run.model.joint_names if name not in PANELS)}
+
+
+@pytest.mark.long
+def test_a_frequency_far_from_its_declaration_contradicts() -> None:
+    _, messages = simulated('panels', 1, 25.0)
+    exact = {f'flexible.{joint}.frequency_relative_std': 0.01 for joint in PANELS}
+    last = feed(messages, session(ROBOTS['panels'][0], **declared('panels', 0.06, **exact)))
+    assert last.contradicted
+    assert any('flexible.panel' in text for text in last.warnings)
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'text'),
+    [
+        ({'flexible.joints': ['boom']}, "has 'boom'"),
+        ({'flexible.joints': ['panel_left']}, 'flexible.panel_left.frequency'),
+        ({'flexible.boom.frequency': 0.3}, "'flexible.boom' is of no joint"),
+    ],
+)
+def test_what_is_declared_has_to_fit_the_robot(parameters: dict[str, object], text: str) -> None:
+    with pytest.raises(ParameterError, match=text):
+        session(ROBOTS['panels'][0], **parameters)

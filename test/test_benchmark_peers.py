@@ -1,0 +1,171 @@
+"""The benchmark of all methods: recordings by seed, a least-squares method on one, and its page's own example."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.peers import dataset
+from benchmarks.peers.conditions import CONDITIONS, Condition, moved
+from benchmarks.peers.recording import Known
+from benchmarks.peers.registry import load, names
+from benchmarks.peers.runs import Outcome, outcome_of
+from benchmarks.peers.score import Truth, score
+from mbaid_ros.core.samples import SensorNoise
+from mbaid_ros.simulation.sensors import Sensors
+
+ROOT = Path(__file__).resolve().parents[1]
+RUN = dataset.Run(Condition('ets7', 'low'), 0, 10.0)
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp('peers')
+
+
+@pytest.fixture(scope='module')
+def manifest(folder: Path) -> dict[str, dict[str, str]]:
+    return dataset.make([RUN], folder)
+
+
+def truth_of(run: Path) -> Truth:
+    values = json.loads((run / dataset.TRUTH).read_text(encoding='utf-8'))
+    return Truth(np.array(values['parameters']), np.array(values['bound'], dtype=float))
+
+
+def test_a_seed_gives_the_same_files_and_another_seed_others(
+    manifest: dict[str, dict[str, str]], tmp_path: Path
+) -> None:
+    again = dataset.make([RUN], tmp_path)
+    assert dataset.manifest_digest(again) == dataset.manifest_digest(manifest)
+    other = dataset.make([dataset.Run(RUN.condition, 1, RUN.seconds)], tmp_path)
+    bags = [
+        next(value for name, value in files.items() if name.endswith('.mcap'))
+        for files in (*manifest.values(), *other.values())
+    ]
+    assert bags[0] != bags[1]
+
+
+def test_the_urdf_does_not_give_the_truth_away(folder: Path, manifest: dict[str, dict[str, str]]) -> None:
+    run = folder / next(iter(manifest))
+    truth, urdf = truth_of(run).parameters, (run / dataset.URDF).read_text(encoding='utf-8')
+    masses = [float(value) for value in re.findall(r'<mass value="([^"]+)"', urdf)]
+    assert min(abs(mass / truth[0] - 1.0) for mass in masses) > 0.05
+
+
+@pytest.fixture(scope='module')
+def exact(folder: Path, manifest: dict[str, dict[str, str]]) -> Path:
+    """Return the folder of the same run as sensors without noise record it."""
+    run = folder / 'exact'
+    shutil.copytree(folder / next(iter(manifest)), run, ignore=shutil.ignore_patterns(dataset.BAG))
+    motion = moved(RUN.condition, RUN.seed, RUN.seconds)
+    dataset._write_bag(run / dataset.BAG, motion, motion.truth, Sensors(SensorNoise(*[0.0] * 6), 0))
+    return run
+
+
+@pytest.mark.parametrize(
+    ('method', 'share'), [('least_squares', 1e-6), ('weighted_least_squares', 1e-6), ('torque_regressor', 0.01)]
+)
+def test_equations_hold_without_noise(exact: Path, method: str, share: float) -> None:
+    outcome, truth = outcome_of(method, exact), truth_of(exact)
+    assert not outcome.failure
+    assert np.all(np.abs(np.array(outcome.parameters) - truth.parameters) < share * truth.sizes)
+
+
+def test_weights_help_against_noise(folder: Path, manifest: dict[str, dict[str, str]]) -> None:
+    run = folder / next(iter(manifest))
+    truth = truth_of(run)
+    plain, weighted = (
+        score([outcome_of(method, run)], [truth]) for method in ('least_squares', 'weighted_least_squares')
+    )
+    assert 1.0 < weighted.median < plain.median
+    assert plain.intervals == 10
+
+
+def test_the_page_s_own_method_answers(exact: Path, tmp_path: Path) -> None:
+    page = (ROOT / 'docs' / 'measured' / 'benchmark.md').read_text(encoding='utf-8')
+    code = page.partition('<!-- run by test/test_benchmark_peers.py -->\n```python\n')[2].partition('```')[0]
+    assert 10 < len(code.splitlines()) < 30
+    (tmp_path / 'every_tenth_sample.py').write_text(code, encoding='utf-8')
+    sys.path.insert(0, str(tmp_path))
+    try:
+        module = importlib.import_module('every_tenth_sample')
+    finally:
+        sys.path.remove(str(tmp_path))
+    urdf, known = (exact / dataset.URDF).read_text(encoding='utf-8'), Known.read(exact / dataset.KNOWN)
+    answer, truth = module.identify(exact / dataset.BAG, urdf, known), truth_of(exact)
+    assert np.all(np.abs(answer.parameters - truth.parameters) < 1e-6 * truth.sizes)
+
+
+def test_every_method_says_what_it_needs_and_what_was_tuned() -> None:
+    for name in names():
+        if name.startswith('mujoco_sysid'):
+            pytest.importorskip('tabulate', reason='mujoco[sysid] is optional')
+        method = load(name)
+        assert method.about
+        assert method.needs
+        assert method.tuned
+
+
+def test_the_score_knows_right_wrong_and_doubtful_answers() -> None:
+    truth = Truth(np.arange(10.0) + 1.0, np.where(np.arange(10) < 9, 0.1, np.nan))
+
+    def outcome(error: float, std: float, doubt: str = '') -> Outcome:
+        off = np.where(np.arange(10) < 9, error, 1e9)  # the last one is open: it does not count
+        return Outcome((truth.parameters + off).tolist(), [std] * 10, doubt, '', 1.0, 1.0, 1.0)
+
+    found = score(
+        [outcome(0.1, 0.1), outcome(0.6, 0.1), outcome(0.6, 0.1, 'inconsistent'), outcome(0.05, np.nan)], [truth] * 4
+    )
+    assert found.answers == 3
+    assert found.wrong == 1
+    assert found.covered == pytest.approx(0.5)
+    assert found.ratio == pytest.approx([1.0, 6.0, 0.5])
+    assert found.failures == ('inconsistent',)
+
+
+def test_there_are_at_most_sixty_runs() -> None:
+    assert 4 * len(CONDITIONS) <= 60
+    assert len({dataset.Run(each, 0, 60.0).name for each in CONDITIONS}) == len(CONDITIONS)
+
+
+@pytest.mark.long
+def test_a_robot_stops_and_goes_on() -> None:
+    truth = moved(Condition('ets7', 'mid', 'slow with stops'), 0, 30.0).truth
+    resting = (truth.time % 20.0 > 11.0) & (truth.time % 20.0 < 19.0)
+    assert np.abs(truth.joint_velocity[resting]).max() < 1e-6
+    assert np.abs(truth.joint_velocity[~resting]).max() > 0.01
+
+
+@pytest.mark.long
+def test_the_benchmark_goes_on_and_gives_the_same_numbers(tmp_path: Path) -> None:
+    command = [
+        sys.executable,
+        str(ROOT / 'scripts' / 'benchmark_peers.py'),
+        '--rows',
+        'ets7 (mid|low)$',
+        '--seeds',
+        '1',
+    ]
+    command += ['--seconds', '10', '--methods', 'squares|difference|trajectory', '--processes', '1', '--store']
+
+    def scored(store: Path) -> list[str]:
+        done = subprocess.run([*command, str(store)], check=True, capture_output=True, text=True)
+        return [
+            re.sub(r'\| [\d.]+ \| [\d.]+ \| (?=\S)', '', line)
+            for line in done.stdout.splitlines()
+            if '`' in line and 'Written' not in line
+        ]
+
+    first = scored(tmp_path / 'one')
+    assert any('trajectory' in line for line in first)
+    assert scored(tmp_path / 'one') == first
+    assert scored(tmp_path / 'two') == first
