@@ -1,4 +1,4 @@
-"""The base twist V = M^-1 (h_b - b) by conserved momentum, and its derivatives (docs/explanation/trajectory.md, eq. 1)."""
+"""The base twist by conserved momentum, and its derivatives (docs/explanation/trajectory.md, eq. 1)."""
 
 from __future__ import annotations
 
