@@ -1,4 +1,4 @@
-"""The base twist by conserved momentum, V = M^-1 (h_b - b), and its derivatives (docs/trajectory.md, eq. 1)."""
+"""The base twist by conserved momentum, V = M^-1 (h_b - b), and its derivatives (trajectory.md, eq. 1)."""
 
 from __future__ import annotations
 
