@@ -39,7 +39,7 @@ def between(arguments: argparse.Namespace) -> tuple[float, float]:
     ParameterError
         There is nothing between the two.
     """
-    start, end = getattr(arguments, 'start', None) or 0.0, getattr(arguments, 'end', None)
+    start, end = getattr(arguments, 'slice_start', None) or 0.0, getattr(arguments, 'slice_end', None)
     end = inf if end is None else end
     if end <= start:
         raise ParameterError(f'--start {start:g} and --end {end:g} leave nothing; accepted: an end after the start')

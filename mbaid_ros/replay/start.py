@@ -240,8 +240,9 @@ def _add_bags(parser: ArgumentParser) -> None:
 
 def _add_slice(parser: ArgumentParser) -> None:
     add = parser.add_argument
-    add('--start', type=number(0.0, 's'), metavar='S', help="begin, s from the bag's first message")
-    add('--end', type=number(0.0, 's', exclusive=True), metavar='S', help="end, s from the bag's first message")
+    add('--start', dest='slice_start', type=number(0.0, 's'), metavar='S', help="begin, s from the bag's first message")
+    words = "end, s from the bag's first message"
+    add('--end', dest='slice_end', type=number(0.0, 's', exclusive=True), metavar='S', help=words)
 
 
 def _add_topics(parser: ArgumentParser) -> None:

@@ -42,7 +42,7 @@ class HeldBase:
         self._squares: Array = np.zeros((9, 9))  # products of (1, t, t^2), p and c, sums over the windows
         self._latest: list[Array] = []  # the means of the latest windows
         self._origin: Array = np.zeros(6)
-        self._done = False
+        self._done = kernel.target.body == 0  # an unknown base: the rest weighs little
 
     def update(self, window: Samples) -> Reason | None:
         """Add a window; return a reason once, when the base is known to be held."""
