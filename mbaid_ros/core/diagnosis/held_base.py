@@ -42,7 +42,8 @@ class HeldBase:
         self._squares: Array = np.zeros((9, 9))  # products of (1, t, t^2), p and c, sums over the windows
         self._latest: list[Array] = []  # the means of the latest windows
         self._origin: Array = np.zeros(6)
-        self._done = kernel.target.body == 0  # an unknown base: the rest weighs little
+        # Of an unknown base, or a robot without moving parts, the known links determine no reaction.
+        self._done = kernel.target.body == 0 or kernel.model.joints == 0
 
     def update(self, window: Samples) -> Reason | None:
         """Add a window; return a reason once, when the base is known to be held."""
