@@ -9,6 +9,7 @@ from scipy.stats import chi2
 
 from appendages import PANELS, SLOSH, with_fuel, with_panels
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation
+from mbaid_ros.core.results.estimate import PassiveJoint
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.springs import Springs
@@ -81,8 +82,8 @@ def test_mujoco_swings_alike(panels: Swinging) -> None:
     assert ours.base_position == pytest.approx(theirs.base_position, abs=1e-7)
 
 
-def found(case: Swinging, frequencies: tuple[float, ...], seed: int) -> tuple[float, float, list[float]]:
-    """Return the squared error of body and what of it is known, of MuJoCo's motion with panels declared so."""
+def found(case: Swinging, frequencies: tuple[float, ...], seed: int) -> tuple[float, float, tuple[PassiveJoint, ...]]:
+    """Return the body's squared error, the std of its mass, and the passive joints, of MuJoCo's motion."""
     truth = case.theirs()
     samples = observe(truth, MID, seed)
     for part in (samples.joint_position, samples.joint_velocity):
@@ -96,21 +97,22 @@ def found(case: Swinging, frequencies: tuple[float, ...], seed: int) -> tuple[fl
     last = estimator(kernel, MID, **parameters).update(windows(samples), 0)[-1]
     assert last.status in {'estimating', 'converged'}, last.warnings
     assert last.identifiable.all()
-    return nees(last, true_body(kernel)), last.std[0], [each.frequency for each in last.flexible]
+    return nees(last, true_body(kernel)), last.std[0], last.flexible
 
 
 def test_the_body_is_found_through_the_swing_of_mujoco(panels: Swinging) -> None:
-    distance, std, frequencies = found(panels, (0.315, 0.3), 1)
+    distance, std, joints = found(panels, (0.315, 0.3), 1)
     assert distance < chi2.isf(1e-3, 10)
     assert std < 2.0
-    assert frequencies == pytest.approx([0.3, 0.31], rel=5e-3)
+    assert [each.frequency for each in joints] == pytest.approx([0.3, 0.31], rel=5e-3)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize('seed', [2, 3])
 def test_propellant_in_mujoco(seed: int) -> None:
     case = Swinging(with_fuel(20.0), SLOSH, (0.1, 0.1, 0.1), 40.0)
-    distance, std, frequencies = found(case, (0.104, 0.098, 0.1), seed)
+    distance, std, joints = found(case, (0.104, 0.098, 0.1), seed)
     assert distance < chi2.isf(1e-3, 10)
     assert std < 2.0
-    assert frequencies == pytest.approx([0.1, 0.1, 0.1], rel=5e-3)
+    # Four periods of a spring that the motion hardly excites: what is reported says how well it is known.
+    assert all(abs(each.frequency - 0.1) < 4.0 * each.frequency_std < 0.02 for each in joints)
