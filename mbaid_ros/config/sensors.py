@@ -48,7 +48,7 @@ class NoiseConfig:
     base_correlation_time: float = parameter(
         0.0,
         'Time in which the correlation of errors of the base pose falls to 1/e, for poses of a filter or of visual '
-        'odometry. 0: estimated if poses vary less than their covariance; otherwise errors are independent.',
+        'odometry. 0: estimated from the readings, as that of the base twist is.',
         unit='s',
         minimum=0.0,
     )
@@ -57,6 +57,12 @@ class NoiseConfig:
         default=False,
         description='Use the noise estimated from the readings of every sensor, in place of the declared one. The '
         'estimated noise is reported in any case.',
+    )
+
+    trust_declared: bool = parameter(
+        default=False,
+        description='Keep the declared noise of the base where the readings contradict it; otherwise the estimated '
+        'noise replaces it, with a warning.',
     )
 
     @property

@@ -221,7 +221,7 @@ def test_noise_that_nobody_declares_is_found() -> None:
     assert last.noise.told()[-1].startswith('nobody has declared that of joint position (')
     assert np.all(np.abs(last.std / undisturbed().std - 1.0) < 0.15)
     # Of one sensor it is declared, five times too large: that one counts as declared.
-    declared = estimates(ROBOT, silent, {'noise.base_position': 5e-3})[0][-1]
+    declared = estimates(ROBOT, silent, {'noise.base_position': 5e-3, 'noise.trust_declared': True})[0][-1]
     assert declared.noise is not None
     assert declared.noise.used.tolist() == [True, True, False, True, True, True]
     assert declared.std[1:4].mean() > 1.1 * last.std[1:4].mean()

@@ -104,7 +104,7 @@ class TrajectoryEstimator:
         filtered, layout, origin = run.best, self._runs.layout, self._averaging.origin
         moments = run.moments()
         sizes = moments.sizes(layout)
-        verdict = self._with_causes(run, judge(self._runs.evidence(run, sizes, window)))
+        verdict = self._with_causes(run, judge(self._runs.evidence(run, sizes)))
         verdict = with_undeclared_orbit(verdict, moments, layout)
         # Where the data contradict the model, the verdict names what would have to be further off.
         too_small = [underestimated_text(*each) for each in sizes.sure if verdict.adequate]
