@@ -32,7 +32,13 @@ from mbaid_ros.simulation.motion import (
     within_limits,
 )
 from mbaid_ros.simulation.sensors import Imu, ImuErrors
-from mbaid_ros.simulation.simulation import Simulation, Truth, seen_from_orbit, without_linear_momentum
+from mbaid_ros.simulation.simulation import (
+    ChangingSimulation,
+    Simulation,
+    Truth,
+    seen_from_orbit,
+    without_linear_momentum,
+)
 from mbaid_ros.simulation.springs import Springs
 from mbaid_ros.simulation.steered import Followed, Steered, made_to_follow
 from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
@@ -228,7 +234,7 @@ def steered(motion: Motion) -> Motion:
 
 def make_simulation(
     config: SimulatorConfig, model: RobotModel, motion: Motion | None = None
-) -> Simulation | CaptureSimulation | ThrustSimulation:
+) -> Simulation | ChangingSimulation:
     """Return a robot in motion, as the parameters ask for, without sensors; `model` is the robot that moves.
 
     Parameters
@@ -250,10 +256,10 @@ def make_simulation(
     pulse = make_pulse(config, model)
     around = Surroundings(make_wheels(config, model), make_orbit(config.orbit), make_springs(config, model))
     if pulse is not None:
-        return ThrustSimulation(model, motion, start, config.step, pulse, around)
+        return ThrustSimulation(model, motion, start, pulse, around)
     if target is not None and is_driven(motion):
-        return CaptureSimulation(model, motion, start, config.step, target, around)
-    return Simulation(model, motion, start, config.step, surroundings=around)
+        return CaptureSimulation(model, motion, start, target, around)
+    return Simulation(model, motion, start, surroundings=around)
 
 
 def make_springs(config: SimulatorConfig, model: RobotModel) -> Springs | None:

@@ -27,7 +27,7 @@ from mbaid_ros.simulated_robot import (
 )
 from mbaid_ros.simulation.capture import CaptureSimulation
 from mbaid_ros.simulation.sensors import SensedSimulation, Sensors
-from mbaid_ros.simulation.simulation import total_momentum
+from mbaid_ros.simulation.simulation import LONGEST_STEP, total_momentum
 from mbaid_ros.simulation.steered import Steered
 from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
 from mbaid_ros.simulation.true_robot import true_robot
@@ -147,14 +147,14 @@ class SimulatedRun:
         """
         if not isinstance(self._motion, Steered):
             raise DataError("motion.kind is 'passive'; accepted: joints that are driven, as with motion.kind: random")
-        begin = self._read + 2.0 * self.config.step  # the integrator is a step ahead, and interpolates
+        begin = self._read + LONGEST_STEP
         self._motion.follow(trajectory, self.model, begin)
         return begin
 
     def come_to_rest(self, seconds: float) -> None:
         """Let joints that are driven come to rest within some seconds, from just after what has been read."""
         if isinstance(self._motion, Steered):
-            self._motion.come_to_rest(self.model, self._read + 2.0 * self.config.step, seconds)
+            self._motion.come_to_rest(self.model, self._read + LONGEST_STEP, seconds)
 
     def read(self, until: float) -> list[TimedMessage]:
         """Return the messages due up to and including a time (s) that were not returned before, in order of time.

@@ -40,7 +40,7 @@ from mbaid_ros.simulation.simulation import Simulation, Truth
 from mbaid_ros.simulation.steered import made_to_follow
 
 ROBOTS, SPEEDS = ('servicer7', 'ets7', 'table1'), (1.0, 5.0)  # deg/s
-SEEN, STEP = 10.0, 0.05  # Hz, of simulations without sensors; s, of the integrator
+SEEN = 10.0  # Hz, of simulations without sensors
 WANTED = 0.01
 TURN = np.radians(2.0)  # rad, limit of the base's turn
 WINDOW, KNOTS = 0.5, 10  # s, of the estimator
@@ -129,7 +129,7 @@ def _first(kernel: MomentumKernel, state: State, generator: np.random.Generator)
 
 def _follow(model: RobotModel, state: State, trajectory: JointTrajectory, seconds: float, rate: float = RATE) -> Truth:
     motion = made_to_follow(trajectory, model, state.joint_position, 0.0)
-    return Simulation(model, motion, state, STEP).advance(np.arange(round(seconds * rate) + 1) / rate)
+    return Simulation(model, motion, state).advance(np.arange(round(seconds * rate) + 1) / rate)
 
 
 def _last(truth: Truth) -> State:
@@ -168,7 +168,7 @@ def _strayed(motions: Motions, begin: State, plan: Plan, seed: int) -> Array:
     turned = np.full(DRAWS, np.nan)
     for place, point in enumerate(motions.knowledge.drawn(DRAWS, seed + 500)):
         floating = motions.as_if(point)
-        twist = floating.coasting(begin.joint_position, 2, STEP).twist[0, 0].reshape(2, 3)
+        twist = floating.coasting(begin.joint_position, 2, 0.05).twist[0, 0].reshape(2, 3)
         velocity = np.concatenate((*(twist @ floating.rotation), np.zeros(model.joints)))
         try:
             # Parameters that no motion of a planar robot determines are not drawn.

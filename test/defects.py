@@ -46,7 +46,7 @@ Defect = Callable[[list[Arrival]], list[Arrival]]
 @cache
 def fine_motion(name: str, seconds: float) -> Truth:
     """Return the run that config/ describes for a robot, at 500 Hz."""
-    return configured_motion(name, seconds, FINE, 0.02)
+    return configured_motion(name, seconds, FINE)
 
 
 def header(stamp: int, frame: str = '') -> Any:

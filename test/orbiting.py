@@ -49,7 +49,7 @@ def urdf() -> str:
 def simulated(seconds: float, **parameters: object) -> SimulatedRun:
     """Return a noisy run at 20 Hz; in names of parameters, two underlines are a dot."""
     values = load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator')
-    values |= {'duration': seconds, 'joint_rate': 20.0, 'odometry_rate': 20.0, 'step': 0.05, **NOISE}
+    values |= {'duration': seconds, 'joint_rate': 20.0, 'odometry_rate': 20.0, **NOISE}
     values |= {name.replace('__', '.'): value for name, value in parameters.items()}
     return SimulatedRun(build(SimulatorConfig, values), urdf(), BAG_TYPES)
 

@@ -1,4 +1,4 @@
-"""The file in which `calibrate` says what it has found: read back for what comes after."""
+"""The file of results that `calibrate` writes and later runs read."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 
 from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import JointDeviations, LinkPriorConfig, mount_orientation, mount_position
+from mbaid_ros.config.model_errors import JointDeviations, LinkPriorConfig
 from mbaid_ros.config.parameters import build, by_name, parameter
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.files import parse_json, read_text
 
-_ACCEPTED = 'accepted: what calibrate --json writes'
+_ACCEPTED = 'accepted: a file of calibrate --json'
 # Parts of the largest variance (all parameters in units of their own deviation) that rounding may make negative.
 _ROUNDING = 1e-9
 
@@ -115,24 +115,26 @@ class LinkPriorsConfig:
 class PriorConfig(JointDeviations, LinkPriorConfig):
     """How far links, joints and the odometry's mount may be off: one standard deviation."""
 
-    mount_position_std: float = mount_position()
-    mount_orientation_std: float = mount_orientation()
+    mount_position_std: float = parameter(2e-3, 'm', minimum=0.0)
+    """Standard deviation of each coordinate of the base link's origin in the frame that the odometry locates; 0:
+    exact."""
+    mount_orientation_std: float = parameter(2e-3, 'rad', minimum=0.0)
+    """Standard deviation of the base link's orientation in that frame, about each axis; 0: exact."""
     links: LinkPriorsConfig = field(default_factory=LinkPriorsConfig)
 
 
 @dataclass(frozen=True)
 class CalibrationConfig:
-    """What is calibrated."""
+    """The unknowns to calibrate."""
 
-    unknown_links: tuple[str, ...] = parameter(
-        (), 'Links to calibrate; the others count as known. Empty means every link that has an <inertial>.'
-    )
+    unknown_links: tuple[str, ...] = parameter(())
+    """Links to calibrate; the others count as known. Empty means every link that has an <inertial>."""
     prior: PriorConfig = field(default_factory=PriorConfig)
 
 
 @dataclass(frozen=True)
 class CalibrationParameters:
-    """Everything that `calibrate` is told.
+    """All settings of `calibrate`.
 
     Attributes
     ----------
@@ -144,7 +146,7 @@ class CalibrationParameters:
     calibration: CalibrationConfig
 
     def prior(self, link: str) -> LinkPriorConfig:
-        """Return the prior of a link: its own, or what is said of all."""
+        """Return the prior of a link: its own, or the one for all links."""
         prior = self.calibration.prior
         shared = {item.name: getattr(prior, item.name) for item in fields(LinkPriorConfig)}
         return LinkPriorConfig(**{**shared, **prior.links.own.get(link, {})})

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import array
+import ast
 import difflib
+import inspect
 import math
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache
+from itertools import pairwise
 from typing import Any, Literal, TypeVar, cast, get_type_hints
 
 from mbaid_ros import limits
@@ -44,17 +48,17 @@ class ParameterSpec:
     ----------
     name : dotted name
     type : one of Kind; upper-cased it names a member of rclpy's Parameter.Type
-    description, unit : one sentence, as `ros2 param describe` prints it; SI unit or empty
+    unit : SI, or empty
     minimum, maximum : limits of a number, or of each number of a list; None is no limit
     exclusive_minimum : True if the minimum itself is not accepted
     choices, lengths : accepted strings, accepted lengths of a list; empty is any
     read_only : True if the value cannot change while the node runs
+    field : its dataclass and the name there, below which the description stands
     """
 
     name: str
     type: Kind
     default: Value
-    description: str
     unit: str = ''
     minimum: float | None = None
     maximum: float | None = None
@@ -62,10 +66,18 @@ class ParameterSpec:
     choices: tuple[str, ...] = ()
     lengths: tuple[int, ...] = ()
     read_only: bool = True
+    field: tuple[type, str] = (object, '')
+
+    @property
+    def description(self) -> str:
+        """One sentence, as `ros2 param describe` prints it."""
+        owner, name = self.field
+        texts = (_texts(base.__module__).get((base.__name__, name)) for base in owner.__mro__)
+        return next(filter(None, texts), '')
 
     @property
     def accepted(self) -> str:
-        """What is accepted, in words: ``a number > 0 s``."""
+        """The accepted values in words: ``a number > 0 s``."""
         if self.choices:
             return listing(self.choices)
         words = _WORDS[self.type]
@@ -153,9 +165,8 @@ _METADATA, _BY_NAME = 'mbaid_ros.parameter', 'mbaid_ros.by_name'
 _OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
-def parameter(  # noqa: PLR0913 - one for each attribute of a ParameterSpec
+def parameter(
     default: T,
-    description: str,
     unit: str = '',
     minimum: float | None = None,
     maximum: float | None = None,
@@ -165,14 +176,13 @@ def parameter(  # noqa: PLR0913 - one for each attribute of a ParameterSpec
     lengths: tuple[int, ...] = (),
     read_only: bool = True,
 ) -> T:
-    """Return a dataclass field that is a parameter; the arguments are those of ParameterSpec.
+    """Return a dataclass field that is a parameter, its description as a string below; arguments as of ParameterSpec.
 
     A time without a maximum gets one: stamps are whole nanoseconds, of which 64 bits hold a few centuries.
     """
     if unit == 's' and maximum is None:
         maximum = limits.TIME
     metadata = {
-        'description': description,
         'unit': unit,
         'minimum': minimum,
         'maximum': maximum,
@@ -247,9 +257,23 @@ def _walk(cls: type, prefix: str, *, named: bool = False) -> Iterator[ParameterS
         elif is_dataclass(declared):
             yield from _walk(cast('type', declared), f'{prefix}{item.name}.', named=named)
         elif not named:
-            yield ParameterSpec(
-                prefix + item.name, KINDS[declared], cast('Value', item.default), **item.metadata[_METADATA]
-            )
+            own = {**item.metadata[_METADATA], 'field': (cls, item.name)}
+            yield ParameterSpec(prefix + item.name, KINDS[declared], cast('Value', item.default), **own)
+
+
+@cache
+def _texts(module: str) -> Mapping[tuple[str, str], str]:
+    """Return the strings below the fields of a module's classes, by class and field."""
+    classes = [
+        each for each in ast.parse(inspect.getsource(sys.modules[module])).body if isinstance(each, ast.ClassDef)
+    ]
+    return {
+        (each.name, item.target.id): ' '.join(below.value.value.split())
+        for each in classes
+        for item, below in pairwise(each.body)
+        if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name)
+        if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) and isinstance(below.value.value, str)
+    }
 
 
 def build(cls: type[T], values: Mapping[str, object]) -> T:

@@ -18,7 +18,7 @@ from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import Surroundings, Wheels
 from mbaid_ros.simulation.motion import Driven
-from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
+from mbaid_ros.simulation.simulation import ChangingSimulation, Simulation, Truth, total_momentum
 
 
 @dataclass(frozen=True)
@@ -47,17 +47,8 @@ def with_target(model: RobotModel, target: Target) -> RobotModel:
     return load_model(text, model.base_link)
 
 
-class CaptureSimulation:
-    """A run of the free-floating robot with a capture in it; what it gives and takes is as of Simulation.
-
-    Parameters
-    ----------
-    model : RobotModel, before the capture
-    motion : of the joints, which are driven
-    initial : state at time 0
-    step : s, of the integrator
-    target : Target
-    surroundings : what else acts on its bodies
+class CaptureSimulation(ChangingSimulation):
+    """A run of the free-floating robot with a capture in it; parameters as of Simulation, the joints are driven.
 
     Attributes
     ----------
@@ -65,11 +56,6 @@ class CaptureSimulation:
     joined : the robot after the capture
     brought : (6,) momentum (P, L) of the target before it, odometry frame, L about its origin
     momentum : (6,) that of the whole after it
-
-    Raises
-    ------
-    ModelError
-        The robot, or the target in its hand, cannot be simulated.
     """
 
     def __init__(
@@ -77,37 +63,18 @@ class CaptureSimulation:
         model: RobotModel,
         motion: Driven,
         initial: State,
-        step: float,
         target: Target,
         surroundings: Surroundings | None = None,
     ) -> None:
-        self.target = target
-        self._before = Simulation(model, motion, initial, step, surroundings=surroundings)
-        self.joined = with_target(model, target)
+        around, time = surroundings or Surroundings(), target.time
+        self.target, self.joined = target, with_target(model, target)
         # Where the capture happens follows from the motion alone: a run of its own finds it.
-        at = Simulation(model, motion, initial, step, surroundings=surroundings).advance(np.array([target.time]))
-        around = surroundings or Surroundings()
+        at = Simulation(model, motion, initial, surroundings=around).advance(np.array([time]))
         self.brought = _momentum(model, at, target)
         self.momentum: Array = total_momentum(model, at, around.wheels)[0] + self.brought
-        start, later = _joined(self.joined, at, self.momentum, around.wheels), around.later(target.time)
-        self._after = Simulation(self.joined, motion.later(target.time), start, step, surroundings=later)
-
-    def advance(self, instants: Array) -> Truth:
-        """Return the true motion at instants (s, in order), and forget what lies before the last of them.
-
-        Raises
-        ------
-        DataError
-            An instant lies before one already passed.
-        ModelError
-            The motion has diverged.
-        """
-        early = instants < self.target.time
-        parts = [self._before.advance(instants[early])] if np.any(early) or not len(instants) else []
-        if not np.all(early):
-            after = self._after.advance(instants[~early] - self.target.time)
-            parts.append(replace(after, time=instants[~early]))
-        return Truth.concatenate(parts)
+        start = _joined(self.joined, at, self.momentum, around.wheels)
+        after = Simulation(self.joined, motion.later(time), start, surroundings=around.later(time))
+        super().__init__(Simulation(model, motion, initial, surroundings=around), [(time, lambda _: after)])
 
 
 def _momentum(model: RobotModel, at: Truth, target: Target) -> Array:

@@ -1,9 +1,9 @@
-"""Motion of the free-floating robot: pinocchio's articulated-body algorithm under an explicit Runge-Kutta step."""
+"""Motion of the free-floating robot: pinocchio's articulated-body algorithm under the torques of its joints."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,6 @@ from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, parse
 from mbaid_ros.simulation.environment import BodyPoses, Effect, Push
-from mbaid_ros.simulation.one_quaternion import rotate, rotation_vector_rate, turned
 from mbaid_ros.simulation.springs import Springs
 
 # Smallest eigenvalue, relative to the largest, of the joint-space inertia scaled to a unit diagonal. Rounding leaves
@@ -22,26 +21,8 @@ _SMALLEST_EIGENVALUE = 1e-12
 # The inertia of a massless tail vanishes in every configuration; others may in a few only. Try several.
 _CONFIGURATIONS_TRIED = 5
 
-# Butcher's Runge-Kutta method of order 6 with seven stages (J. Austral. Math. Soc. 4, 1964): the instants of the
-# stages, what each takes of the earlier slopes, and the weights of the result.
-_NODES = (0.0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1.0)
-_STAGES = tuple(
-    np.array(row)
-    for row in (
-        [],
-        [1 / 3],
-        [0, 2 / 3],
-        [1 / 12, 1 / 3, -1 / 12],
-        [-1 / 16, 9 / 8, -3 / 16, -3 / 8],
-        [0, 9 / 8, -3 / 8, -3 / 4, 1 / 2],
-        [9 / 44, -9 / 11, 63 / 44, 18 / 11, 0, -16 / 11],
-    )
-)
-_WEIGHTS = np.array([11 / 120, 0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120])
-
-
 _OF_A_PLACE = ('rotation', 'translation')
-_DIVERGED = 'the simulated motion is not finite: masses, rates or torques are extreme, or the step too long'
+DIVERGED = 'the simulated motion is not finite: masses, rates or torques are extreme'
 
 
 @dataclass(frozen=True)
@@ -66,9 +47,17 @@ class State:
         """The (n,) joint rates, rad/s or m/s."""
         return self.velocity[6:]
 
+    @property
+    def array(self) -> Array:
+        """All its numbers in the order of the attributes, (13 + 2 n,)."""
+        return np.concatenate((self.base_position, self.base_orientation, self.joint_position, self.velocity))
 
-# Joint torques (n,) at a time (s) in a state.
-TorqueLaw = Callable[[float, State], Array]
+    @staticmethod
+    def from_array(values: Array) -> State:
+        """Return the state with these numbers, its quaternion of unit length."""
+        joints = 7 + (len(values) - 13) // 2
+        orientation = values[3:7] / math.sqrt(values[3:7] @ values[3:7])
+        return State(values[:3], orientation, values[7:joints], values[joints:])
 
 
 class Dynamics:
@@ -133,7 +122,7 @@ class Dynamics:
         self._act_all(time, state, configuration)
         result = pinocchio.aba(self._pinocchio, self._data, configuration, state.velocity, generalised, self._forces)
         if not math.isfinite(result.sum()):
-            raise ModelError(_DIVERGED)
+            raise ModelError(DIVERGED)
         return np.array(result)
 
     def torque(self, state: State, joint_acceleration: Array, time: float = 0.0) -> Array:
@@ -168,7 +157,7 @@ class Dynamics:
         try:
             acceleration[:6] = np.linalg.solve(self._data.Ycrb[1].matrix(), -push)
         except np.linalg.LinAlgError as error:
-            raise ModelError(_DIVERGED) from error
+            raise ModelError(DIVERGED) from error
         return np.array(pinocchio.rnea(*motion, acceleration, *forces)[6:])
 
     def spring_torque(self, state: State) -> Array:
@@ -190,43 +179,8 @@ class Dynamics:
         try:
             acceleration[free] = np.linalg.solve(self._mass_matrix(configuration)[np.ix_(free, free)], missing)
         except np.linalg.LinAlgError as error:
-            raise ModelError(_DIVERGED) from error
+            raise ModelError(DIVERGED) from error
         return np.array(pinocchio.rnea(*motion, acceleration, *forces)[6:])
-
-    def step(self, time: float, state: State, acceleration: Array, length: float, law: TorqueLaw) -> State:
-        """Return the state one Runge-Kutta step (Butcher's, order 6) later.
-
-        The configuration moves in a chart around the step's start: positions and angles add, the orientation is the
-        start's turned by a rotation vector (Munthe-Kaas). Every stage is thus a true orientation and the order is kept.
-
-        Parameters
-        ----------
-        time : s at the start
-        state : at the start
-        acceleration : (6 + n,) at the start, as `acceleration` gives it under the law
-        length : s
-        law : joint torques as a function of time and state
-
-        Returns
-        -------
-        State
-
-        Raises
-        ------
-        ModelError
-            The motion has diverged.
-        """
-        size = 6 + self.model.joints
-        slopes = np.empty((len(_NODES), 2 * size))
-        slopes[0] = np.concatenate((_chart_rate(state, np.zeros(3)), acceleration))
-        for stage in range(1, len(_NODES)):
-            moved = length * (_STAGES[stage] @ slopes[:stage])
-            reached = _moved(state, moved[:size], state.velocity + moved[size:])
-            instant = time + _NODES[stage] * length
-            slopes[stage, :size] = _chart_rate(reached, moved[3:6])
-            slopes[stage, size:] = self.acceleration(reached, law(instant, reached), instant)
-        moved = length * (_WEIGHTS @ slopes)
-        return _moved(state, moved[:size], state.velocity + moved[size:])
 
     def _act_all(self, time: float, state: State, configuration: Array) -> None:
         """Tell pinocchio of everything that acts and depends on time or state."""
@@ -294,23 +248,3 @@ class Dynamics:
             'ends of its chains have <inertial>, and that every inertia is that of a real body'
         )
         raise ModelError(message)
-
-
-def _moved(state: State, chart: Array, velocity: Array) -> State:
-    """Return the state displaced by chart coordinates: (position, rotation vector in base axes, joints)."""
-    if not math.isfinite(chart[3:6] @ chart[3:6]):
-        raise ModelError(_DIVERGED)
-    return State(
-        state.base_position + chart[:3],
-        turned(state.base_orientation, chart[3:6]),
-        state.joint_position + chart[6:],
-        velocity,
-    )
-
-
-def _chart_rate(state: State, rotation_vector: Array) -> Array:
-    """Return the rates of the chart's coordinates in a state that is turned by a rotation vector from the start."""
-    rate = state.velocity.copy()
-    rate[:3] = rotate(state.base_orientation, rate[:3])
-    rate[3:6] = rotation_vector_rate(rotation_vector, rate[3:6])
-    return rate

@@ -14,9 +14,7 @@ from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.simulation import quaternions
-from mbaid_ros.simulation.capture import CaptureSimulation
-from mbaid_ros.simulation.simulation import Simulation, Truth
-from mbaid_ros.simulation.thrust import ThrustSimulation
+from mbaid_ros.simulation.simulation import ChangingSimulation, Simulation, Truth
 from mbaid_ros.simulation.true_robot import misread
 
 
@@ -241,7 +239,7 @@ class SensedSimulation:
 
     def __init__(
         self,
-        simulation: Simulation | CaptureSimulation | ThrustSimulation,
+        simulation: Simulation | ChangingSimulation,
         sensors: Sensors,
         joint_rate: float,
         odometry_rate: float,

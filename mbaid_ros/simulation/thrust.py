@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import Push, Surroundings
 from mbaid_ros.simulation.motion import Motion
-from mbaid_ros.simulation.simulation import Simulation, Truth
+from mbaid_ros.simulation.simulation import ChangingSimulation, Simulation, Truth
 
 
 @dataclass(frozen=True)
@@ -45,74 +46,30 @@ class Pulse:
         return np.concatenate((rotation @ self.wrench[:3], rotation @ self.wrench[3:]))
 
 
-class ThrustSimulation:
-    """A run of the free-floating robot with a pulse of thrust; what it gives and takes is as of Simulation.
-
-    The integrator begins anew where the pulse begins and ends: its steps stay smooth.
-
-    Parameters
-    ----------
-    model : RobotModel
-    motion : what drives the joints
-    initial : state at time 0
-    step : s, of the integrator
-    pulse : Pulse
-    surroundings : what else acts on its bodies
-
-    Attributes
-    ----------
-    pulse : as given
-
-    Raises
-    ------
-    ModelError
-        The robot's mass matrix is singular.
-    """
+class ThrustSimulation(ChangingSimulation):
+    """A run of the free-floating robot with a pulse of thrust, which stays in `pulse`; parameters as of Simulation."""
 
     def __init__(
         self,
         model: RobotModel,
         motion: Motion,
         initial: State,
-        step: float,
         pulse: Pulse,
         surroundings: Surroundings | None = None,
     ) -> None:
-        self._model, self._motion, self._step = model, motion, step
-        self._surroundings = surroundings or Surroundings()
         self.pulse = pulse
-        self._changes: list[tuple[float, Push | None]] = [
-            (pulse.begin + pulse.delay, Push.on(pulse.link, pulse.actual)),
-            (pulse.end + pulse.delay, None),
-        ]
-        self._start = 0.0
-        self._simulation = Simulation(model, motion, initial, step, surroundings=surroundings)
+        around = surroundings or Surroundings()
 
-    def advance(self, instants: Array) -> Truth:
-        """Return the true motion at instants (s, in order), and forget what lies before the last of them.
+        def change(time: float, push: Push | None) -> tuple[float, Callable[[Truth], Simulation]]:
+            return time, lambda at: Simulation(model, motion.later(time), _state(at), push, around.later(time))
 
-        Raises
-        ------
-        DataError
-            An instant lies before one already passed.
-        ModelError
-            The motion has diverged.
-        """
-        parts: list[Truth] = []
-        while self._changes and len(instants) and instants[-1] >= self._changes[0][0]:
-            time, push = self._changes.pop(0)
-            early = instants < time
-            part = self._now(np.append(instants[early], time))
-            parts.append(part[: len(part) - 1])
-            instants = instants[~early]
-            self._start = time
-            now = (self._motion.later(time), _state(part), self._step, push, self._surroundings.later(time))
-            self._simulation = Simulation(self._model, *now)
-        parts.append(self._now(instants))
-        return Truth.concatenate(parts)
-
-    def _now(self, instants: Array) -> Truth:
-        return replace(self._simulation.advance(instants - self._start), time=instants)
+        super().__init__(
+            Simulation(model, motion, initial, surroundings=around),
+            [
+                change(pulse.begin + pulse.delay, Push.on(pulse.link, pulse.actual)),
+                change(pulse.end + pulse.delay, None),
+            ],
+        )
 
 
 def _state(truth: Truth) -> State:

@@ -21,7 +21,6 @@ from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 
-_STEP = 0.02  # s, of the integrator
 _ENCODER = 1.5e-3  # rad, one step
 _COMMAND = 10  # rows of the log of 2023 that a command lasts
 _THRUST = np.array([0.14, 0.14, 0.0, 0.0, 0.0, 0.006])  # N, N m
@@ -102,7 +101,7 @@ def _pulled(robot: RobotModel, motion: Sinusoids, slope: Array) -> Simulation:
     mass, first = bodies[:, 0].sum(), bodies[:, 1:4].sum(axis=0)
     force = np.append(mass * slope, 0.0)
     wrench = np.concatenate((force, np.cross(first / mass, force)))
-    return Simulation(robot, motion, start, _STEP, Push.on(None, wrench))
+    return Simulation(robot, motion, start, Push.on(None, wrench))
 
 
 def _wrapped(angle: Array) -> Array:
@@ -153,7 +152,7 @@ def _pushed(robot: RobotModel, motion: Sinusoids, time: Array, wrenches: Array) 
     parts, base = [], robot.link(BASE)
     for begin, wrench in zip(range(0, len(time), _COMMAND), wrenches, strict=False):
         instants = time[begin : begin + _COMMAND + 1]
-        run = Simulation(robot, motion.later(float(instants[0])), state, _STEP, Push.on(base, wrench))
+        run = Simulation(robot, motion.later(float(instants[0])), state, Push.on(base, wrench))
         # The last one is where the next wrench begins.
         instants = np.append(instants, instants[-1] + time[1]) if len(instants) <= _COMMAND else instants
         part = run.advance(instants - instants[0])

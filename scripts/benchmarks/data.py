@@ -141,10 +141,10 @@ def simulator_config(robot: str, changes: Mapping[str, object] | None = None) ->
     return build(SimulatorConfig, {**values, **(changes or {})})
 
 
-def simulation(config: SimulatorConfig, moving: RobotModel, step: float = 0.0) -> Simulation:
+def simulation(config: SimulatorConfig, moving: RobotModel) -> Simulation:
     """Return the simulation of a robot."""
     driven = make_motion(config, moving)
-    return Simulation(moving, driven, make_initial_state(config, moving, driven), step or config.step)
+    return Simulation(moving, driven, make_initial_state(config, moving, driven))
 
 
 def motion(robot: str, rate: float = RATE, model_errors: ModelErrors | None = None) -> Truth:
@@ -174,7 +174,7 @@ def endless_motion(robot: str, rate: float = RATE, seconds: float = DURATION) ->
     amplitude = np.column_stack((0.35 - 0.02 * order, 0.1 + 0.01 * order))
     driven = Sinusoids(0.3 * np.cos(order), amplitude, cycles / DURATION, np.full(cycles.shape, 0.5 * np.pi))
     rest = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), driven.start, np.zeros(6 + joints))
-    return Simulation(model(robot), driven, rest, 0.02).advance(np.arange(round(seconds * rate)) / rate)
+    return Simulation(model(robot), driven, rest).advance(np.arange(round(seconds * rate)) / rate)
 
 
 def moved(truth: Truth, case: Case) -> Truth:

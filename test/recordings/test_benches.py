@@ -40,7 +40,7 @@ def tudelft_throw(folder: Path, seed: int) -> Twin:
     tumbling = np.concatenate((rng.normal(size=3), rng.normal(size=3) * 6.0, np.zeros(1)))
     start = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), motion.start, tumbling)
     time = np.arange(2350) / _THROWN_RATE
-    seen = Simulation(robot, motion, start, 1e-3).advance(time)
+    seen = Simulation(robot, motion, start).advance(time)
     rotation = rotation_from_quaternion(seen.base_orientation)
     falling = np.gradient(rotate(rotation, seen.base_linear_velocity), time, axis=0)
     gyro = np.concatenate((np.zeros((_RESTING, 3)), seen.base_angular_velocity))

@@ -310,9 +310,9 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     model = true_robot(free_model(), errors, ('link7',))
     motion = random_sinusoids(np.linspace(0.5, -0.4, 7), 4, 2, 1.0, 12.0, 30.0)
     start = without_linear_momentum(model, state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02)))
-    before = Simulation(model, motion, start, 0.05).advance(np.arange(1200) / 20.0)
+    before = Simulation(model, motion, start).advance(np.arange(1200) / 20.0)
     recorded.write(folder / 'before', free_model(), sensed(before, 1, errors))
-    after = configured_motion('servicer7', 30.0, 20.0, 0.05, errors)
+    after = configured_motion('servicer7', 30.0, 20.0, errors)
     recorded.write(folder / 'after', free_model(), sensed(after, 2, errors))
     options = ['--params', str(folder / 'calibrate.yaml'), '--json', str(folder / 'out.json')]
     arguments = [str(folder / 'before'), '--model', str(folder / 'cad.urdf'), '--output', str(folder / 'out.urdf')]

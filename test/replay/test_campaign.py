@@ -288,7 +288,7 @@ def test_the_names_of_the_files_are_told_in_one_line(
 
 # -- failures
 
-WILD = '  motion:\n    gentle: {}\n    wild: {simulator: {step: 1.0, initial.joint_velocities: [9.0, 9.0, 9.0, 9.0]}}\n'
+WILD = '  motion:\n    gentle: {}\n    wild: {simulator: {initial.joint_velocities: [1.0e+14, 9.0, 9.0, 9.0]}}\n'
 
 
 def test_a_run_that_fails_is_kept_with_its_reason_and_the_others_are_made(

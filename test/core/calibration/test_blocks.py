@@ -43,7 +43,7 @@ def moved(errors: tuple[int, ErrorSizes], seed: int, seconds: float) -> Truth:
     model = true_robot(free_model(), errors_of(*errors), ('link7',))
     motion = random_sinusoids(np.linspace(0.5, -0.4, 7), seed, 2, 1.0, 12.0, 30.0)
     start = without_linear_momentum(model, state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02)))
-    return Simulation(model, motion, start, 0.05).advance(np.arange(round(seconds * 20.0)) / 20.0)
+    return Simulation(model, motion, start).advance(np.arange(round(seconds * 20.0)) / 20.0)
 
 
 def data(robot_seed: int, seed: int, seconds: float = 40.0, sizes: ErrorSizes = SIZES) -> list[Samples]:
@@ -121,7 +121,7 @@ def test_a_planar_robot(seed: int) -> None:
     origins[:, 2] = mount[[0, 1, 5]] = 0.0
     errors = ModelErrors(none.bodies, 1e-3 * rng.normal(size=4), origins, none.tilts, mount)
     priors = (WEIGHED, *(LinkPrior(0.05, 0.05, 0.05),) * 4)
-    run = windows(observe(configured_motion('table1', 30.0, 50.0, 0.02, errors), MID, seed, errors))
+    run = windows(observe(configured_motion('table1', 30.0, 50.0, errors), MID, seed, errors))
     found = calibrate(all_unknown(perturbed(model, priors, seed)), [run], CalibrationSettings(MID, priors, TABLE))
     assert found.planar
     assert found.residual == pytest.approx(1.0, abs=0.1)
@@ -165,7 +165,7 @@ SEEDS = range(2)
 @pytest.fixture(scope='module')
 def afterwards() -> Truth:
     """Return the servicer with its target in hand."""
-    return configured_motion('servicer7', 12.0, 20.0, 0.05)
+    return configured_motion('servicer7', 12.0, 20.0)
 
 
 @pytest.fixture(scope='module')

@@ -39,7 +39,7 @@ class Swinging:
     def ours(self) -> Truth:
         """Return the motion by our simulator."""
         around = Surroundings(springs=self.springs)
-        return Simulation(self.model, Passive(), self.start, 0.01, surroundings=around).advance(self.instants)
+        return Simulation(self.model, Passive(), self.start, surroundings=around).advance(self.instants)
 
     def theirs(self) -> Truth:
         """Return the motion by MuJoCo."""

@@ -63,7 +63,7 @@ def test_each_prior_has_its_share_and_noise_the_rest(name: str, given: bool) -> 
     robot = kernel(name)
     detector, known = PlaneDetector(robot.model), uncertainty(robot.model.joints, given=given)
     unknowns = catalogue(robot, known)
-    detector.update(observe(configured_motion(name, 0.5, 20.0, 0.05), MID))
+    detector.update(observe(configured_motion(name, 0.5, 20.0), MID))
     if detector.planar:
         unknowns = tuple(unknown.in_plane(detector) for unknown in unknowns)
     layout = Layout.of(robot, unknowns)
@@ -113,7 +113,7 @@ DECLARED = {
 
 @cache
 def half_minute() -> Truth:
-    return configured_motion('servicer7', 30.0, 20.0, 0.05)
+    return configured_motion('servicer7', 30.0, 20.0)
 
 
 def identified(joint: int, off: float, **parameters: object) -> Estimate:
@@ -202,7 +202,7 @@ def observed(links: float) -> Samples:
     )
     robot = true_robot(nominal, errors, ('base_link',))
     driven = make_motion(config, robot)
-    simulation = Simulation(robot, driven, make_initial_state(config, robot, driven), 0.05)
+    simulation = Simulation(robot, driven, make_initial_state(config, robot, driven))
     return observe(simulation.advance(np.arange(6000) / 100.0), MID, SEED, errors)
 
 

@@ -49,7 +49,7 @@ class Case:
         twist = [0.001, -0.002, 0.0, 0.01, -0.015, 0.02]
         start = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), position, np.concatenate((twist, rate)))
         around = Surroundings(springs=SimulatedSprings.of(self.model, joints, frequencies, [0.01] * len(joints)))
-        truth = Simulation(self.model, Passive(), start, 0.01, surroundings=around).advance(
+        truth = Simulation(self.model, Passive(), start, surroundings=around).advance(
             np.arange(round(100.0 * SECONDS)) / 100.0
         )
         self.deflections = truth.joint_position[:, list(places)]

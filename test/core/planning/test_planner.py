@@ -112,7 +112,7 @@ def test_the_base_of_a_known_robot_moves_as_the_simulated_one_does(identified: B
     motions = planner(identified).motions
     drawn = motions.within(FASTEST * speeds_of(drawn_legs(1, 7, np.random.default_rng(2)), motions.splines.count))
     trajectory = motions.splines.trajectory(drawn[0], motions.start, identified.kernel.model.joint_names)
-    truth = follow(identified.kernel, begin, trajectory, trajectory.duration, 0.0125)  # finer, as ramps are short
+    truth = follow(identified.kernel, begin, trajectory, trajectory.duration)
     known = identified.knowledge.state
     known[6:12], known[BODY] = total_momentum(identified.kernel.model, truth)[0], identified.kernel.target.parameters
     floating = replace(

@@ -101,7 +101,7 @@ def test_a_seed_gives_one_robot() -> None:
 
 def test_a_robot_shares_no_number_with_the_noise_of_its_seed() -> None:
     zeros = drawn(robot('ets7'), 3, zero_std=1.0)[0].zeros
-    truth = observed.configured_motion('ets7', 0.1, 10.0, 0.02)
+    truth = observed.configured_motion('ets7', 0.1, 10.0)
     noise = Sensors(SensorNoise(*(1.0,) * 6), 3)
     joints, base = noise.joints(truth), noise.base(truth)
     given = [joints.position - truth.joint_position, joints.velocity - truth.joint_velocity]

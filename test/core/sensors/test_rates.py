@@ -23,7 +23,7 @@ from observed import MID, configured_motion, kernel, observe, windows
 
 @cache
 def motion(robot: str, seconds: float) -> Truth:
-    return configured_motion(robot, seconds, 100.0, 0.02)
+    return configured_motion(robot, seconds, 100.0)
 
 
 def stripped(samples: Samples) -> Samples:

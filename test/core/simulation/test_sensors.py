@@ -39,7 +39,7 @@ def still(count: int = COUNT) -> Truth:
 
 def run(seed: int = 0, noise: SensorNoise = NOISE, rates: tuple[float, float] = (100.0, 30.0)) -> SensedSimulation:
     model, start = table1()
-    return SensedSimulation(Simulation(model, Passive(), start, 0.02), Sensors(noise, seed), *rates)
+    return SensedSimulation(Simulation(model, Passive(), start), Sensors(noise, seed), *rates)
 
 
 def test_every_channel_has_its_own_deviation() -> None:
@@ -113,8 +113,7 @@ def test_sensors_of_different_rates_see_one_motion() -> None:
     assert np.array_equal(velocity, rotate_back(rotation_from_quaternion(alone.orientation), alone.linear_velocity))
 
 
-TIME = 3.33  # s, between two steps
-STEP = 0.05
+TIME = 3.33  # s
 TARGET = Target(TIME, LINK, physical(alone()), np.array([0.004, -0.006, 0.003]), np.array([0.02, -0.03, 0.015]))
 INSTANTS = np.concatenate((np.arange(0.0, TIME, 0.1), [TIME - 1e-6, TIME], np.arange(TIME + 0.1, 8.0, 0.1)))
 
@@ -122,7 +121,7 @@ INSTANTS = np.concatenate((np.arange(0.0, TIME, 0.1), [TIME - 1e-6, TIME], np.ar
 def capturing() -> CaptureSimulation:
     motion = servicer_motion()
     start = state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02))
-    return CaptureSimulation(free_model(), motion, start, STEP, TARGET)
+    return CaptureSimulation(free_model(), motion, start, TARGET)
 
 
 @pytest.fixture(scope='module', name='truth')
@@ -171,7 +170,7 @@ def test_after_it_both_move_as_one(truth: Truth) -> None:
     start = state(after.joint_position[0], after.joint_velocity[0])
     values = {**vars(start), 'base_position': after.base_position[0], 'base_orientation': after.base_orientation[0]}
     values['velocity'] = velocity[0]
-    again = Simulation(joined, servicer_motion().later(TIME), type(start)(**values), 0.02)
+    again = Simulation(joined, servicer_motion().later(TIME), type(start)(**values))
     expected = again.advance(after.time - TIME)
     assert after.base_position == pytest.approx(expected.base_position, abs=1e-8)
     assert after.joint_position == pytest.approx(expected.joint_position, abs=1e-8)
@@ -188,7 +187,7 @@ def test_batches_make_no_difference(truth: Truth) -> None:
 
 WRENCH = np.array([6.0, -6.0, 5.0, 3.0, 2.7, -3.0])
 ODOM = 'odom'
-BEGIN, END = 1.013, 1.527  # s, between steps
+BEGIN, END = 1.013, 1.527  # s
 TIMES = np.arange(0.0, 3.0, 0.01)
 
 
@@ -200,7 +199,7 @@ def start() -> State:
 
 def thrusting(frame: str = 'base_link', motion: Motion | None = None, wrench: Array = WRENCH) -> ThrustSimulation:
     pulse = Pulse(BEGIN, END, None if frame == ODOM else robot('servicer7').link(frame), wrench)
-    return ThrustSimulation(robot('servicer7'), motion or servicer_motion(), start(), 0.05, pulse)
+    return ThrustSimulation(robot('servicer7'), motion or servicer_motion(), start(), pulse)
 
 
 @pytest.mark.parametrize('frame', ['base_link', 'link4', ODOM])
@@ -227,5 +226,5 @@ def test_batches_of_a_thrust_make_no_difference() -> None:
 
 
 def test_no_force_is_no_thrust() -> None:
-    free = Simulation(robot('servicer7'), servicer_motion(), start(), 0.05).advance(TIMES)
+    free = Simulation(robot('servicer7'), servicer_motion(), start()).advance(TIMES)
     assert thrusting(wrench=np.zeros(6)).advance(TIMES).base_position == pytest.approx(free.base_position, abs=1e-9)
