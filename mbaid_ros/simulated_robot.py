@@ -55,10 +55,7 @@ def is_driven(motion: Motion) -> TypeGuard[Driven]:
 def make_motion(config: SimulatorConfig, model: RobotModel) -> Motion:
     """Return the motion of the joints that the parameters ask for.
 
-    Raises
-    ------
-    ParameterError
-        The parameters do not fit the robot.
+    Raises ParameterError: The parameters do not fit the robot.
     """
     motion, moved, driven = config.motion, model.transmission, driven_joints(config, model)
     start = _joint_values('initial.joint_positions', config.initial.joint_positions, model, driven)
@@ -102,12 +99,8 @@ def _followed_file(config: SimulatorConfig, model: RobotModel) -> Followed:
 def make_pulse(config: SimulatorConfig, model: RobotModel) -> Pulse | None:
     """Return the pulse of thrust, None where there is none.
 
-    Raises
-    ------
-    ModelError
-        It acts on a link that the robot does not have.
-    ParameterError
-        There is a capture, too.
+    Raises ModelError: It acts on a link that the robot does not have.
+    Raises ParameterError: There is a capture, too.
     """
     thrust = config.thrust
     if thrust.duration == 0.0:
@@ -126,10 +119,7 @@ def make_pulse(config: SimulatorConfig, model: RobotModel) -> Pulse | None:
 def make_target(config: SimulatorConfig, link: Link, motion: Motion) -> Target | None:
     """Return what is captured, None where nothing is.
 
-    Raises
-    ------
-    ParameterError
-        The parameters do not make a body, or the joints are not driven.
+    Raises ParameterError: The parameters do not make a body, or the joints are not driven.
     """
     capture = config.capture
     if capture.time == 0.0:
@@ -152,10 +142,7 @@ def make_target(config: SimulatorConfig, link: Link, motion: Motion) -> Target |
 def make_initial_state(config: SimulatorConfig, model: RobotModel, motion: Motion) -> State:
     """Return the state at time 0.
 
-    Raises
-    ------
-    ParameterError
-        The parameters do not fit the robot, the motion, or each other.
+    Raises ParameterError: The parameters do not fit the robot, the motion, or each other.
     """
     initial = config.initial
     driven = driven_joints(config, model)
@@ -217,10 +204,7 @@ def _joint_values(name: str, values: tuple[float, ...], model: RobotModel, drive
 def make_model_errors(config: SimulatorConfig, model: RobotModel) -> ModelErrors:
     """Return what the robot that moves has more than its URDF says, drawn as the parameters ask for.
 
-    Raises
-    ------
-    ModelError
-        There is no body near one of the URDF's.
+    Raises ModelError: There is no body near one of the URDF's.
     """
     sizes = {name: size for name, size in vars(config.model_errors).items() if name != 'seed'}
     rng = generator(config.model_errors.seed)
@@ -237,18 +221,14 @@ def make_simulation(
 ) -> Simulation | ChangingSimulation:
     """Return a robot in motion, as the parameters ask for, without sensors; `model` is the robot that moves.
 
+    Raises ModelError: The robot cannot be simulated, or lacks a link that the parameters name.
+    Raises ParameterError: The parameters do not fit the robot, or each other.
+
     Parameters
     ----------
     config : SimulatorConfig
     model : RobotModel
     motion : of its joints; None for the one that the parameters ask for
-
-    Raises
-    ------
-    ModelError
-        The robot cannot be simulated, or lacks a link that the parameters name.
-    ParameterError
-        The parameters do not fit the robot, or each other.
     """
     motion = make_motion(config, model) if motion is None else motion
     start = make_initial_state(config, model, motion)
@@ -265,10 +245,7 @@ def make_simulation(
 def make_springs(config: SimulatorConfig, model: RobotModel) -> Springs | None:
     """Return the springs of passive joints, None where there are none.
 
-    Raises
-    ------
-    ParameterError
-        A name is no joint's, or a joint has no frequency.
+    Raises ParameterError: A name is no joint's, or a joint has no frequency.
     """
     passive = config.flexible.passive(model.joint_names)
     if not passive:
@@ -280,10 +257,7 @@ def make_springs(config: SimulatorConfig, model: RobotModel) -> Springs | None:
 def make_view(config: SimulatorConfig) -> Callable[[Truth], Truth] | None:
     """Return what the frame of the odometry makes of a motion; None for one that falls along.
 
-    Raises
-    ------
-    ParameterError
-        The directions do not make an orbit.
+    Raises ParameterError: The directions do not make an orbit.
     """
     orbit = make_orbit(config.orbit)
     if orbit is None or not orbit.turning:
@@ -294,10 +268,7 @@ def make_view(config: SimulatorConfig) -> Callable[[Truth], Truth] | None:
 def make_imu(config: SimulatorConfig, robot: RobotModel) -> Imu | None:
     """Return the IMU on a link, None where there is none.
 
-    Raises
-    ------
-    ModelError
-        There is no such link.
+    Raises ModelError: There is no such link.
     """
     own = config.imu
     if own.rate == 0.0:
@@ -310,10 +281,7 @@ def make_imu(config: SimulatorConfig, robot: RobotModel) -> Imu | None:
 def make_wheels(config: SimulatorConfig, model: RobotModel) -> Wheels | None:
     """Return the wheels inside the base, None where there are none.
 
-    Raises
-    ------
-    ParameterError
-        Their numbers do not fit each other or the robot.
+    Raises ParameterError: Their numbers do not fit each other or the robot.
     """
     wheels = config.wheels
     count = len(wheels.names)

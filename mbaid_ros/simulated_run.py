@@ -55,6 +55,8 @@ class TimedMessage:
 class SimulatedRun:
     """A robot in motion and the messages of its sensors.
 
+    Raises ModelError, ParameterError: The robot, or a combination of parameters, cannot be used.
+
     Parameters
     ----------
     config : SimulatorConfig
@@ -74,11 +76,6 @@ class SimulatedRun:
     wheels : inside the base, None where there are none; their momentum is in the total
     captured : what is captured, None where nothing is
     brought : (6,) the momentum that it had before; zero where nothing is captured
-
-    Raises
-    ------
-    ModelError, ParameterError
-        The robot, or a combination of parameters, cannot be used.
     """
 
     def __init__(self, config: SimulatorConfig, urdf: str, types: MessageTypes) -> None:
@@ -140,10 +137,7 @@ class SimulatedRun:
     def follow(self, trajectory: JointTrajectory) -> float:
         """Let the joints follow a trajectory from just after what has been read, and return when that is, s.
 
-        Raises
-        ------
-        DataError
-            The joints are not driven, or it is of other joints, or begins elsewhere.
+        Raises DataError: The joints are not driven, or it is of other joints, or begins elsewhere.
         """
         if not isinstance(self._motion, Steered):
             raise DataError("motion.kind is 'passive'; accepted: joints that are driven, as with motion.kind: random")
@@ -159,10 +153,7 @@ class SimulatedRun:
     def read(self, until: float) -> list[TimedMessage]:
         """Return the messages due up to and including a time (s) that were not returned before, in order of time.
 
-        Raises
-        ------
-        ModelError
-            The motion has diverged.
+        Raises ModelError: The motion has diverged.
         """
         joints, base, imu = self._sensed.read(until)
         self._read = max(self._read, until)

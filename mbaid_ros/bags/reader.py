@@ -33,6 +33,8 @@ _SIMULATED = 10**15  # ns: clocks of simulations begin at zero, others in 1970
 class BagReader:
     """A recorded bag, a rosbag2 folder (MCAP or sqlite3) or a bare ``.mcap`` or ``.db3`` file; a context manager.
 
+    Raises DataError: There is no bag, or not one message in it.
+
     Parameters
     ----------
     path : of the bag
@@ -43,11 +45,6 @@ class BagReader:
     topics : the topics by name, with all their messages
     messages : number of messages on all of them
     warnings : for the user, one line each; reading may add to them
-
-    Raises
-    ------
-    DataError
-        There is no bag, or not one message in it.
     """
 
     def __init__(self, path: str | Path, start: float = 0.0, end: float = inf) -> None:
@@ -78,10 +75,7 @@ class BagReader:
     def require(self, topic: str, *types: str) -> None:
         """Check that messages of one of some types are there.
 
-        Raises
-        ------
-        DataError
-            The bag has no such topic, it has another type, or no message is on it.
+        Raises DataError: The bag has no such topic, it has another type, or no message is on it.
         """
         there = ((f'{name} ({found.type})') for name, found in sorted(self.topics.items()))
         if topic not in self.topics:

@@ -58,18 +58,14 @@ class CalibrationSettings:
 def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: CalibrationSettings) -> Calibration:
     """Return the unknown links of a kernel, its joints and its odometry's mount after some motions of its robot.
 
+    Raises ModelError, ParameterError: The prior cannot be used.
+    Raises DataError: There are no windows, or none that can be weighed.
+
     Parameters
     ----------
     kernel : MomentumKernel
     runs : motions, each as a list of windows; momentum is constant within one, and may differ from one to the next
     settings : CalibrationSettings
-
-    Raises
-    ------
-    ModelError, ParameterError
-        The prior cannot be used.
-    DataError
-        There are no windows, or none that can be weighed.
     """
     prior = make_prior(kernel, settings.priors)
     runs = [run for run in runs if run]

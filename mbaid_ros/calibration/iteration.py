@@ -121,15 +121,12 @@ class Converged:
 def converge(motions: Sequence[Motion], start: Array) -> Converged:
     """Iterate over all motions until their solution is where they were linearised.
 
+    Raises LinAlgError: The windows cannot be linearised at the start.
+
     Parameters
     ----------
     motions : Motion
     start : (10,) standard parameters of the target link to begin at
-
-    Raises
-    ------
-    LinAlgError
-        The windows cannot be linearised at the start.
     """
     first = motions[0]
     common = np.concatenate((start, first.layout.known.mean))

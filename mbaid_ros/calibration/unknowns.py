@@ -235,17 +235,14 @@ class Prior:
 def make_prior(kernel: MomentumKernel, stds: Sequence[LinkPrior]) -> Prior:
     """Return the prior of a kernel's unknown links.
 
+    Raises ModelError: The robot description gives a link an inertia that no body has.
+    Raises ParameterError: Nothing fixes the scale: every massive body is unknown, and nothing is known of any mass or
+    inertia.
+
     Parameters
     ----------
     kernel : MomentumKernel
     stds : one for each of its unknown links
-
-    Raises
-    ------
-    ModelError
-        The robot description gives a link an inertia that no body has.
-    ParameterError
-        Nothing fixes the scale: every massive body is unknown, and nothing is known of any mass or inertia.
     """
     scale = unknown_scale(kernel)[:10]
     size = 10 * len(kernel.unknown)
@@ -300,10 +297,7 @@ def _root(covariance: Array) -> Array:
 def _require_a_body(link: Link) -> None:
     """Refuse an <inertial> that no distribution of mass has: there is nothing to be near to.
 
-    Raises
-    ------
-    ModelError
-        It is none.
+    Raises ModelError: It is none.
     """
     values = physical(link.parameters)
     about_com = np.concatenate((values[:1], np.zeros(3), values[4:]))

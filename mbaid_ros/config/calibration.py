@@ -45,10 +45,7 @@ class CalibrationFile:
 def read_calibration(path: str) -> CalibrationFile:
     """Return the calibration in a file.
 
-    Raises
-    ------
-    ParameterError
-        The file cannot be read, or is none that `calibrate` writes.
+    Raises ParameterError: The file cannot be read, or is none that `calibrate` writes.
     """
     text = read_text(path, 'calibration', limits.JSON_CHARACTERS, _ACCEPTED)
     try:
@@ -155,10 +152,7 @@ class CalibrationParameters:
 def calibration_parameters(values: Mapping[str, object]) -> CalibrationParameters:
     """Return the parameters of dotted names: the estimator's, ``unknown_links``, ``prior.*``, ``prior.links.<link>.*``.
 
-    Raises
-    ------
-    ParameterError
-        An unknown name, or a value that is not accepted.
+    Raises ParameterError: An unknown name, or a value that is not accepted.
     """
     own = {name: value for name, value in values.items() if name.startswith(_OWN)}
     rest = {name: value for name, value in values.items() if name not in own}

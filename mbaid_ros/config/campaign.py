@@ -100,10 +100,8 @@ class Campaign:
 def load_campaign(path: str | Path) -> Campaign:
     """Return the campaign in a YAML file; paths in it are relative to its folder.
 
-    Raises
-    ------
-    ParameterError, ModelError
-        The file, or one that it names, cannot be read, or has a value that is not accepted.
+    Raises ParameterError, ModelError: The file, or one that it names, cannot be read, or has a value that is not
+    accepted.
     """
     content = read_yaml(path, 'campaign')
     try:

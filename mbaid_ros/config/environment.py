@@ -56,10 +56,7 @@ class OrbitConfig(SimulatedOrbitConfig):
 def make_orbit(config: SimulatedOrbitConfig) -> Orbit | None:
     """Return the orbit that the parameters describe, None where there is none.
 
-    Raises
-    ------
-    ParameterError
-        Directions are missing, not at right angles, or given for a frame that has its own.
+    Raises ParameterError: Directions are missing, not at right angles, or given for a frame that has its own.
     """
     if config.mean_motion == 0.0:
         return None
@@ -136,10 +133,8 @@ def make_storage(
 ) -> Storage:
     """Return wheels inside the base, whose speeds are read with a noise (rad/s).
 
-    Raises
-    ------
-    ParameterError
-        Names, axes and spin inertias differ in number, an axis is zero, or a name is that of a joint.
+    Raises ParameterError: Names, axes and spin inertias differ in number, an axis is zero, or a name is that of a
+    joint.
     """
     count = len(names)
     for name, values, wanted in (('axes', axes, 3 * count), ('spin_inertias', spin_inertias, count)):

@@ -72,6 +72,8 @@ _REFUSED = (yaml.YAMLError, ValueError, OverflowError, RecursionError)
 def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
     """Return the parameters of one node in a ROS parameter file, for `build`.
 
+    Raises ParameterError: The file cannot be read, is no ROS parameter file, or has nothing for this node.
+
     Parameters
     ----------
     path : the YAML file
@@ -80,11 +82,6 @@ def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
     Returns
     -------
     Values by dotted name; of sections that apply, a later one overrides an earlier one.
-
-    Raises
-    ------
-    ParameterError
-        The file cannot be read, is no ROS parameter file, or has nothing for this node.
     """
     content = read_yaml(path, 'parameter file')
     if not isinstance(content, dict):
@@ -104,15 +101,12 @@ def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
 def read_yaml(path: str | Path, kind: str) -> object:
     """Return the content of a YAML file, its numbers read by the rules of ROS.
 
+    Raises ParameterError: The file cannot be read, or is no YAML.
+
     Parameters
     ----------
     path : the file
     kind : what an error calls it
-
-    Raises
-    ------
-    ParameterError
-        The file cannot be read, or is no YAML.
     """
     text = read_text(path, kind, limits.YAML_CHARACTERS)
     try:
@@ -124,10 +118,7 @@ def read_yaml(path: str | Path, kind: str) -> object:
 def parse_assignment(text: str) -> tuple[str, object]:
     """Return name and value of ``name:=value``, the value read as in a parameter file.
 
-    Raises
-    ------
-    ParameterError
-        The text is not of that form.
+    Raises ParameterError: The text is not of that form.
     """
     name, separator, value = text.partition(':=')
     if not name or not separator:

@@ -42,10 +42,7 @@ class FlexibleConfig:
     def passive(self, joint_names: tuple[str, ...]) -> dict[str, PassiveJointConfig]:
         """Return the passive joints by their names.
 
-        Raises
-        ------
-        ParameterError
-            A name is no joint's, or a joint has no frequency.
+        Raises ParameterError: A name is no joint's, or a joint has no frequency.
         """
         for name in self.joints:
             if name not in joint_names or self.joints.count(name) > 1:

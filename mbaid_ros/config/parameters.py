@@ -94,10 +94,7 @@ class ParameterSpec:
     def check(self, value: object) -> Value:
         """Return the value in this parameter's type.
 
-        Raises
-        ------
-        ParameterError
-            Wrong type, not finite, or outside the range or the choices.
+        Raises ParameterError: Wrong type, not finite, or outside the range or the choices.
         """
         if self.type in ('double_array', 'string_array'):
             if value is None:  # what ROS makes of an empty list in a file
@@ -226,10 +223,7 @@ def specification_of(name: str, cls: type) -> ParameterSpec | None:
 def specification(name: str, cls: type) -> ParameterSpec:
     """Return the specification of a parameter by its full name.
 
-    Raises
-    ------
-    ParameterError
-        The dataclass has none of that name; the text lists the known ones, the most similar first.
+    Raises ParameterError: The dataclass has none of that name; the text lists the known ones, the most similar first.
     """
     found = specification_of(name, cls)
     if found is not None:
@@ -279,15 +273,12 @@ def _texts(module: str) -> Mapping[tuple[str, str], str]:
 def build(cls: type[T], values: Mapping[str, object]) -> T:
     """Return an instance of a parameter dataclass; a parameter without a value keeps its default.
 
+    Raises ParameterError: An unknown name, or a value that is not accepted.
+
     Parameters
     ----------
     cls : the dataclass
     values : by dotted name or as nested mappings
-
-    Raises
-    ------
-    ParameterError
-        An unknown name, or a value that is not accepted.
     """
     checked: dict[str, Value] = {}
     for name, value in _flatten(values, ''):

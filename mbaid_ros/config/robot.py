@@ -12,9 +12,6 @@ from mbaid_ros.files import read_text
 def read_robot_description(path: str | Path) -> str:
     """Return the text of a URDF file.
 
-    Raises
-    ------
-    ModelError
-        The file cannot be read, is not text, or is too long.
+    Raises ModelError: The file cannot be read, is not text, or is too long.
     """
     return read_text(path, 'robot description', limits.URDF_CHARACTERS, 'a URDF file is accepted', ModelError)

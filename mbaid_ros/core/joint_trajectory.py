@@ -31,17 +31,14 @@ class JointTrajectory:
     Between two points a joint follows the quintic by position, velocity and acceleration at both, the cubic without
     accelerations, and a straight line without velocities. Before the first point and after the last one it rests there.
 
+    Raises DataError: The points do not make a motion.
+
     Attributes
     ----------
     joints : names of the k joints
     time : (K,) s since its begin, increasing
     position : (K, k) rad or m
     velocity, acceleration : (K, k); or (0, 0) where not given
-
-    Raises
-    ------
-    DataError
-        The points do not make a motion.
     """
 
     joints: tuple[str, ...]

@@ -43,10 +43,7 @@ _ANY_ROBOT = """\
 class LiveEstimator:
     """Converts, calls the session, publishes; uses messages from the beginning if `active`, else from `activate` on.
 
-    Raises
-    ------
-    ParameterError, ModelError
-        A parameter, or the robot description file it names, cannot be used.
+    Raises ParameterError, ModelError: A parameter, or the robot description file it names, cannot be used.
     """
 
     def __init__(self, node: Node, config: EstimatorConfig, *, active: bool = True) -> None:
@@ -216,10 +213,7 @@ class LiveEstimator:
     def adjust(self, config: EstimatorConfig) -> None:
         """Change the parameters that may change at run time: convergence.*, plan.* and publish_tf.
 
-        Raises
-        ------
-        ParameterError
-            Frames are asked for, but the message package for them is not installed.
+        Raises ParameterError: Frames are asked for, but the message package for them is not installed.
         """
         self._publication.display.send_frames(wanted=config.publish_tf)
         self._config = replace(

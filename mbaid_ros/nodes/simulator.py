@@ -44,10 +44,7 @@ _LATE = 1.0  # s, by which a run is late when that is logged
 class SimulatorNode(Node):
     """Publishes the messages of a simulated run when they are due.
 
-    Raises
-    ------
-    ParameterError, ModelError
-        A parameter, or the robot description file it names, cannot be used.
+    Raises ParameterError, ModelError: A parameter, or the robot description file it names, cannot be used.
     """
 
     def __init__(self) -> None:

@@ -24,10 +24,7 @@ _DENSE = 60  # instants of a motion at which distances are asked for
 def no_mesh(name: str) -> Array:
     """Refuse a mesh, where no files are read.
 
-    Raises
-    ------
-    ModelError
-        Always.
+    Raises ModelError: Always.
     """
     raise ModelError(f"the file of mesh '{name}' is not looked for")
 
@@ -37,6 +34,8 @@ class Collisions:
 
     Shapes of one body, and of bodies that a joint joins, are not compared: these touch by design. Neither are pairs
     that touch where a motion begins.
+
+    Raises ModelError: A shape that is no mesh cannot be read.
 
     Parameters
     ----------
@@ -48,11 +47,6 @@ class Collisions:
     Attributes
     ----------
     notes : what is left out, a line each
-
-    Raises
-    ------
-    ModelError
-        A shape that is no mesh cannot be read.
     """
 
     def __init__(self, model: RobotModel, clearance: float, start: Array, mesh: ReadMesh) -> None:
@@ -149,10 +143,7 @@ class Collisions:
 def _read(robot: pinocchio.Model, text: str) -> pinocchio.GeometryModel:
     """Return the collision shapes of a robot description.
 
-    Raises
-    ------
-    ModelError
-        One of them cannot be read; pinocchio would leave it out.
+    Raises ModelError: One of them cannot be read; pinocchio would leave it out.
     """
     complaints: list[str] = []
     try:
@@ -188,10 +179,7 @@ def _without_meshes(text: str) -> tuple[str, list[tuple[str, ET.Element]]]:
 def _hull(shape: ET.Element, read: ReadMesh) -> coal.ConvexBase:
     """Return the convex hull of a mesh.
 
-    Raises
-    ------
-    ModelError
-        The mesh cannot be read, or has no volume.
+    Raises ModelError: The mesh cannot be read, or has no volume.
     """
     element = shape.find('geometry/mesh')
     assert element is not None, 'a shape without a mesh is none of these'

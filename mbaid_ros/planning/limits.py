@@ -57,6 +57,8 @@ def joint_limits(
 ) -> JointLimits:
     """Return the limits of a robot's joints.
 
+    Raises ParameterError: A name is of no joint, none can be moved, or one is outside its limits.
+
     Parameters
     ----------
     model : RobotModel
@@ -64,11 +66,6 @@ def joint_limits(
     velocity : rad/s or m/s that no joint may exceed, whatever its own limit
     acceleration : rad/s^2 or m/s^2
     stuck : names of joints that cannot be moved
-
-    Raises
-    ------
-    ParameterError
-        A name is of no joint, none can be moved, or one is outside its limits.
     """
     names = model.independent_joints
     foreign = [name for name in stuck if name not in names]

@@ -91,10 +91,7 @@ class Motions:
     def require_hold(self) -> None:
         """Refuse a robot whose joints are too weak to stay where they are.
 
-        Raises
-        ------
-        ParameterError
-            One of them is.
+        Raises ParameterError: One of them is.
         """
         joint = int(np.argmax(self.holding))
         if self.holding[joint] >= 1.0:

@@ -75,6 +75,8 @@ class PlanSettings:
 class Planner:
     """Plans motions from the end of a run.
 
+    Raises ParameterError: The parameters contradict each other or the robot.
+
     Parameters
     ----------
     knowledge : what the run has come to know
@@ -85,11 +87,6 @@ class Planner:
     Attributes
     ----------
     information : what motions add to what is known
-
-    Raises
-    ------
-    ParameterError
-        The parameters contradict each other or the robot.
     """
 
     def __init__(
@@ -136,16 +133,12 @@ class Planner:
     def plan(self, progress: Progress = lambda _compared: True) -> Plan:
         """Return the motion.
 
+        Raises ParameterError: What is wanted has been reached already, or no motion at all is allowed.
+        Raises ModelError: A collision shape cannot be read.
+
         Parameters
         ----------
         progress : told of what has been done; where it says no, the best so far is taken
-
-        Raises
-        ------
-        ParameterError
-            What is wanted has been reached already, or no motion at all is allowed.
-        ModelError
-            A collision shape cannot be read.
         """
         settings = self._settings
         if not settings.duration and self.ratio <= 1.0:

@@ -28,10 +28,7 @@ from mbaid_ros.replay.workers import replay_bags
 def replay(arguments: argparse.Namespace) -> int:
     """Send bags through the estimator, write the results, and return the exit code.
 
-    Raises
-    ------
-    DataError, ModelError, ParameterError
-        A bag, the robot or an argument cannot be used.
+    Raises DataError, ModelError, ParameterError: A bag, the robot or an argument cannot be used.
     """
     check_outputs(arguments)
     if arguments.output and len(arguments.bags) > 1:

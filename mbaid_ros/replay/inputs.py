@@ -34,10 +34,7 @@ THRUST, STORED_MOMENTUM, IMU = '/thrust', '/stored_momentum', '/imu'
 def between(arguments: argparse.Namespace) -> tuple[float, float]:
     """Return the seconds from a bag's first message between which it is read.
 
-    Raises
-    ------
-    ParameterError
-        There is nothing between the two.
+    Raises ParameterError: There is nothing between the two.
     """
     start, end = getattr(arguments, 'slice_start', None) or 0.0, getattr(arguments, 'slice_end', None)
     end = inf if end is None else end
@@ -75,10 +72,7 @@ class Inputs:
     def from_arguments(arguments: argparse.Namespace, config: EstimatorConfig) -> Inputs:
         """Return the topics that the arguments of an executable name.
 
-        Raises
-        ------
-        ParameterError
-            Two topics locate the base.
+        Raises ParameterError: Two topics locate the base.
         """
         if arguments.odom and arguments.pose:
             raise ParameterError(
@@ -99,10 +93,7 @@ class Inputs:
     def topics(self, bag: BagReader) -> tuple[str, ...]:
         """Return the topics of a bag to read, joint states and the base's location first.
 
-        Raises
-        ------
-        DataError
-            The bag lacks a topic, or has it with another type.
+        Raises DataError: The bag lacks a topic, or has it with another type.
         """
         bag.require(self.joint_states, JOINT_STATE_TYPE)
         chosen = [self.joint_states]

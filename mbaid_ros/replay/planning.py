@@ -57,10 +57,7 @@ class Begin:
 def plan(arguments: argparse.Namespace) -> int:
     """Plan a motion, write the results, and return the exit code.
 
-    Raises
-    ------
-    DataError, ModelError, ParameterError
-        The run, the robot or a parameter cannot be used.
+    Raises DataError, ModelError, ParameterError: The run, the robot or a parameter cannot be used.
     """
     check_outputs(arguments, 'yaml')
     if arguments.output and Path(arguments.output).exists():

@@ -42,10 +42,7 @@ Progress = Callable[[int, int], None]
 def feed(bag: BagReader, inputs: Inputs, add: Callable[[Recorded], None], progress: Progress | None) -> Iterator[None]:
     """Hand over a bag's messages; yield where it is time to work through them, the last time at the end.
 
-    Raises
-    ------
-    DataError
-        The bag lacks a topic, or has it with another type.
+    Raises DataError: The bag lacks a topic, or has it with another type.
     """
     topics = inputs.topics(bag)
     total = sum(bag.topics[topic].count for topic in topics)
@@ -114,12 +111,8 @@ def replay_bag(
 ) -> Run:
     """Send a bag's messages through a session and return the result; a writer gets every estimate.
 
-    Raises
-    ------
-    DataError
-        The bag cannot be read, or lacks a topic.
-    ModelError, ParameterError
-        The robot or the parameters cannot be used.
+    Raises DataError: The bag cannot be read, or lacks a topic.
+    Raises ModelError, ParameterError: The robot or the parameters cannot be used.
     """
     session = Session(config, urdf)
     robot = session.robot
@@ -252,12 +245,8 @@ class _Collector:
 def read_motions(path: str, config: EstimatorConfig, urdf: str, inputs: Inputs) -> BagMotions:
     """Return the motions in a bag, through the same intake as an estimator's, with a progress bar.
 
-    Raises
-    ------
-    DataError
-        The bag cannot be read, or lacks a topic.
-    ModelError, ParameterError
-        The robot or the parameters cannot be used.
+    Raises DataError: The bag cannot be read, or lacks a topic.
+    Raises ModelError, ParameterError: The robot or the parameters cannot be used.
     """
     collectors: list[_Collector] = []
 

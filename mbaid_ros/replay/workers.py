@@ -142,10 +142,8 @@ class _Task:
 def replay_bags(bags: Sequence[str], config: EstimatorConfig, urdf: str, inputs: Inputs, processes: int) -> list[Run]:
     """Replay bags in so many processes at a time, with the results of one after the other; a terminal shows a bar.
 
-    Raises
-    ------
-    DataError, ModelError, ParameterError
-        The error of the first bag, in the order given, that cannot be replayed.
+    Raises DataError, ModelError, ParameterError: The error of the first bag, in the order given, that cannot be
+    replayed.
     """
     done: Any = RawArray(c_double, len(bags))
     task = _Task(config, urdf, inputs, done)

@@ -44,17 +44,14 @@ def make_estimator(
 ) -> Estimator:
     """Return the method that the parameters name.
 
+    Raises ParameterError: The method lacks a parameter.
+
     Parameters
     ----------
     config : EstimatorConfig
     kernel : of the robot, with the errors of its known bodies
     known : nominal model with its uncertainty; None for the one that the parameters declare
     judge : makes the thresholds of what is published; `make_reporting` where not given
-
-    Raises
-    ------
-    ParameterError
-        The method lacks a parameter.
     """
     _check_imu(config)
     if not kernel.errors.count:
@@ -195,17 +192,14 @@ def make_capture(
 ) -> CaptureEstimator | None:
     """Return the estimator of a run that begins before the capture, None of any other run.
 
+    Raises ModelError, ParameterError: A calibration is asked for, and its parameters cannot be used.
+
     Parameters
     ----------
     config : EstimatorConfig
     kernel : of the robot before the capture
     known : nominal model with its uncertainty; None for the one that the parameters declare
     make : makes the method after the capture, of a kernel and a nominal model
-
-    Raises
-    ------
-    ModelError, ParameterError
-        A calibration is asked for, and its parameters cannot be used.
     """
     calibrate_robot = _self_calibration(config, kernel, make)
     if config.capture.phase == 'post_capture' and config.capture.time == 0.0:

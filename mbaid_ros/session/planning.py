@@ -19,10 +19,7 @@ from mbaid_ros.session.session import UNSOLVABLE
 def make_planner(config: EstimatorConfig, posterior: Posterior) -> Planner:
     """Return the planner that the parameters describe.
 
-    Raises
-    ------
-    ParameterError
-        The parameters contradict each other or the robot.
+    Raises ParameterError: The parameters contradict each other or the robot.
     """
     return Planner(posterior, make_reporting(config, posterior.layout.kernel), plan_settings(config), mesh_points)
 
@@ -41,10 +38,7 @@ def advice(config: EstimatorConfig, posterior: Posterior) -> str:
 def plan_settings(config: EstimatorConfig) -> PlanSettings:
     """Return the settings of a planned motion.
 
-    Raises
-    ------
-    ParameterError
-        A wanted precision is not positive.
+    Raises ParameterError: A wanted precision is not positive.
     """
     plan = config.plan
     return PlanSettings(

@@ -54,10 +54,7 @@ def with_known_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> tuple
 
     The covariance is (10, 10) of (m, h, I_o) in the target link's frame, None where they count as exact.
 
-    Raises
-    ------
-    ParameterError
-        The parameters contradict each other or the robot, or the calibration cannot be used.
+    Raises ParameterError: The parameters contradict each other or the robot, or the calibration cannot be used.
     """
     link = kernel.target.parameters
     if not config.calibration:
@@ -75,10 +72,7 @@ def with_known_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> tuple
 def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot:
     """Return the nominal model of a kernel that has the errors of its known bodies, as declared or calibrated.
 
-    Raises
-    ------
-    ParameterError
-        The parameters contradict each other or the robot, or the calibration cannot be used.
+    Raises ParameterError: The parameters contradict each other or the robot, or the calibration cannot be used.
     """
     uncertainty = declared_uncertainty(config, kernel.model)
     if not config.known_links.calibration:
@@ -153,10 +147,7 @@ def _require_the_same(found: CalibrationFile, model: RobotModel) -> None:
 def declared_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> KnownErrors:
     """Return the errors that the parameters declare, body by body.
 
-    Raises
-    ------
-    ParameterError
-        A name is not that of a known link with mass.
+    Raises ParameterError: A name is not that of a known link with mass.
     """
     unknown = {link.name for link in kernel.unknown}
     massive = (link for link in kernel.model.links if link.parameters[0] > 0.0 and link.name not in unknown)
@@ -207,12 +198,8 @@ def from_numbers(numbers: Mapping[str, Any], config: EstimatorConfig, kernel: Mo
 
     The numbers are those of `as_numbers`, the kernel is of the run's robot, with the errors of its known bodies.
 
-    Raises
-    ------
-    DataError
-        They are of another robot, or of a run with other parameters.
-    KeyError, TypeError, ValueError
-        They are no such numbers.
+    Raises DataError: They are of another robot, or of a run with other parameters.
+    Raises KeyError, TypeError, ValueError: They are no such numbers.
     """
     known = nominal_model(config, kernel)
     model = known.kernel.model

@@ -32,14 +32,11 @@ _PACKAGE, _FILE = 'package://', 'file://'
 def mesh_points(name: str) -> Array:
     """Return the vertices (V, 3) of a mesh, in the units of its file.
 
+    Raises ModelError: There is no such file, or it cannot be read.
+
     Parameters
     ----------
     name : as a robot description has it: package://, file:// or a path that is not relative
-
-    Raises
-    ------
-    ModelError
-        There is no such file, or it cannot be read.
     """
     path = _path(name)
     require_regular(path, 'mesh', ModelError)
@@ -71,6 +68,8 @@ def _path(name: str) -> Path:
 class Robot:
     """The robot of a session, before and after a calibration at the capture.
 
+    Raises ModelError, ParameterError: The robot, the target link or a combination of parameters cannot be used.
+
     Parameters
     ----------
     config : EstimatorConfig
@@ -83,11 +82,6 @@ class Robot:
     described : momentum kernel of the robot description
     known : nominal model of a calibration file; None without one
     marker : frame of the odometry on the base, if the parameters place one
-
-    Raises
-    ------
-    ModelError, ParameterError
-        The robot, the target link or a combination of parameters cannot be used.
     """
 
     def __init__(self, config: EstimatorConfig, urdf: str) -> None:

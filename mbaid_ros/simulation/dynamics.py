@@ -63,17 +63,14 @@ class State:
 class Dynamics:
     """Forward and inverse dynamics of one robot, without gravity.
 
+    Raises ModelError: The mass matrix is singular or not positive: something that moves has no inertia.
+
     Parameters
     ----------
     model : RobotModel
     push : what acts on it from outside
     effects : what else acts on its bodies
     springs : of joints that nothing drives
-
-    Raises
-    ------
-    ModelError
-        The mass matrix is singular or not positive: something that moves has no inertia.
     """
 
     def __init__(
@@ -102,6 +99,9 @@ class Dynamics:
     def acceleration(self, state: State, torque: Array, time: float = 0.0) -> Array:
         """Return the acceleration under joint torques.
 
+        Raises ModelError: The result is not finite: the mass matrix is singular in this state, or the motion has
+        diverged.
+
         Parameters
         ----------
         state : State
@@ -111,11 +111,6 @@ class Dynamics:
         Returns
         -------
         (6 + n,) rate of change of `State.velocity`, component by component
-
-        Raises
-        ------
-        ModelError
-            The result is not finite: the mass matrix is singular in this state, or the motion has diverged.
         """
         generalised = np.concatenate((np.zeros(6), torque))
         configuration = self._configuration(state)
@@ -128,6 +123,9 @@ class Dynamics:
     def torque(self, state: State, joint_acceleration: Array, time: float = 0.0) -> Array:
         """Return the joint torques that give the joints an acceleration while the base floats (computed torque).
 
+        Raises ModelError: The inertia of the whole robot is singular in this state, so that nothing gives the base's
+        acceleration.
+
         Parameters
         ----------
         state : State
@@ -137,11 +135,6 @@ class Dynamics:
         Returns
         -------
         (n,) array, N m or N; internal, so the total momentum does not change
-
-        Raises
-        ------
-        ModelError
-            The inertia of the whole robot is singular in this state, so that nothing gives the base's acceleration.
         """
         configuration = self._configuration(state)
         acceleration = np.concatenate((np.zeros(6), joint_acceleration))

@@ -101,6 +101,8 @@ class Sinusoids:
 def sinusoids(start: Array, amplitudes: Array, frequencies: Array, phases: Array) -> Sinusoids:
     """Build sinusoids from flat arrays, joint by joint: (j1 term 1, j1 term 2, ..., j2 term 1, ...).
 
+    Raises ParameterError: The arrays are not of one length, a multiple of the number of joints.
+
     Parameters
     ----------
     start : (n,) rad or m
@@ -110,11 +112,6 @@ def sinusoids(start: Array, amplitudes: Array, frequencies: Array, phases: Array
     Returns
     -------
     Sinusoids
-
-    Raises
-    ------
-    ParameterError
-        The arrays are not of one length, a multiple of the number of joints.
     """
     joints = len(start)
     if not len(phases):
@@ -149,6 +146,8 @@ def random_sinusoids(
 ) -> Sinusoids:
     """Draw sinusoids: amplitudes in (0.5, 1) of `amplitude` shared among the terms, periods uniform in their range.
 
+    Raises ParameterError: The periods are not in order.
+
     Parameters
     ----------
     start : (n,) rad or m
@@ -160,11 +159,6 @@ def random_sinusoids(
     Returns
     -------
     Sinusoids
-
-    Raises
-    ------
-    ParameterError
-        The periods are not in order.
     """
     if not 0.0 < period_min <= period_max:
         raise ParameterError(
@@ -207,10 +201,7 @@ def within_limits(motion: Sinusoids, model: RobotModel, *, start_given: bool) ->
 
     Where the start is not given, it moves to where the motion fits.
 
-    Raises
-    ------
-    ParameterError
-        The start that is given is outside the limits.
+    Raises ParameterError: The start that is given is outside the limits.
     """
     lower, upper, velocity = independent_limits(model)
     outside = (motion.start < lower) | (motion.start > upper)

@@ -254,10 +254,7 @@ class SensedSimulation:
     def read(self, until: float) -> tuple[JointReadings, BaseReadings, ImuReadings | None]:
         """Return the readings that are due up to and including a time (s) and have not been returned before.
 
-        Raises
-        ------
-        ModelError
-            The motion has diverged.
+        Raises ModelError: The motion has diverged.
         """
         joint_time, base_time = (self._due(sensor, until) for sensor in (0, 1))
         imu_time = np.zeros(0) if self._imu is None else self._due(2, until)

@@ -60,6 +60,8 @@ class Simulation:
 
     The motion does not depend on the instants asked for, nor on how they are cut into batches.
 
+    Raises ModelError: The robot's mass matrix is singular.
+
     Parameters
     ----------
     model : RobotModel
@@ -67,11 +69,6 @@ class Simulation:
     initial : state at time 0
     push : what acts on the robot from outside all the time
     surroundings : what else acts on its bodies
-
-    Raises
-    ------
-    ModelError
-        The robot's mass matrix is singular.
     """
 
     def __init__(
@@ -99,16 +96,12 @@ class Simulation:
     def advance(self, instants: Array) -> Truth:
         """Return the true motion at instants, and forget what lies before the last of them.
 
+        Raises DataError: An instant lies before one already passed.
+        Raises ModelError: The motion has diverged.
+
         Parameters
         ----------
         instants : (N,) s, in order, none before the last one of the previous call
-
-        Raises
-        ------
-        DataError
-            An instant lies before one already passed.
-        ModelError
-            The motion has diverged.
         """
         if np.any(np.diff(instants, prepend=self._last) < 0.0):
             raise DataError('the simulation was asked for a past instant; instants in order are accepted')

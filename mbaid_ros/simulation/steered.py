@@ -72,10 +72,7 @@ class Steered:
     def follow(self, trajectory: JointTrajectory, model: RobotModel, begin: float) -> None:
         """Follow a trajectory from a time (s) on that is still to come; joints that it does not name rest from there.
 
-        Raises
-        ------
-        DataError
-            It names joints that the robot does not have, or begins where the joints are not.
+        Raises DataError: It names joints that the robot does not have, or begins where the joints are not.
         """
         place, rate, bend = self.reference(begin)
         every = of_all_joints(trajectory, model)
@@ -112,10 +109,7 @@ class Steered:
 def of_all_joints(trajectory: JointTrajectory, model: RobotModel) -> JointTrajectory:
     """Return a trajectory with those joints, too, that follow the ones it moves.
 
-    Raises
-    ------
-    DataError
-        It names a joint that the robot does not have, or that follows another.
+    Raises DataError: It names a joint that the robot does not have, or that follows another.
     """
     independent = list(model.independent_joints)
     foreign = [name for name in trajectory.joints if name not in independent]
@@ -143,17 +137,14 @@ def of_all_joints(trajectory: JointTrajectory, model: RobotModel) -> JointTrajec
 def made_to_follow(trajectory: JointTrajectory, model: RobotModel, start: Array | None, begin: float) -> Followed:
     """Return the motion of a robot that follows a trajectory from a time (s) on.
 
+    Raises DataError: The trajectory is of other joints, or begins elsewhere.
+
     Parameters
     ----------
     trajectory : of some of its joints
     model : RobotModel
     start : (n,) where its joints are before; None for zero, and where the trajectory begins
     begin : s
-
-    Raises
-    ------
-    DataError
-        The trajectory is of other joints, or begins elsewhere.
     """
     every = of_all_joints(trajectory, model)
     places = _places(every, model)

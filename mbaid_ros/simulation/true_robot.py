@@ -104,17 +104,14 @@ def draw(model: RobotModel, target: str, sizes: ErrorSizes, rng: np.random.Gener
     Each block, and each body, has a stream of its own: a size changes what it scales, and nothing else. A draw that
     makes no body that can exist is made again: of thin bodies, at the boundary, the inertia spreads less than it says.
 
+    Raises ModelError: No body near one of the robot's can exist.
+
     Parameters
     ----------
     model : RobotModel, as its URDF says
     target : name of the link that is to be identified
     sizes : ErrorSizes
     rng : a generator in the same state gives the same errors
-
-    Raises
-    ------
-    ModelError
-        No body near one of the robot's can exist.
     """
     bodies, zeros, origins, tilts, mount = rng.spawn(5)
     joints = model.joints

@@ -221,10 +221,7 @@ class Sums:
         It minimises z^T M z / z^T N z (renormalisation; Kanatani 1994), which always has one solution. `information`
         (u, u) and `right_side` (u,) hold prior knowledge.
 
-        Raises
-        ------
-        FloatingPointError
-            Nothing is noisy.
+        Raises FloatingPointError: Nothing is noisy.
         """
         equations = self.equations.copy()
         equations[:-1, :-1] += information

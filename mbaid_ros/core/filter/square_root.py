@@ -76,10 +76,7 @@ class SquareRootInformation:
     def moments(self) -> tuple[Array, Array]:
         """Return the mean (v,), and the part of it that corrects for shared noise (v,).
 
-        Raises
-        ------
-        LinAlgError
-            The information has a direction without any.
+        Raises LinAlgError: The information has a direction without any.
         """
         both, info = dtrtrs(self.root[:, :-2], self.root[:, -2:])
         if info:

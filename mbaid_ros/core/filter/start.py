@@ -91,15 +91,12 @@ class MultiStart:
     def search(self, windows: list[Window], points: Sequence[Callable[[], Point | None]]) -> Work[Start]:
         """Return the start that batch iterations lead to, from earlier points or else from guesses.
 
+        Raises LinAlgError: Neither points nor guesses lead to a robot that can exist.
+
         Parameters
         ----------
         windows : in order; those that are added during the search are only filtered
         points : make earlier solutions, or None; each is tried only where the one before leads nowhere
-
-        Raises
-        ------
-        LinAlgError
-            Neither points nor guesses lead to a robot that can exist.
         """
         count, stacks = len(windows), in_stacks(windows)
         results: list[BatchResult] = []

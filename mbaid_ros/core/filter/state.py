@@ -79,10 +79,7 @@ class Layout:
     ) -> Layout:
         """Return the layout of a state with these unknowns, and a joint prior of theirs.
 
-        Raises
-        ------
-        ValueError
-            The prior is of other numbers, or the unknowns of the readings are not the last.
+        Raises ValueError: The prior is of other numbers, or the unknowns of the readings are not the last.
         """
         count, last = sum(unknown.count for unknown in unknowns), [unknown.read for unknown in unknowns]
         if known is None:

@@ -100,10 +100,7 @@ class PaperSettings:
 class PaperEstimator:
     """Identifies one link by the paper's recursion (total linear momentum zero).
 
-    Raises
-    ------
-    ParameterError
-        The main form without the total angular momentum.
+    Raises ParameterError: The main form without the total angular momentum.
     """
 
     needs_rates = True

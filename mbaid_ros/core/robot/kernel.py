@@ -91,6 +91,8 @@ class BodyStates:
 class MomentumKernel:
     """The momentum of a robot with one unknown link, or several, for batches of samples.
 
+    Raises ModelError: An unknown link is not one of the model.
+
     Parameters
     ----------
     model : RobotModel
@@ -104,11 +106,6 @@ class MomentumKernel:
     errors : of these parameters; none by default
     storage : momentum stored inside bodies; none by default
     springs : of passive joints; none by default
-
-    Raises
-    ------
-    ModelError
-        An unknown link is not one of the model.
     """
 
     def __init__(self, model: RobotModel, target: str, *others: str) -> None:

@@ -167,10 +167,7 @@ def load_model(urdf: str, base_link: str = '') -> RobotModel:
 
     `base_link` names the link that floats; empty means the root, or the link on a root 'world'.
 
-    Raises
-    ------
-    ModelError
-        The document cannot be used; the message names the link, joint or value.
+    Raises ModelError: The document cannot be used; the message names the link, joint or value.
     """
     description = read_description(urdf, base_link)
     model = _built(description)

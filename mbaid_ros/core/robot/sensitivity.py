@@ -149,16 +149,13 @@ def mobility_and_momentum(parameters: Array, configuration: Configuration, body_
     body's pseudo-inertia J, the integral of (y, 1) (y, 1)^T over its mass, those of x x^T, x v^T, x and v are
     P J P^T, P J V^T, and the last columns of P J and V J. All bodies are summed up in one product.
 
+    Raises LinAlgError: All mass lies on a line, and the locked inertia has no inverse.
+
     Parameters
     ----------
     parameters : (b, 10) standard parameters of the bodies, each in its own frame
     configuration : of N instants
     body_twist : (N, b, 6) (u, w) at the base's origin
-
-    Raises
-    ------
-    LinAlgError
-        All mass lies on a line, and the locked inertia has no inverse.
     """
     count, bodies = configuration.position.shape[:2]
     place = np.concatenate((configuration.rotation, configuration.position[..., None]), axis=-1)

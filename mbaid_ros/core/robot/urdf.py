@@ -236,11 +236,8 @@ def read_description(text: str, base_link: str = '') -> Description:
 
     `base_link` names the link that floats; empty means the root, or the link on a root 'world'.
 
-    Raises
-    ------
-    ModelError
-        The document is not XML, not a robot, not a tree, tied to the ground, or has joints or masses that cannot be
-        used; the message lists all problems.
+    Raises ModelError: The document is not XML, not a robot, not a tree, tied to the ground, or has joints or masses
+    that cannot be used; the message lists all problems.
     """
     robot = parse_document(text)
     links = names_of(robot, 'link')

@@ -24,10 +24,7 @@ def change_inertial(urdf: str, link: str, parameters: Array) -> str:
 
     Layout, comments and the orientation of the <origin> stay. An <inertial> that lacks a value is replaced.
 
-    Raises
-    ------
-    ModelError
-        The document is not XML or has no such link.
+    Raises ModelError: The document is not XML or has no such link.
     """
     start, old = part_text(urdf, link)
     new = _with_values(old, parameters)
@@ -39,10 +36,7 @@ def displace_joint(urdf: str, joint: str, origin: Array, tilt: Array) -> str:
 
     The <axis> stays as it is, in the turned frame.
 
-    Raises
-    ------
-    ModelError
-        The document is not XML or has no such joint.
+    Raises ModelError: The document is not XML or has no such joint.
     """
     if not (np.any(origin) or np.any(tilt)):
         return urdf
@@ -115,10 +109,7 @@ def replace_inertial(urdf: str, link: str, parameters: Array) -> str:
 
     r_c is in the link's frame, I_c about it in the link's axes; the rest of the document stays.
 
-    Raises
-    ------
-    ModelError
-        The document is not XML or has no such link.
+    Raises ModelError: The document is not XML or has no such link.
     """
     document = urdf.encode()
     place = _find(document, link, 'link', 'inertial')
@@ -140,10 +131,7 @@ def replace_inertial(urdf: str, link: str, parameters: Array) -> str:
 def part_text(urdf: str, name: str, kind: str = 'link', part: str = 'inertial') -> tuple[int, str]:
     """Return where a link's <inertial>, or a joint's <origin>, begins or could begin, and its text, empty for none.
 
-    Raises
-    ------
-    ModelError
-        The document is not XML or has no such link or joint.
+    Raises ModelError: The document is not XML or has no such link or joint.
     """
     document = urdf.encode()
     place = _find(document, name, kind, part)

@@ -37,10 +37,7 @@ _PATIENCE = 10.0  # s for the scheduler to answer
 def prepare(case: Case, urdf: str) -> tuple[SimulatedRun, Session]:
     """Return the simulated robot at time 0 and the session that is to identify it.
 
-    Raises
-    ------
-    ModelError, ParameterError
-        The robot or the parameters cannot be used, alone or together.
+    Raises ModelError, ParameterError: The robot or the parameters cannot be used, alone or together.
     """
     simulated, session = SimulatedRun(case.simulator, urdf, BAG_TYPES), Session(case.estimator, urdf)
     if simulated.target.name != session.robot.target_link:
@@ -167,12 +164,8 @@ class SecondMotion:
 def motion_of(kind: str, session: Session, simulated: SimulatedRun, seed: int) -> SecondMotion:
     """Return the motion that follows.
 
-    Raises
-    ------
-    DataError
-        There is no posterior to begin from.
-    ParameterError
-        No motion is possible.
+    Raises DataError: There is no posterior to begin from.
+    Raises ParameterError: No motion is possible.
     """
     posterior = session.posterior()
     if posterior is None:
@@ -232,12 +225,8 @@ def _make(urdf: str, run: CampaignRun) -> Result:
 def made_on_cluster(runs: Sequence[CampaignRun], urdf: str, scheduler: str) -> Generator[Result]:
     """Yield the results of runs as they end, made on the Dask cluster whose scheduler has an address.
 
-    Raises
-    ------
-    ParameterError
-        Dask is not installed, or there is no scheduler at the address.
-    DataError
-        The cluster is lost, or cannot run this package.
+    Raises ParameterError: Dask is not installed, or there is no scheduler at the address.
+    Raises DataError: The cluster is lost, or cannot run this package.
     """
     try:
         from distributed import Client, KilledWorker, as_completed  # noqa: PLC0415 - optional, and slow to import
