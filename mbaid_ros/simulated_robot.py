@@ -226,8 +226,6 @@ def make_simulation(
 
     Parameters
     ----------
-    config : SimulatorConfig
-    model : RobotModel
     motion : of its joints; None for the one that the parameters ask for
     """
     motion = make_motion(config, model) if motion is None else motion

@@ -38,18 +38,11 @@ _COMMANDS = 0.1  # s, between two of thrust
 
 @dataclass(frozen=True)
 class TimedMessage:
-    """A message and when it is due.
+    """A message and when it is due."""
 
-    Attributes
-    ----------
-    time : s since the start of the run
-    topic : the one it belongs on
-    message : JointState, Odometry, WrenchStamped, Vector3Stamped or Imu
-    """
-
-    time: float
-    topic: Topic
-    message: Any
+    time: float  # s since the start of the run
+    topic: Topic  # the one it belongs on
+    message: Any  # JointState, Odometry, WrenchStamped, Vector3Stamped or Imu
 
 
 class SimulatedRun:

@@ -93,7 +93,6 @@ def deviations(estimate: InertiaEstimate, expected: Mapping[str, float]) -> dict
 
     Parameters
     ----------
-    estimate : InertiaEstimate
     expected : values by name: mass, com_x, com_y, com_z (kg, m, target link's frame), ixx, ..., izz (kg m^2, about the
         centre of mass, the link's axes)
     """

@@ -42,22 +42,15 @@ DAMAGE = (
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of a bag.
-
-    Attributes
-    ----------
-    definition : text of the message's definition, OMG IDL if `idl`, else .msg; empty where the bag has none
-    latched : True if the publisher offered transient local
-    reliable : True unless every publisher offered best effort only
-    """
+    """A topic of a bag."""
 
     name: str
     type: str
     count: int
-    definition: str
+    definition: str  # text of the message's definition, OMG IDL if `idl`, else .msg; empty where the bag has none
     idl: bool
-    latched: bool
-    reliable: bool
+    latched: bool  # True if the publisher offered transient local
+    reliable: bool  # True unless every publisher offered best effort only
     encoding: str = 'cdr'
 
 

@@ -35,24 +35,14 @@ _SMALLEST = 1e-9  # standard deviation in units of the prior's that counts as no
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """What a calibration is told.
+    """What a calibration is told."""
 
-    Attributes
-    ----------
-    noise : of the joint sensors (the base's stands in the samples)
-    priors : of each of the kernel's unknown links
-    uncertainty : of joints, mount, stamps and linear momentum
-    window : s, longest
-    gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
-    orientation_measured : whether anything but that tells the orientation of the base
-    """
-
-    noise: SensorNoise
-    priors: tuple[LinkPrior, ...]
-    uncertainty: Uncertainty = field(default_factory=Uncertainty)
-    window: float = 0.5
-    gyro: float = 0.0
-    orientation_measured: bool = True
+    noise: SensorNoise  # of the joint sensors (the base's stands in the samples)
+    priors: tuple[LinkPrior, ...]  # of each of the kernel's unknown links
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)  # of joints, mount, stamps and linear momentum
+    window: float = 0.5  # s, longest
+    gyro: float = 0.0  # rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
+    orientation_measured: bool = True  # whether anything but that tells the orientation of the base
 
 
 def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: CalibrationSettings) -> Calibration:
@@ -63,9 +53,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
 
     Parameters
     ----------
-    kernel : MomentumKernel
     runs : motions, each as a list of windows; momentum is constant within one, and may differ from one to the next
-    settings : CalibrationSettings
     """
     prior = make_prior(kernel, settings.priors)
     runs = [run for run in runs if run]

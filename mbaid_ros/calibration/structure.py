@@ -27,16 +27,10 @@ _LONGEST_FORMULA = 6  # terms: a longer one explains nothing
 
 @dataclass(frozen=True)
 class Exchange:
-    """Something that may be taken from one link and given to another without any change of momentum.
+    """Something that may be taken from one link and given to another without any change of momentum."""
 
-    Attributes
-    ----------
-    words : what, between which links, where
-    directions : (10 k, d) of theta
-    """
-
-    words: str
-    directions: Array
+    words: str  # what, between which links, where
+    directions: Array  # (10 k, d) of theta
 
 
 def parameter(links: Sequence[Link], index: int) -> str:
@@ -193,48 +187,28 @@ _SEED = 20  # of these states: the same structure every time
 
 @dataclass(frozen=True)
 class Mechanism:
-    """What of a robot moves.
+    """What of a robot moves."""
 
-    Attributes
-    ----------
-    kernel : with the unknown links
-    moving : (n,) True for the joints that do not rest
-    posture : (n,) rad or m, where the resting ones are
-    normal : (3,) of the plane of motion in the base link's frame; None in space
-    """
-
-    kernel: MomentumKernel
-    moving: Flags
-    posture: Array
-    normal: Array | None = None
+    kernel: MomentumKernel  # with the unknown links
+    moving: Flags  # (n,) True for the joints that do not rest
+    posture: Array  # (n,) rad or m, where the resting ones are
+    normal: Array | None = None  # (3,) of the plane of motion in the base link's frame; None in space
 
 
 @dataclass(frozen=True)
 class BaseParameter:
-    """A combination of standard parameters that momentum determines.
+    """A combination of standard parameters that momentum determines."""
 
-    Attributes
-    ----------
-    leading : index in theta of the parameter that it is named after, with factor 1
-    factors : (10 k,) the combination is factors theta
-    """
-
-    leading: int
-    factors: Array
+    leading: int  # index in theta of the parameter that it is named after, with factor 1
+    factors: Array  # (10 k,) the combination is factors theta
 
 
 @dataclass(frozen=True)
 class Structure:
-    """The unknown standard parameters as momentum sees them.
+    """The unknown standard parameters as momentum sees them."""
 
-    Attributes
-    ----------
-    regressor : (m, 10 k) at random states, columns in typical sizes
-    scale : (10 k,) those sizes
-    """
-
-    regressor: Array
-    scale: Array
+    regressor: Array  # (m, 10 k) at random states, columns in typical sizes
+    scale: Array  # (10 k,) those sizes
 
     @cached_property
     def _svd(self) -> tuple[Array, Array]:

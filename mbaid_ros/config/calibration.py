@@ -22,22 +22,16 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class CalibrationFile:
-    """What a calibration found of k links, n joints and the odometry's mount.
+    """What a calibration found of k links, n joints and the odometry's mount."""
 
-    Attributes
-    ----------
-    path : of the file
-    links, joints : names
-    values, covariance : (10 k + 6 n + 6,) and squared: standard parameters (m, h, I_o) of the links, each in its own
-        frame; of each joint zero, displacement of its frame (3) and tilts of its axis (2); mount
-    positions, rotations : (n, 3), (n, 3, 3) frame of each joint in that of the moving body that carries it
-    """
-
-    path: str
-    links: tuple[str, ...]
-    joints: tuple[str, ...]
+    path: str  # of the file
+    links: tuple[str, ...]  # names
+    joints: tuple[str, ...]  # names
+    # values, covariance: (10 k + 6 n + 6,) and squared: standard parameters (m, h, I_o) of the links, each in its own
+    # frame; of each joint zero, displacement of its frame (3) and tilts of its axis (2); mount
     values: Array
     covariance: Array
+    # positions, rotations: (n, 3), (n, 3, 3) frame of each joint in that of the moving body that carries it
     positions: Array
     rotations: Array
 
@@ -131,16 +125,10 @@ class CalibrationConfig:
 
 @dataclass(frozen=True)
 class CalibrationParameters:
-    """All settings of `calibrate`.
+    """All settings of `calibrate`."""
 
-    Attributes
-    ----------
-    estimator : noise, windows, frames: as for the estimator
-    calibration : CalibrationConfig
-    """
-
-    estimator: EstimatorConfig
-    calibration: CalibrationConfig
+    estimator: EstimatorConfig  # noise, windows, frames: as for the estimator
+    calibration: CalibrationConfig  # CalibrationConfig
 
     def prior(self, link: str) -> LinkPriorConfig:
         """Return the prior of a link: its own, or the one for all links."""

@@ -37,36 +37,27 @@ _WORDS: dict[Kind, str] = {
     'double_array': 'a list of numbers',
     'string_array': 'a list of strings',
 }
+Owner = type  # of a field: ParameterSpec has a `type` of its own
 _INTEGER_LIMIT = 2**63  # a ROS integer has 64 bits
 
 
 @dataclass(frozen=True)
 class ParameterSpec:
-    """A parameter without its value.
+    """A parameter without its value."""
 
-    Attributes
-    ----------
-    name : dotted name
-    type : one of Kind; upper-cased it names a member of rclpy's Parameter.Type
-    unit : SI, or empty
-    minimum, maximum : limits of a number, or of each number of a list; None is no limit
-    exclusive_minimum : True if the minimum itself is not accepted
-    choices, lengths : accepted strings, accepted lengths of a list; empty is any
-    read_only : True if the value cannot change while the node runs
-    field : its dataclass and the name there, below which the description stands
-    """
-
-    name: str
-    type: Kind
+    name: str  # dotted name
+    type: Kind  # one of Kind; upper-cased it names a member of rclpy's Parameter.Type
     default: Value
-    unit: str = ''
+    unit: str = ''  # SI, or empty
+    # minimum, maximum: limits of a number, or of each number of a list; None is no limit
     minimum: float | None = None
     maximum: float | None = None
-    exclusive_minimum: bool = False
+    exclusive_minimum: bool = False  # True if the minimum itself is not accepted
+    # choices, lengths: accepted strings, accepted lengths of a list; empty is any
     choices: tuple[str, ...] = ()
     lengths: tuple[int, ...] = ()
-    read_only: bool = True
-    field: tuple[type, str] = (object, '')
+    read_only: bool = True  # True if the value cannot change while the node runs
+    field: tuple[Owner, str] = (object, '')  # its dataclass and the name there, below which the description stands
 
     @property
     def description(self) -> str:

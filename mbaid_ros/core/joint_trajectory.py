@@ -32,20 +32,13 @@ class JointTrajectory:
     accelerations, and a straight line without velocities. Before the first point and after the last one it rests there.
 
     Raises DataError: The points do not make a motion.
-
-    Attributes
-    ----------
-    joints : names of the k joints
-    time : (K,) s since its begin, increasing
-    position : (K, k) rad or m
-    velocity, acceleration : (K, k); or (0, 0) where not given
     """
 
-    joints: tuple[str, ...]
-    time: Array
-    position: Array
-    velocity: Array
-    acceleration: Array
+    joints: tuple[str, ...]  # names of the k joints
+    time: Array  # (K,) s since its begin, increasing
+    position: Array  # (K, k) rad or m
+    velocity: Array  # (K, k); or (0, 0) where not given
+    acceleration: Array  # (K, k); or (0, 0) where not given
 
     def __post_init__(self) -> None:
         """Refuse what is no motion."""

@@ -39,7 +39,6 @@ class Collisions:
 
     Parameters
     ----------
-    model : RobotModel
     clearance : m, that shapes keep from each other
     start : (n,) joint positions where motions begin
     mesh : what reads the vertices (V, 3) of a mesh by the name of its file, and raises ModelError where it cannot
@@ -210,7 +209,6 @@ class Efforts:
 
     Parameters
     ----------
-    model : RobotModel
     bodies : (n + 1, 10) standard parameters of its bodies, each in its own frame
 
     Attributes

@@ -16,17 +16,11 @@ _SHARP = 8  # exponent of the mean that stands for the worst, smooth enough to b
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """What a motion is to reach.
+    """What a motion is to reach."""
 
-    Attributes
-    ----------
-    relative : (10,) relative standard deviations wanted
-    asked : (10,) which of them count
-    criterion : what is made small: the worst of the ratios to what is wanted, their mean square, or their volume
-    """
-
-    relative: Array
-    asked: Flags
+    relative: Array  # (10,) relative standard deviations wanted
+    asked: Flags  # (10,) which of them count
+    # what is made small: the worst of the ratios to what is wanted, their mean square, or their volume
     criterion: Criterion = 'worst'
 
     def ratio(self, relative: Array) -> Array:

@@ -15,36 +15,22 @@ from mbaid_ros.simulation.motion import independent_limits
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Limits of the k joints that follow no other; rad or m, and per s and s^2. A joint that is not moved has none.
+    """Limits of the k joints that follow no other; rad or m, and per s and s^2. A joint that is not moved has none."""
 
-    Attributes
-    ----------
-    lower, upper : (k,)
-    velocity, acceleration : (k,)
-    moved : (k,) which may be moved at all
-    """
-
-    lower: Array
-    upper: Array
-    velocity: Array
-    acceleration: Array
-    moved: Flags
+    lower: Array  # (k,)
+    upper: Array  # (k,)
+    velocity: Array  # (k,)
+    acceleration: Array  # (k,)
+    moved: Flags  # (k,) which may be moved at all
 
 
 @dataclass(frozen=True)
 class BaseLimits:
-    """How far a motion of the joints may move the base from where it would be if they rested; infinite for no limit.
+    """How far a motion of the joints may move the base from where it would be if they rested; infinite for no limit."""
 
-    Attributes
-    ----------
-    rotation : rad
-    translation : m, of the base link's origin
-    rate : rad/s
-    """
-
-    rotation: float = np.inf
-    translation: float = np.inf
-    rate: float = np.inf
+    rotation: float = np.inf  # rad
+    translation: float = np.inf  # m, of the base link's origin
+    rate: float = np.inf  # rad/s
 
     @property
     def array(self) -> Array:
@@ -61,7 +47,6 @@ def joint_limits(
 
     Parameters
     ----------
-    model : RobotModel
     position : (k,) where the motion begins, of the joints that follow no other
     velocity : rad/s or m/s that no joint may exceed, whatever its own limit
     acceleration : rad/s^2 or m/s^2

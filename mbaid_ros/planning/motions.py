@@ -30,22 +30,13 @@ _SPARSE = 2  # of these from one at which torques are asked for to the next: end
 
 @dataclass(frozen=True, eq=False)
 class Motions:
-    """All motions of one length.
+    """All motions of one length."""
 
-    Attributes
-    ----------
-    knowledge : where they begin, and what is known there
-    information : what they add to it
-    splines : their form
-    limits : of the joints
-    efforts : of the joints of the robot as it is known best
-    """
-
-    knowledge: Posterior
-    information: Information
-    splines: Splines
-    limits: JointLimits
-    efforts: Efforts
+    knowledge: Posterior  # where they begin, and what is known there
+    information: Information  # what they add to it
+    splines: Splines  # their form
+    limits: JointLimits  # of the joints
+    efforts: Efforts  # of the joints of the robot as it is known best
 
     def lasting(self, duration: float) -> Motions:
         """Return motions of another length, s."""

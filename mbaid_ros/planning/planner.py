@@ -40,36 +40,23 @@ Progress = Callable[[int], bool]  # takes how many motions have been compared; t
 
 @dataclass(frozen=True)
 class PlanSettings:
-    """What a motion is to reach, and within what.
+    """What a motion is to reach, and within what."""
 
-    Attributes
-    ----------
-    relative : (10,) relative standard deviations wanted
-    duration, longest : s; the first 0 for the shortest that reaches them
-    criterion : as `Wanted` has it
-    joint_velocity, joint_acceleration : that no joint exceeds, rad/s and rad/s^2, or m
-    base : how far the base may be moved
-    clearance : m, of collision shapes
-    stuck : joints that are not moved
-    speeds : that each joint goes by, one after the other
-    effort : motions that are compared
-    seed : the same gives the same motion
-    window : s, of the estimator
-    """
-
-    relative: Array
+    relative: Array  # (10,) relative standard deviations wanted
+    # duration, longest: s; the first 0 for the shortest that reaches them
     duration: float = 0.0
     longest: float = 300.0
-    criterion: Criterion = 'worst'
+    criterion: Criterion = 'worst'  # as `Wanted` has it
+    # joint_velocity, joint_acceleration: that no joint exceeds, rad/s and rad/s^2, or m
     joint_velocity: float = np.inf
     joint_acceleration: float = 0.1
-    base: BaseLimits = field(default_factory=BaseLimits)
-    clearance: float = 0.02
-    stuck: Collection[str] = ()
-    speeds: int = 32
-    effort: int = 1200
-    seed: int = 0
-    window: float = _WINDOW
+    base: BaseLimits = field(default_factory=BaseLimits)  # how far the base may be moved
+    clearance: float = 0.02  # m, of collision shapes
+    stuck: Collection[str] = ()  # joints that are not moved
+    speeds: int = 32  # that each joint goes by, one after the other
+    effort: int = 1200  # motions that are compared
+    seed: int = 0  # the same gives the same motion
+    window: float = _WINDOW  # s, of the estimator
 
 
 class Planner:
@@ -81,7 +68,6 @@ class Planner:
     ----------
     knowledge : what the run has come to know
     reporting : what standard deviations are relative to
-    settings : PlanSettings
     mesh : what reads collision meshes, as `Collisions` has it
 
     Attributes

@@ -45,21 +45,16 @@ def between(arguments: argparse.Namespace) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Inputs:
-    """The topics to read; an empty name stands for the usual topic, where a bag has it.
-
-    Attributes
-    ----------
-    odometry : locates the base: of type nav_msgs/Odometry, or one of POSE_TYPES; empty is /odom or else /pose
-    located : whether anything locates the base; else an IMU has to be there
-    start, end : s from a bag's first message, between which it is read
-    """
+    """The topics to read; an empty name stands for the usual topic, where a bag has it."""
 
     joint_states: str = '/joint_states'
+    # locates the base: of type nav_msgs/Odometry, or one of POSE_TYPES; empty is /odom or else /pose
     odometry: str = ''
     thrust: str = ''
     stored_momentum: str = ''
     imu: str = ''
-    located: bool = True
+    located: bool = True  # whether anything locates the base; else an IMU has to be there
+    # start, end: s from a bag's first message, between which it is read
     start: float = 0.0
     end: float = inf
 

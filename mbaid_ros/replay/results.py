@@ -34,20 +34,15 @@ _NAME_LISTS = 64  # of joints, of which the last message is kept
 
 @dataclass(frozen=True)
 class TopicStatistics:
-    """The messages of a topic: full names, number, and rate in Hz (NaN for fewer than two).
-
-    Attributes
-    ----------
-    gaps : (begin, length), s, of the longest intervals without a message that stand out
-    course : (time, rate), s and Hz, of equal pieces of the run
-    """
+    """The messages of a topic: full names, number, and rate in Hz (NaN for fewer than two)."""
 
     topic: str
     type: str
     messages: int
     rate: float
+    # (begin, length), s, of the longest intervals without a message that stand out
     gaps: tuple[tuple[float, float], ...] = ()
-    course: tuple[tuple[float, float], ...] = ()
+    course: tuple[tuple[float, float], ...] = ()  # (time, rate), s and Hz, of equal pieces of the run
 
 
 @dataclass(frozen=True)
@@ -61,51 +56,31 @@ class Pose:
 
 @dataclass(frozen=True)
 class Run:
-    """The result of replaying a bag.
+    """The result of replaying a bag."""
 
-    Attributes
-    ----------
-    bag : path as the user gave it
-    target_link : link whose inertia was identified
-    history : estimates in order, thinned evenly to at most HISTORY_LIMIT
-    topics : the inputs
-    used : number of samples the estimator was given
-    dropped : messages that were not used, by cause
-    warnings : of the bag and of the run, one line each
-    urdf : text of the robot description
-    pose : the last one, None where the bag holds none
-    settings : every parameter of the estimator with its value
-    debris : the captured body alone, None where not asked for or not determined
-    phase : in which the bag ends
-    missing_joints : for want of which most of the joint states could not be used
-    survey : the model summary, None where there is none
-    state : the posterior, from which the next motion is planned; None where the method has none
-    advice : the motion that would help most, in words; empty where none is needed or known
-    files : SHA-256 of each file of the bag, by its name; None for one that is too large
-    holdout : how well the rest predicts the last part of the run; None where not asked for
-    """
-
-    bag: str
-    target_link: str
+    bag: str  # path as the user gave it
+    target_link: str  # link whose inertia was identified
     final: Estimate
-    history: tuple[Estimate, ...]
-    topics: tuple[TopicStatistics, ...]
-    used: int
-    dropped: Mapping[str, int]
-    warnings: tuple[str, ...]
-    urdf: str = ''
-    pose: Pose | None = None
-    settings: Mapping[str, object] = field(default_factory=dict)
-    debris: Debris | None = None
-    phase: Phase = 'post_capture'
+    history: tuple[Estimate, ...]  # estimates in order, thinned evenly to at most HISTORY_LIMIT
+    topics: tuple[TopicStatistics, ...]  # the inputs
+    used: int  # number of samples the estimator was given
+    dropped: Mapping[str, int]  # messages that were not used, by cause
+    warnings: tuple[str, ...]  # of the bag and of the run, one line each
+    urdf: str = ''  # text of the robot description
+    pose: Pose | None = None  # the last one, None where the bag holds none
+    settings: Mapping[str, object] = field(default_factory=dict)  # every parameter of the estimator with its value
+    debris: Debris | None = None  # the captured body alone, None where not asked for or not determined
+    phase: Phase = 'post_capture'  # in which the bag ends
     capture: Capture | None = None
-    missing_joints: tuple[str, ...] = ()
-    survey: ModelSummary | None = None
+    missing_joints: tuple[str, ...] = ()  # for want of which most of the joint states could not be used
+    survey: ModelSummary | None = None  # the model summary, None where there is none
     made_by: provenance.MadeBy | None = None
+    # SHA-256 of each file of the bag, by its name; None for one that is too large
     files: Mapping[str, str | None] = field(default_factory=dict)
+    # the posterior, from which the next motion is planned; None where the method has none
     state: Mapping[str, Any] | None = None
-    advice: str = ''
-    holdout: Holdout | None = None
+    advice: str = ''  # the motion that would help most, in words; empty where none is needed or known
+    holdout: Holdout | None = None  # how well the rest predicts the last part of the run; None where not asked for
 
     @property
     def reached(self) -> bool:

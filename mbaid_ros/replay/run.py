@@ -210,20 +210,12 @@ def _keep(estimates: Sequence[Estimate], session: Session, history: History, wri
 
 @dataclass(frozen=True)
 class BagMotions:
-    """The motions in a bag, as the windows that a calibration takes.
+    """The motions in a bag, as the windows that a calibration takes."""
 
-    Attributes
-    ----------
-    bag : path as the user gave it
-    runs : motions, each as windows; stamps that jump back begin another one
-    warnings : of bag, intake and data, one line each
-    heard : joints that the messages name
-    """
-
-    bag: str
-    runs: tuple[list[Samples], ...]
-    warnings: tuple[str, ...]
-    heard: tuple[str, ...] = ()
+    bag: str  # path as the user gave it
+    runs: tuple[list[Samples], ...]  # motions, each as windows; stamps that jump back begin another one
+    warnings: tuple[str, ...]  # of bag, intake and data, one line each
+    heard: tuple[str, ...] = ()  # joints that the messages name
 
 
 class _Collector:

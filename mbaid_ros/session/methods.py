@@ -48,7 +48,6 @@ def make_estimator(
 
     Parameters
     ----------
-    config : EstimatorConfig
     kernel : of the robot, with the errors of its known bodies
     known : nominal model with its uncertainty; None for the one that the parameters declare
     judge : makes the thresholds of what is published; `make_reporting` where not given
@@ -196,7 +195,6 @@ def make_capture(
 
     Parameters
     ----------
-    config : EstimatorConfig
     kernel : of the robot before the capture
     known : nominal model with its uncertainty; None for the one that the parameters declare
     make : makes the method after the capture, of a kernel and a nominal model

@@ -37,16 +37,10 @@ _ACCEPTED = 'accepted: the URDF that calibrate --output wrote with it'
 
 @dataclass(frozen=True, eq=False)
 class KnownRobot:
-    """The nominal model with its uncertainty, as the trajectory filter needs it.
+    """The nominal model with its uncertainty, as the trajectory filter needs it."""
 
-    Attributes
-    ----------
-    kernel : with the errors of its known bodies, as the catalogue of unknowns has them
-    uncertainty : of all else, and the joint covariance of everything
-    """
-
-    kernel: MomentumKernel
-    uncertainty: Uncertainty
+    kernel: MomentumKernel  # with the errors of its known bodies, as the catalogue of unknowns has them
+    uncertainty: Uncertainty  # of all else, and the joint covariance of everything
 
 
 def with_known_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> tuple[MomentumKernel, Array | None]:

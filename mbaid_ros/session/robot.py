@@ -72,7 +72,6 @@ class Robot:
 
     Parameters
     ----------
-    config : EstimatorConfig
     urdf : text of the robot description
 
     Attributes

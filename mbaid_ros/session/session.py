@@ -52,7 +52,6 @@ class Session:
 
     Parameters
     ----------
-    config : EstimatorConfig
     urdf : text of the robot description
     make : makes the method of each segment, of the parameters, the robot's kernel and, from a calibration, the nominal
         model (None without one); `make_estimator` where not given

@@ -23,19 +23,12 @@ from mbaid_ros.simulation.simulation import ChangingSimulation, Simulation, Trut
 
 @dataclass(frozen=True)
 class Target:
-    """A body that is captured.
+    """A body that is captured."""
 
-    Attributes
-    ----------
-    time : s since the start of the run, at which it is
-    link : name of the link that holds it from then on
-    body : (10,) mass, CoM and inertia about it, in the link's frame and axes: kg, m, kg m^2
-    velocity, spin : (3,) m/s, rad/s, of its CoM and its own, at that instant, odometry axes
-    """
-
-    time: float
-    link: str
-    body: Array
+    time: float  # s since the start of the run, at which it is
+    link: str  # name of the link that holds it from then on
+    body: Array  # (10,) mass, CoM and inertia about it, in the link's frame and axes: kg, m, kg m^2
+    # velocity, spin: (3,) m/s, rad/s, of its CoM and its own, at that instant, odometry axes
     velocity: Array
     spin: Array
 

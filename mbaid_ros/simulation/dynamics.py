@@ -27,20 +27,12 @@ DIVERGED = 'the simulated motion is not finite: masses, rates or torques are ext
 
 @dataclass(frozen=True)
 class State:
-    """One instant of the robot's motion.
+    """One instant of the robot's motion."""
 
-    Attributes
-    ----------
-    base_position : (3,) m, origin of the base link in the odometry frame
-    base_orientation : (4,) unit quaternion (x, y, z, w), base link to odometry frame
-    joint_position : (n,) rad or m; continuous joints count their turns
-    velocity : (6 + n,) of the base origin (m/s), angular of the base (rad/s), both in base axes; joint rates
-    """
-
-    base_position: Array
-    base_orientation: Array
-    joint_position: Array
-    velocity: Array
+    base_position: Array  # (3,) m, origin of the base link in the odometry frame
+    base_orientation: Array  # (4,) unit quaternion (x, y, z, w), base link to odometry frame
+    joint_position: Array  # (n,) rad or m; continuous joints count their turns
+    velocity: Array  # (6 + n,) of the base origin (m/s), angular of the base (rad/s), both in base axes; joint rates
 
     @property
     def joint_velocity(self) -> Array:
@@ -67,7 +59,6 @@ class Dynamics:
 
     Parameters
     ----------
-    model : RobotModel
     push : what acts on it from outside
     effects : what else acts on its bodies
     springs : of joints that nothing drives
@@ -104,7 +95,6 @@ class Dynamics:
 
         Parameters
         ----------
-        state : State
         torque : (n,) N m, or N for a prismatic joint
         time : s, which the effects depend on
 
@@ -128,7 +118,6 @@ class Dynamics:
 
         Parameters
         ----------
-        state : State
         joint_acceleration : (n,) rad/s^2 or m/s^2
         time : s, which the effects depend on
 

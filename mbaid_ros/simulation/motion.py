@@ -67,18 +67,12 @@ class Passive:
 
 @dataclass(frozen=True)
 class Sinusoids:
-    """Joints that follow q_j(t) = q0_j + sum_k a_jk (sin(2 pi f_jk t + phi_jk) - sin(phi_jk)).
+    """Joints that follow q_j(t) = q0_j + sum_k a_jk (sin(2 pi f_jk t + phi_jk) - sin(phi_jk))."""
 
-    Attributes
-    ----------
-    start : (n,) q0, rad or m
-    amplitude, frequency, phase : (n, K): rad or m; Hz; rad
-    """
-
-    start: Array
-    amplitude: Array
-    frequency: Array
-    phase: Array
+    start: Array  # (n,) q0, rad or m
+    amplitude: Array  # (n, K): rad or m; Hz; rad
+    frequency: Array  # (n, K): rad or m; Hz; rad
+    phase: Array  # (n, K): rad or m; Hz; rad
 
     def reference(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration of the joints at a time, (n,) each."""
@@ -108,10 +102,6 @@ def sinusoids(start: Array, amplitudes: Array, frequencies: Array, phases: Array
     start : (n,) rad or m
     amplitudes, frequencies : (n K,) rad or m; Hz
     phases : (n K,) rad, or empty for zero
-
-    Returns
-    -------
-    Sinusoids
     """
     joints = len(start)
     if not len(phases):
@@ -155,10 +145,6 @@ def random_sinusoids(
     terms : sinusoids a joint
     amplitude : rad or m, largest excursion of a joint from the middle of its motion
     period_min, period_max : s
-
-    Returns
-    -------
-    Sinusoids
     """
     if not 0.0 < period_min <= period_max:
         raise ParameterError(

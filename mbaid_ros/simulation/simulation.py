@@ -27,26 +27,19 @@ _RELATIVE, _ABSOLUTE = 1e-11, 1e-12  # errors of a step: momentum is conserved t
 
 @dataclass(frozen=True)
 class Truth(ArrayRecord):
-    """The true motion at N instants.
+    """The true motion at N instants."""
 
-    Attributes
-    ----------
-    time : (N,) s since the start of the run
-    joint_position, joint_velocity, joint_effort : (N, n) rad, rad/s, N m (m, m/s, N for a prismatic joint)
-    base_position : (N, 3) m, origin of the base link in the odometry frame
-    base_orientation : (N, 4) unit quaternion (x, y, z, w), base link to odometry frame, continuous in time
-    base_linear_velocity, base_angular_velocity : (N, 3) m/s, rad/s, of the base link's origin, in base axes
-    wheel_speed : (N, w) rad/s, of wheels inside the base; none where not given
-    """
-
-    time: Array
+    time: Array  # (N,) s since the start of the run
+    # joint_position, joint_velocity, joint_effort: (N, n) rad, rad/s, N m (m, m/s, N for a prismatic joint)
     joint_position: Array
     joint_velocity: Array
     joint_effort: Array
-    base_position: Array
-    base_orientation: Array
+    base_position: Array  # (N, 3) m, origin of the base link in the odometry frame
+    base_orientation: Array  # (N, 4) unit quaternion (x, y, z, w), base link to odometry frame, continuous in time
+    # base_linear_velocity, base_angular_velocity: (N, 3) m/s, rad/s, of the base link's origin, in base axes
     base_linear_velocity: Array
     base_angular_velocity: Array
+    # (N, w) rad/s, of wheels inside the base; none where not given
     wheel_speed: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
@@ -64,7 +57,6 @@ class Simulation:
 
     Parameters
     ----------
-    model : RobotModel
     motion : what drives the joints
     initial : state at time 0
     push : what acts on the robot from outside all the time
@@ -181,7 +173,6 @@ def total_momentum(model: RobotModel, truth: Truth, wheels: Wheels | None = None
 
     Parameters
     ----------
-    model : RobotModel
     truth : of N instants
     wheels : whose momentum counts, too
 

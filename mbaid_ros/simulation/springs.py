@@ -14,15 +14,10 @@ from mbaid_ros.core.robot.model import RobotModel
 
 @dataclass(frozen=True)
 class Springs:
-    """f joints that a spring draws to zero and a damper slows.
+    """f joints that a spring draws to zero and a damper slows."""
 
-    Attributes
-    ----------
-    joints : (f,) indices
-    stiffness, damping : (f,) N m/rad, N m s/rad; N/m, N s/m for a prismatic joint
-    """
-
-    joints: Integers
+    joints: Integers  # (f,) indices
+    # stiffness, damping: (f,) N m/rad, N m s/rad; N/m, N s/m for a prismatic joint
     stiffness: Array
     damping: Array
 

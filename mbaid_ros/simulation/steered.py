@@ -20,20 +20,12 @@ _NEAR = 0.05  # rad or m, by which a trajectory may begin elsewhere than the joi
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """Joints that follow a trajectory from a time on, and rest before it and after it.
+    """Joints that follow a trajectory from a time on, and rest before it and after it."""
 
-    Attributes
-    ----------
-    trajectory : of the k joints that it moves, the others of the n rest
-    start : (n,) where all joints are before it, rad or m; at its first point those that it moves
-    places : (k,) of the joints that it moves among the n
-    begin : s
-    """
-
-    trajectory: JointTrajectory
-    start: Array
-    places: Places
-    begin: float = 0.0
+    trajectory: JointTrajectory  # of the k joints that it moves, the others of the n rest
+    start: Array  # (n,) where all joints are before it, rad or m; at its first point those that it moves
+    places: Places  # (k,) of the joints that it moves among the n
+    begin: float = 0.0  # s
 
     def reference(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration of the joints at a time, (n,) each."""
@@ -142,7 +134,6 @@ def made_to_follow(trajectory: JointTrajectory, model: RobotModel, start: Array 
     Parameters
     ----------
     trajectory : of some of its joints
-    model : RobotModel
     start : (n,) where its joints are before; None for zero, and where the trajectory begins
     begin : s
     """

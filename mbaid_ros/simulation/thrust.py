@@ -17,25 +17,16 @@ from mbaid_ros.simulation.simulation import ChangingSimulation, Simulation, Trut
 
 @dataclass(frozen=True)
 class Pulse:
-    """A force and torque that act on a link; or on the base, constant in the odometry frame.
+    """A force and torque that act on a link; or on the base, constant in the odometry frame."""
 
-    Attributes
-    ----------
-    begin, end : s since the start of the run, as commanded
-    link : None for the odometry frame
-    wrench : (6,) force, N, and torque about the frame's origin, N m, in its axes, as commanded
-    scale : how much stronger it is than that
-    turn : (3,) rad, rotation vector by which it is turned against that
-    delay : s, by which it begins and ends late
-    """
-
-    begin: float
-    end: float
-    link: Link | None
-    wrench: Array
-    scale: float = 1.0
+    begin: float  # s since the start of the run, as commanded
+    end: float  # s since the start of the run, as commanded
+    link: Link | None  # None for the odometry frame
+    wrench: Array  # (6,) force, N, and torque about the frame's origin, N m, in its axes, as commanded
+    scale: float = 1.0  # how much stronger it is than that
+    # (3,) rad, rotation vector by which it is turned against that
     turn: Array = field(default_factory=lambda: np.zeros(3))
-    delay: float = 0.0
+    delay: float = 0.0  # s, by which it begins and ends late
 
     @property
     def actual(self) -> Array:

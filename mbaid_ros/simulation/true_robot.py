@@ -29,7 +29,6 @@ def true_robot(model: RobotModel, errors: ModelErrors, fixed: Sequence[str] = ()
     Parameters
     ----------
     model : RobotModel, as its URDF says
-    errors : ModelErrors
     fixed : links that are exact
     """
     if not any(np.any(block) for block in (errors.bodies, errors.origins, errors.tilts)):
@@ -74,21 +73,13 @@ _STREAM = 6  # of a seed's: the noise of the sensors has 0 to 5
 
 @dataclass(frozen=True)
 class ErrorSizes:
-    """Standard deviations of what a robot differs from its URDF by; 0 is exact.
+    """Standard deviations of what a robot differs from its URDF by; 0 is exact."""
 
-    Attributes
-    ----------
-    links_relative_std : of each moving body, as `relative_factor` has it
-    zero_std : rad, or m for a prismatic joint, of each joint's zero
-    origin_std : m, of each coordinate of each joint's origin
-    axis_std : rad, of each joint's axis about both directions normal to it
-    mount_position_std, mount_orientation_std : m, rad, of each coordinate of the odometry's mount
-    """
-
-    links_relative_std: float = 0.0
-    zero_std: float = 0.0
-    origin_std: float = 0.0
-    axis_std: float = 0.0
+    links_relative_std: float = 0.0  # of each moving body, as `relative_factor` has it
+    zero_std: float = 0.0  # rad, or m for a prismatic joint, of each joint's zero
+    origin_std: float = 0.0  # m, of each coordinate of each joint's origin
+    axis_std: float = 0.0  # rad, of each joint's axis about both directions normal to it
+    # mount_position_std, mount_orientation_std: m, rad, of each coordinate of the odometry's mount
     mount_position_std: float = 0.0
     mount_orientation_std: float = 0.0
 
@@ -110,7 +101,6 @@ def draw(model: RobotModel, target: str, sizes: ErrorSizes, rng: np.random.Gener
     ----------
     model : RobotModel, as its URDF says
     target : name of the link that is to be identified
-    sizes : ErrorSizes
     rng : a generator in the same state gives the same errors
     """
     bodies, zeros, origins, tilts, mount = rng.spawn(5)

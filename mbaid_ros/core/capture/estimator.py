@@ -35,7 +35,6 @@ class CaptureEstimator:
 
     Parameters
     ----------
-    kernel : MomentumKernel
     after : the method
     noise : of the sensors
     margin : s, before and after the capture, that is used for neither

@@ -111,28 +111,16 @@ class Relinearised:
 
 @dataclass(frozen=True, eq=False)
 class BatchResult:
-    """The outcome of a batch iteration.
+    """The outcome of a batch iteration."""
 
-    Attributes
-    ----------
-    point : after the last step
-    relinearised : the windows of the last iteration
-    filtered : the hypothesis filtered over them
-    moments : its mean and covariance
-    deviation : standard deviations of the parameters
-    converged : whether the last step was negligible
-    physical : whether the body is near enough to one that can exist
-    mass_held : whether the prior held the mass
-    """
-
-    point: Point
-    relinearised: Relinearised
-    filtered: HypothesisFilter
-    moments: MeanAndCovariance
-    deviation: Array
-    converged: bool
-    physical: bool
-    mass_held: bool
+    point: Point  # after the last step
+    relinearised: Relinearised  # the windows of the last iteration
+    filtered: HypothesisFilter  # the hypothesis filtered over them
+    moments: MeanAndCovariance  # its mean and covariance
+    deviation: Array  # standard deviations of the parameters
+    converged: bool  # whether the last step was negligible
+    physical: bool  # whether the body is near enough to one that can exist
+    mass_held: bool  # whether the prior held the mass
 
     @property
     def consistent(self) -> bool:
@@ -160,18 +148,11 @@ class BatchResult:
 
 @dataclass(frozen=True)
 class BatchIteration:
-    """Gauss-Newton over stored windows.
+    """Gauss-Newton over stored windows."""
 
-    Attributes
-    ----------
-    layout : of the state
-    variables : of the filter
-    linearised : linearises windows
-    """
-
-    layout: Layout
-    variables: Variables
-    linearised: LinearisationCache
+    layout: Layout  # of the state
+    variables: Variables  # of the filter
+    linearised: LinearisationCache  # linearises windows
 
     def prior(self, hypothesis: Hypothesis, longest: int = LONGEST, mass: float | None = None) -> HypothesisFilter:
         """Return a hypothesis before the first window: of any mass or near one, with jumps of so many windows."""

@@ -21,18 +21,13 @@ Severity = Literal['note', 'contradiction', 'conflict']
 
 @dataclass(frozen=True)
 class Reason:
-    """Why an estimate is to be read with care, as a stage returns it.
+    """Why an estimate is to be read with care, as a stage returns it."""
 
-    Attributes
-    ----------
-    text : one line: the fault, the value, the remedy
-    severity : 'note' is a warning alone. 'contradiction', of the data with the model, makes an estimate inconsistent;
-        one without parameters stays so, WITHHELD. 'conflict', of two stages or two sensors, makes any inconsistent
-    gain : log-likelihood, where the text is a cause as well: it comes first, that of a note only if anything is wrong
-    """
-
-    text: str
+    text: str  # one line: the fault, the value, the remedy
+    # 'note' is a warning alone. 'contradiction', of the data with the model, makes an estimate inconsistent; one
+    # without parameters stays so, WITHHELD. 'conflict', of two stages or two sensors, makes any inconsistent
     severity: Severity = 'note'
+    # log-likelihood, where the text is a cause as well: it comes first, that of a note only if anything is wrong
     gain: float | None = None
 
 
@@ -101,34 +96,25 @@ class Cause:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a run shows of its model.
+    """What a run shows of its model."""
 
-    Attributes
-    ----------
-    nis : normalised innovation squared, a mean over all numbers measured: 1 for noise as declared
-    innovations : by sensor, and from window to window
-    distances : by declared thing, in words, how far off the data see it beside its prior, if nothing drifts
-    jumps, unconfirmed : of the momentum: how many, and the times, s, of those that may be something else yet
-    hypothesis, physical, odometry_drifts : the reported one, empty if undisturbed; whether it has a mechanism, and
-        lets the odometry drift
-    gain : log-likelihood of that hypothesis over the first
-    instead : what of the robot, if it were further off than declared, would gain most if nothing acted; and how much
-    latest : the window that the run ends with
-    correlation_time : s, declared of the errors of the base's poses
-    """
-
-    nis: float
-    innovations: Innovations
+    nis: float  # normalised innovation squared, a mean over all numbers measured: 1 for noise as declared
+    innovations: Innovations  # by sensor, and from window to window
+    # by declared thing, in words, how far off the data see it beside its prior, if nothing drifts
     distances: Mapping[str, Distance]
+    # jumps, unconfirmed: of the momentum: how many, and the times, s, of those that may be something else yet
     jumps: int
     unconfirmed: tuple[float, ...]
+    # hypothesis, physical, odometry_drifts: the reported one, empty if undisturbed; whether it has a mechanism, and
+    # lets the odometry drift
     hypothesis: str
     physical: bool
     odometry_drifts: bool
-    gain: float
+    gain: float  # log-likelihood of that hypothesis over the first
+    # what of the robot, if it were further off than declared, would gain most if nothing acted; and how much
     instead: tuple[str, float]
-    latest: Samples
-    correlation_time: float
+    latest: Samples  # the window that the run ends with
+    correlation_time: float  # s, declared of the errors of the base's poses
 
 
 @dataclass(frozen=True)

@@ -22,15 +22,10 @@ class Sensitivity:
 
     The order of z is: joint positions (n), joint velocities (n), base orientation (3, odometry axes), base linear and
     angular velocity (3 + 3, base axes). About the base's origin the momentum does not depend on the base's position.
-
-    Attributes
-    ----------
-    known : (N, 6, 2 n + 9)
-    target : (N, 6, 2 n + 9, 10 k), to be multiplied by the standard parameters of the k unknown links
     """
 
-    known: Array
-    target: Array
+    known: Array  # (N, 6, 2 n + 9)
+    target: Array  # (N, 6, 2 n + 9, 10 k), to be multiplied by the standard parameters of the k unknown links
 
 
 def sensitivity(kernel: MomentumKernel, states: BodyStates) -> Sensitivity:

@@ -138,20 +138,13 @@ def _sizes(session: Session, final: Estimate) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SecondMotion:
-    """A motion and its begin.
-
-    Attributes
-    ----------
-    before : the largest relative standard deviation where it begins
-    base : (2,) rad and m, by which it truly turns and displaces the base from where this would coast
-    asked : (10,) which parameters can be known at all, as in a plane some cannot
-    """
+    """A motion and its begin."""
 
     kind: str
     trajectory: JointTrajectory
-    before: float
-    base: Array
-    asked: Flags
+    before: float  # the largest relative standard deviation where it begins
+    base: Array  # (2,) rad and m, by which it truly turns and displaces the base from where this would coast
+    asked: Flags  # (10,) which parameters can be known at all, as in a plane some cannot
 
     def as_json(self, final: Estimate, sizes: Array) -> dict[str, object]:
         """Return its outcome, by the last estimate and the sizes (10,) that standard deviations are relative to."""
