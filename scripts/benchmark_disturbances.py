@@ -20,7 +20,7 @@ from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import relative_factor
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.core.robot.urdf_edit import change_inertial
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.campaigns.statistics import coverage
 from mbaid_ros.replay.run import BAG_TYPES
@@ -86,7 +86,7 @@ def _links_off(share: float) -> Callable[[int], str]:
             if link.name != LINK and link.parameters[0] > 0.0:
                 factor = relative_factor(link.parameters, share)
                 draws = (link.parameters + factor @ rng.normal(size=10) for _ in range(1000))
-                text = change_inertial(text, link.name, physical(next(body for body in draws if is_physical(body))))
+                text = replace_inertial(text, link.name, physical(next(body for body in draws if is_physical(body))))
         return text
 
     return wrong

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from mbaid_ros.calibration.result import Calibration, LinkResult
-from mbaid_ros.calibration.structure import BaseParameter, Exchange, exchanges
+from mbaid_ros.calibration.structure import BaseParameter
 from mbaid_ros.cli import one_line
 from mbaid_ros.config.calibration import CalibrationParameters
 from mbaid_ros.core.errors import listing
@@ -48,11 +48,6 @@ class Calibrated:
     def contradicted(self) -> bool:
         """Whether the data contradict the model: what comes out must not be trusted."""
         return self.calibration.residual > self.parameters.estimator.convergence.largest_residual
-
-    @cached_property
-    def exchanges(self) -> tuple[Exchange, ...]:
-        """Exchanges of parameters between bodies that change no momentum."""
-        return exchanges(self.calibration.mechanism, self.calibration.structure)
 
     @cached_property
     def base_parameters(self) -> tuple[BaseParameter, ...]:

@@ -189,9 +189,8 @@ class _Intake:
                     f'{stamped.span:.3g} s: rates are by the stamps'
                 )
                 self._arrivals = self._arrivals | self._stamped
-        origin = min((each.first for each in self._arrivals.values() if each.first is not None), default=0)
         return tuple(
-            arrivals.statistics(topic, bag.topics[topic].type, self._count(bag, topic), origin)
+            arrivals.statistics(topic, bag.topics[topic].type, self._count(bag, topic))
             for topic, arrivals in self._arrivals.items()
         )
 

@@ -20,7 +20,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_document import kept_words
-from mbaid_ros.core.robot.urdf_edit import change_inertial, joints_moved
+from mbaid_ros.core.robot.urdf_edit import joints_moved, replace_inertial
 from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.files import require_regular
 from mbaid_ros.session.posterior import nominal_model, with_known_errors
@@ -130,7 +130,7 @@ class Robot:
             model, text = self.kernel.model, self.model.urdf
             for old, new in zip(self.model.links, model.links, strict=True):
                 if new.parameters is not old.parameters:
-                    text = change_inertial(text, new.name, physical(new.parameters))
+                    text = replace_inertial(text, new.name, physical(new.parameters))
             text = joints_moved(text, self.model, model)
             self._written = model, text
         return self._written[1]

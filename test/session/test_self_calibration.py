@@ -26,7 +26,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.core.robot.urdf_edit import change_inertial
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.session import Session
 from mbaid_ros.session.settings import declared_uncertainty
@@ -56,7 +56,7 @@ def cad() -> str:
     """Return what CAD says of the servicer."""
     text = free_urdf()
     for link in perturbed(free_model(), PRIORS, 1).links:
-        text = change_inertial(text, link.name, physical(link.parameters))
+        text = replace_inertial(text, link.name, physical(link.parameters))
     return text
 
 

@@ -61,9 +61,6 @@ def calibration_page(result: Calibrated) -> str:
         '<h2>What momentum determines</h2>',
         paragraph('Each of these combinations has a value of its own; a body alone does not show.'),
         _combinations(result),
-        '<h3>What it does not distinguish</h3>',
-        paragraph('Taken from one body and given to the other, it changes no momentum: the prior alone divides it.'),
-        table(('what', 'directions'), [(each.words, str(each.directions.shape[1])) for each in result.exchanges]),
     ]
     return page(f'Calibration of {result.kernel.model.name}', parts)
 

@@ -11,6 +11,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pinocchio
 from matplotlib.axes import Axes
+from scipy.spatial import ConvexHull
 
 from mbaid_ros import limits
 from mbaid_ros.core.geometry import Array, rotate
@@ -145,23 +146,8 @@ def _numbers(element: ET.Element | None, key: str, default: str = '') -> list[fl
 
 
 def hull(points: Array) -> Array:
-    """Return the corners of the convex hull of (N, 2) points in order (Andrew's monotone chain)."""
-    ordered = sorted({(round(float(x), 9), round(float(y), 9)) for x, y in points})
-    if len(ordered) < 3:
-        return np.array(ordered)
-    return np.array(_chain(ordered)[:-1] + _chain(ordered[::-1])[:-1])
-
-
-def _chain(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    kept: list[tuple[float, float]] = []
-    for x, y in points:
-        while len(kept) > 1:
-            (x1, y1), (x2, y2) = kept[-2:]
-            if (x2 - x1) * (y - y1) - (y2 - y1) * (x - x1) > 0.0:
-                break
-            kept.pop()
-        kept.append((x, y))
-    return kept
+    """Return the corners of the convex hull of (N, 2) points in order; of a flat one those of a hardly thicker one."""
+    return points[ConvexHull(points, qhull_options='QJ').vertices]
 
 
 @dataclass(frozen=True)
