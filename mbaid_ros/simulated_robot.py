@@ -18,9 +18,9 @@ from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.simulation import quaternions
-from mbaid_ros.simulation.capture import CaptureSimulation, Target
+from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, Target, ThrustSimulation
 from mbaid_ros.simulation.dynamics import State
-from mbaid_ros.simulation.environment import Surroundings, Wheels
+from mbaid_ros.simulation.environment import Springs, Surroundings, Wheels
 from mbaid_ros.simulation.motion import (
     Driven,
     Motion,
@@ -39,9 +39,7 @@ from mbaid_ros.simulation.simulation import (
     seen_from_orbit,
     without_linear_momentum,
 )
-from mbaid_ros.simulation.springs import Springs
 from mbaid_ros.simulation.steered import Followed, Steered, made_to_follow
-from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
 
 _QUATERNION_TOLERANCE = 1e-3

@@ -25,11 +25,10 @@ from mbaid_ros.simulated_robot import (
     make_wheels,
     steered,
 )
-from mbaid_ros.simulation.capture import CaptureSimulation
+from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, ThrustSimulation
 from mbaid_ros.simulation.sensors import SensedSimulation, Sensors
 from mbaid_ros.simulation.simulation import LONGEST_STEP, total_momentum
 from mbaid_ros.simulation.steered import Steered
-from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
 from mbaid_ros.simulation.true_robot import true_robot
 
 Topic = Literal['joint_states', 'odom', 'thrust', 'stored_momentum', 'imu']

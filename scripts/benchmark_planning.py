@@ -26,8 +26,7 @@ from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.streams import Windows
-from mbaid_ros.planning.goal import Wanted
-from mbaid_ros.planning.limits import BaseLimits, joint_limits
+from mbaid_ros.planning.goal import BaseLimits, Wanted, joint_limits
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import Plan
 from mbaid_ros.planning.planner import Planner, PlanSettings

@@ -29,7 +29,7 @@ from mbaid_ros.core.joint_trajectory import JointTrajectory as Trajectory
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.messages import stamp_of, trajectory_of
 from mbaid_ros.nodes.subscriptions import qos
-from mbaid_ros.planning.limits import joint_limits
+from mbaid_ros.planning.goal import joint_limits
 from mbaid_ros.planning.splines import Splines
 
 WANTED = 0.01

@@ -12,8 +12,7 @@ from rclpy.serialization import serialize_message
 from mbaid_ros.bags import deserialize, serialize
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.methods import METHODS
-from mbaid_ros.config.parameters import build
+from mbaid_ros.config.parameters import METHODS, build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import Estimate

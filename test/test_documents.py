@@ -16,8 +16,7 @@ from documents import DOCUMENTS, README, REFERENCE, ROOT, names
 from made_runs import run
 from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.methods import METHODS
-from mbaid_ros.config.parameters import specifications
+from mbaid_ros.config.parameters import METHODS, specifications
 from mbaid_ros.replay.output import as_json
 
 LINK = re.compile(r'\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)')

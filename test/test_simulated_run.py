@@ -15,7 +15,7 @@ from mbaid_ros.core.geometry import rotate, rotation_from_quaternion
 from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.simulated_robot import make_initial_state, make_motion, make_simulation
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
-from mbaid_ros.simulation.capture import with_target
+from mbaid_ros.simulation.changes import with_target
 from mbaid_ros.simulation.simulation import Simulation, total_momentum
 from simulated import CONFIG, robot
 

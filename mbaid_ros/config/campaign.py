@@ -9,12 +9,11 @@ from itertools import product
 from pathlib import Path
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import dotted, load_parameter_file, read_yaml
+from mbaid_ros.config.files import dotted, load_parameter_file, read_robot_description, read_yaml
 from mbaid_ros.config.parameters import build, shown
-from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import MbaidError, ParameterError, listing
-from mbaid_ros.planning.unplanned import SIMPLE
+from mbaid_ros.planning.motions import SIMPLE
 
 MOST_RUNS = 1_000_000
 PLANNED = 'planned'

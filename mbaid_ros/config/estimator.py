@@ -13,7 +13,6 @@ from mbaid_ros.config.capture import (
 )
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig
 from mbaid_ros.config.flexible import FlexibleConfig
-from mbaid_ros.config.methods import METHODS
 from mbaid_ros.config.model_errors import (
     KnownJointsConfig,
     KnownLinksConfig,
@@ -21,7 +20,7 @@ from mbaid_ros.config.model_errors import (
     OdometryMountConfig,
     TargetPriorConfig,
 )
-from mbaid_ros.config.parameters import parameter
+from mbaid_ros.config.parameters import METHODS, parameter
 from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.config.sensors import ImuConfig, NoiseConfig, PoseConfig
 

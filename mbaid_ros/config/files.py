@@ -1,4 +1,4 @@
-"""ROS parameter files without a ROS installation, read by the rules of ROS."""
+"""ROS parameter files and robot descriptions without a ROS installation, read by the rules of ROS."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from mbaid_ros import limits
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.errors import ModelError, ParameterError
 from mbaid_ros.files import read_text
 
 _SECTION = 'ros__parameters'
@@ -190,3 +190,11 @@ def dotted(values: Mapping[Any, object], prefix: str = '') -> dict[str, object]:
         else:
             flat[f'{prefix}{key}'] = value
     return flat
+
+
+def read_robot_description(path: str | Path) -> str:
+    """Return the text of a URDF file.
+
+    Raises ModelError: The file cannot be read, is not text, or is too long.
+    """
+    return read_text(path, 'robot description', limits.URDF_CHARACTERS, 'a URDF file is accepted', ModelError)

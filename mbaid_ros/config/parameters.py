@@ -17,6 +17,9 @@ from typing import Any, Literal, TypeVar, cast, get_type_hints
 from mbaid_ros import limits
 from mbaid_ros.core.errors import ParameterError, listing
 
+METHODS = ('trajectory', 'difference', 'paper_difference', 'paper_main')
+
+
 # Named like rclpy's Parameter.Type, in lower case.
 Kind = Literal['bool', 'integer', 'double', 'string', 'double_array', 'string_array']
 Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]

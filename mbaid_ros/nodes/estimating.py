@@ -20,8 +20,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from mbaid_ros.config.capture import DebrisConfig, SelfCalibrationConfig
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.files import read_robot_description
 from mbaid_ros.config.model_errors import KnownLinksConfig
-from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import DataError, MbaidError
 from mbaid_ros.nodes.diagnostics import Diagnostics, NodeClock
 from mbaid_ros.nodes.planning import AdviceTask, Planning

@@ -12,12 +12,10 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.planning.advice import beyond_motion, single_joint
-from mbaid_ros.planning.assurance import Assurance
+from mbaid_ros.planning.assurance import Assurance, beyond_motion, single_joint
 from mbaid_ros.planning.collisions import Collisions, Efforts, ReadMesh, no_mesh
-from mbaid_ros.planning.goal import Criterion, Wanted
+from mbaid_ros.planning.goal import BaseLimits, Criterion, Wanted, joint_limits
 from mbaid_ros.planning.information import Grid, Information
-from mbaid_ros.planning.limits import BaseLimits, joint_limits
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import (
     BINDING,

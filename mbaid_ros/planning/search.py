@@ -16,8 +16,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.planning.evolution import CHOSEN, GENERATION, Evolution
-from mbaid_ros.planning.goal import Wanted
-from mbaid_ros.planning.limits import BaseLimits
+from mbaid_ros.planning.goal import BaseLimits, Wanted
 from mbaid_ros.planning.motions import Motions
 
 LEGS = 8  # of a joint: more turns help where the base's limit binds

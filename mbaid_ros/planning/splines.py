@@ -15,7 +15,7 @@ from scipy.interpolate import BSpline
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.planning.limits import JointLimits
+from mbaid_ros.planning.goal import JointLimits
 
 _DENSE = 4  # instants a piece at which limits are checked
 _KEPT = 0.999  # of a limit, as numbers are rounded and a position may bulge between these

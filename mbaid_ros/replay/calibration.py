@@ -16,8 +16,7 @@ from mbaid_ros.calibration.structure import BaseParameter, base_parameter, formu
 from mbaid_ros.calibration.unknowns import OF_A_JOINT, OF_THE_MOUNT, LinkPrior
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line
 from mbaid_ros.config.calibration import NODE, CalibrationParameters, calibration_parameters
-from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.robot import read_robot_description
+from mbaid_ros.config.files import load_parameter_file, read_robot_description
 from mbaid_ros.core.errors import DataError, ModelError, ParameterError, listing
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.kernel import MomentumKernel

@@ -19,9 +19,8 @@ from mbaid_ros import limits
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line, warn
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file, parse_assignment
+from mbaid_ros.config.files import load_parameter_file, parse_assignment, read_robot_description
 from mbaid_ros.config.parameters import build
-from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.trajectory import as_yaml
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.results.parameters import PARAMETERS

@@ -12,8 +12,7 @@ import pinocchio
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, parse
-from mbaid_ros.simulation.environment import BodyPoses, Effect, Push
-from mbaid_ros.simulation.springs import Springs
+from mbaid_ros.simulation.environment import BodyPoses, Effect, Push, Springs
 
 # Smallest eigenvalue, relative to the largest, of the joint-space inertia scaled to a unit diagonal. Rounding leaves
 # 1e-16; the stiffest of the robots tested has 1e-5.

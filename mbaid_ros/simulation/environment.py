@@ -1,18 +1,41 @@
-"""What acts on the bodies of a simulated robot beside the torques of its joints and a constant push."""
+"""What acts on the bodies of a simulated robot beside the torques of its joints: pushes, tides, wheels, springs."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, cross, rotate, rotate_back, unvec
+from mbaid_ros.core.geometry import Array, Integers, cross, rotate, rotate_back, unvec
+from mbaid_ros.core.robot.kernel import cantilever_inertias
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.simulation import quaternions
-from mbaid_ros.simulation.springs import Springs
+
+
+@dataclass(frozen=True)
+class Springs:
+    """f joints that a spring draws to zero and a damper slows."""
+
+    joints: Integers  # (f,) indices
+    # stiffness, damping: (f,) N m/rad, N m s/rad; N/m, N s/m for a prismatic joint
+    stiffness: Array
+    damping: Array
+
+    @staticmethod
+    def of(model: RobotModel, names: Sequence[str], frequencies: Sequence[float], ratios: Sequence[float]) -> Springs:
+        """Return those of joints with natural frequencies, Hz, all else held, and damping ratios."""
+        joints = np.array([model.joint_names.index(name) for name in names], dtype=np.intp)
+        inertia = cantilever_inertias(model, model.body_parameters())[joints]
+        rate = 2.0 * np.pi * np.array(frequencies)
+        return Springs(joints, inertia * rate**2, 2.0 * np.array(ratios) * inertia * rate)
+
+    def torque(self, position: Array, velocity: Array) -> Array:
+        """Return what they do to their joints, (f,), of all joints' (n,) positions and rates."""
+        return np.asarray(-self.stiffness * position[self.joints] - self.damping * velocity[self.joints])
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,8 @@ from typing import Any, Literal
 import numpy as np
 from scipy.signal import lfilter
 
-from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.files import load_parameter_file, read_robot_description
 from mbaid_ros.config.parameters import build
-from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array, exp, log, rotate, rotate_back, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate

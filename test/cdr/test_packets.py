@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from rosbags.serde import SerdeError
 
 from mbaid_ros.bags import message_types
-from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, JointStateLayout, Packer, packer
-from mbaid_ros.cdr.layouts import MisfitError
+from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, JointStateLayout, MisfitError, Packer, packer
 from mbaid_ros.messages import joint_state_shape, odometry_shape, stamp_of
 from wire import again, as_bytes, joint_state, odometry
 

@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.methods import METHODS
-from mbaid_ros.config.parameters import build, parameter, specifications, values_of
+from mbaid_ros.config.parameters import METHODS, build, parameter, specifications, values_of
 from mbaid_ros.config.simulator import MOTIONS, SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.samples import SensorNoise

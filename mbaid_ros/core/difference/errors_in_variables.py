@@ -17,9 +17,9 @@ from functools import cached_property
 
 import numpy as np
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.linear_algebra import inverse_factor, inverse_factors, solve_symmetric, square_root
+from mbaid_ros.core.samples import ArrayRecord
 
 
 @dataclass(frozen=True)

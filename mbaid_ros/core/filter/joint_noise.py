@@ -13,13 +13,13 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, BODY, Layout
 from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, gains_by_unknowns, joint_gains
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import Stack
 from mbaid_ros.core.geometry import Array, Integers
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.samples import ArrayRecord
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,9 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, Flags, cross, crossed, exp, log, moved_base, skew
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about
-from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.samples import ArrayRecord, Samples
 
 # Knots that a window needs of its neighbours, before and after, for its fourth-order formulas.
 BEFORE, AFTER = 3, 4

@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
 from mbaid_ros.core.geometry import Array, Integers, cross, skew
@@ -19,6 +18,7 @@ from mbaid_ros.core.robot.momentum import momentum
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about, of_bodies, of_link
 from mbaid_ros.core.robot.passive import PassiveInertias, PassiveMotion, spring_constants, through_springs
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum, sensitivity_to_joints
+from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.unknowns.bodies import KnownBodies
 from mbaid_ros.core.unknowns.declaration import JointMotion, Unknown
 from mbaid_ros.core.unknowns.flexible import SpringErrors, StartingSwing, SwingNoise

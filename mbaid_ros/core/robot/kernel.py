@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.array_record import Index
 from mbaid_ros.core.geometry import Array, cross, rotate_back, unvec
 from mbaid_ros.core.robot.kinematics import Configuration, Kinematics
 from mbaid_ros.core.robot.model import Link, RobotModel, express
@@ -22,7 +21,7 @@ from mbaid_ros.core.robot.model_errors import KnownErrors, displaced
 from mbaid_ros.core.robot.momentum import Storage, momentum, regressor
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about, of_bodies, of_link
 from mbaid_ros.core.robot.springs import Springs
-from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.samples import Index, Samples
 
 _PART = 16_000  # bodies times samples, of 240 bytes each: what a cache of some megabytes holds
 

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, cross, rotate, skew, vec
 from mbaid_ros.core.robot.model import Link, RobotModel
-from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.samples import ArrayRecord, Samples
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, moved_base
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.samples import ArrayRecord, Samples
 
 
 @dataclass(frozen=True, eq=False)

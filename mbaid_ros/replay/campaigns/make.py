@@ -18,12 +18,12 @@ from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.planning.motions import simple_motion
 from mbaid_ros.planning.planner import Planner
-from mbaid_ros.planning.unplanned import simple_motion
 from mbaid_ros.replay.campaigns.statistics import FAILED, Result, nees
+from mbaid_ros.replay.command import ProcessDiedError, Workers
 from mbaid_ros.replay.output import plain, shaped, shaped_std
 from mbaid_ros.replay.run import BAG_TYPES
-from mbaid_ros.replay.workers import ProcessDiedError, Workers
 from mbaid_ros.session import Session
 from mbaid_ros.session.methods import make_reporting
 from mbaid_ros.session.planning import make_planner, plan_settings

@@ -13,7 +13,7 @@ from mbaid_ros.core.results.estimate import PassiveJoint
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.springs import Springs
-from mbaid_ros.simulation import springs as simulated
+from mbaid_ros.simulation import environment as simulated
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import Surroundings
 from mbaid_ros.simulation.motion import Passive

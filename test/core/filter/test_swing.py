@@ -20,10 +20,10 @@ from mbaid_ros.core.robot.springs import Springs
 from mbaid_ros.core.unknowns.bodies import known_bodies
 from mbaid_ros.core.unknowns.flexible import spring_errors, starting_swing, swing_noise
 from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.environment import Springs as SimulatedSprings
 from mbaid_ros.simulation.environment import Surroundings
 from mbaid_ros.simulation.motion import Passive
 from mbaid_ros.simulation.simulation import Simulation, total_momentum
-from mbaid_ros.simulation.springs import Springs as SimulatedSprings
 from observed import MID, observe, windows
 
 ROBOTS = {

@@ -16,7 +16,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model, parse
 from mbaid_ros.core.robot.passive import PassiveMotion, spring_constants
 from mbaid_ros.core.robot.springs import Springs
-from mbaid_ros.simulation import springs as simulated
+from mbaid_ros.simulation import environment as simulated
 from mbaid_ros.simulation.dynamics import Dynamics, State
 from mbaid_ros.simulation.environment import Surroundings
 from mbaid_ros.simulation.motion import Passive

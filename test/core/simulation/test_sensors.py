@@ -16,12 +16,11 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.sensors.external_momentum import Thrust
-from mbaid_ros.simulation.capture import CaptureSimulation, Target
+from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, Target, ThrustSimulation
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Motion, Passive
 from mbaid_ros.simulation.sensors import BaseReadings, JointReadings, SensedSimulation, Sensors
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
-from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
 from observed import LOW, observe
 from simulated import robot, state, table1
 
