@@ -16,7 +16,7 @@ from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.simulation.sensors import BaseReadings, ImuReadings, JointReadings
 
 if TYPE_CHECKING:
-    from mbaid_ros.core.capture import Capture  # half a second, which a simulator does without
+    from mbaid_ros.core.capture.handover import Capture
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.campaigns.statistics import coverage
 from mbaid_ros.replay.run import BAG_TYPES
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_motion, make_simulation
 from mbaid_ros.simulated_run import commands
 from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, ThrustSimulation

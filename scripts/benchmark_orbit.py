@@ -27,7 +27,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import BAND
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.replay.run import BAG_TYPES
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
 from mbaid_ros.simulation.simulation import Truth, seen_from_orbit
 

@@ -31,8 +31,7 @@ from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import Plan
 from mbaid_ros.planning.planner import Planner, PlanSettings
 from mbaid_ros.planning.splines import Splines
-from mbaid_ros.session import make_estimator
-from mbaid_ros.session.methods import make_reporting
+from mbaid_ros.session.methods import make_estimator, make_reporting
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Simulation, Truth

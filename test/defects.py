@@ -19,7 +19,7 @@ from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Truth

@@ -20,7 +20,7 @@ from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.sensors.streams import Windows
-from mbaid_ros.session import make_estimator
+from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.simulated_robot import make_initial_state, make_motion
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.sensors import Sensors

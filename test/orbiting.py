@@ -13,7 +13,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.replay.run import BAG_TYPES
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
 from simulated import CONFIG
 

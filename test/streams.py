@@ -17,7 +17,7 @@ from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.nodes.subscriptions import TYPES
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from simulated import CONFIG
 

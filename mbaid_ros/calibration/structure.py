@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from mbaid_ros.core.errors import listing
-from mbaid_ros.core.geometry import Array, Flags, exp, vec
+from mbaid_ros.core.geometry import Array, Flags, exp
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.model import Link
 
@@ -162,16 +162,3 @@ def structure(mechanism: Mechanism) -> Structure:
     regressor = np.concatenate([states.regressor_of(link) for link in kernel.unknown], axis=2)
     scale = np.tile(unknown_scale(kernel)[:10], len(kernel.unknown))
     return Structure((equations @ regressor).reshape(-1, regressor.shape[2]) * scale, scale)
-
-
-def planar_basis(mechanism: Mechanism, link: Link) -> Array:
-    """Return the (10, 4) orthonormal basis of what planar motion can tell of a link: mass, first moment, moment."""
-    kernel = mechanism.kernel
-    configuration = kernel.kinematics.configure(np.eye(3)[None], np.zeros((1, kernel.model.joints)))
-    normal = configuration.link(link)[0][0].T @ np.asarray(mechanism.normal)
-    basis = np.zeros((10, 4))
-    basis[0, 0] = 1.0
-    basis[1:4, 1:3] = np.linalg.svd(normal[None])[2][1:].T
-    about = vec(normal[:, None] * normal)
-    basis[4:, 3] = about / np.linalg.norm(about)
-    return basis

@@ -28,8 +28,8 @@ from mbaid_ros.nodes.planning import AdviceTask, Planning
 from mbaid_ros.nodes.publishers import EstimatePublication
 from mbaid_ros.nodes.reports import RunLog, RunState, remarks
 from mbaid_ros.nodes.subscriptions import DescriptionSubscription, Subscriptions, qos, quiet_publisher, tf_message
-from mbaid_ros.session import Session
 from mbaid_ros.session.reading import TIME_JUMP
+from mbaid_ros.session.session import Session
 
 PERIOD = 1.0  # s, of /diagnostics
 _SLICE_PERIOD = 1e-3  # s, between two time slices of the background task, at least

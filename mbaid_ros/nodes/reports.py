@@ -17,7 +17,9 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNCHECKED, UNITS, rounded
 from mbaid_ros.nodes.watch import NEXT
-from mbaid_ros.session import ModelSummary, Session, doubts, explain, obstacles
+from mbaid_ros.session.explanation import doubts, explain, obstacles
+from mbaid_ros.session.model_summary import ModelSummary
+from mbaid_ros.session.session import Session
 
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 

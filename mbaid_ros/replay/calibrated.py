@@ -18,7 +18,7 @@ from mbaid_ros.core.results.parameters import BAND, PARAMETERS, rounded
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.catalogue import underestimated_text
 from mbaid_ros.replay.run import BagMotions
-from mbaid_ros.session import ModelSummary, summarise
+from mbaid_ros.session.model_summary import ModelSummary, summarise
 
 _FIRST, _SECOND = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
 # Thresholds of warnings: relative standard deviation of the scale; standard deviations of the prior; of the estimate.

@@ -29,7 +29,7 @@ from mbaid_ros.replay.calibrated import Calibrated, summary, why_not
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import check_outputs, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.replay.run import read_motions
-from mbaid_ros.session import springs, storage, with_surroundings
+from mbaid_ros.session.settings import springs, storage, with_surroundings
 
 CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
 _INERTIA = PARAMETERS[4:]

@@ -253,6 +253,6 @@ def _writer(path: str | None, config: EstimatorConfig) -> Iterator[EstimateWrite
 
 
 def _page(runs: Sequence[Run], truths: Sequence[Truth | None]) -> str:
-    from mbaid_ros.replay.report import html  # noqa: PLC0415 - matplotlib takes a while, and only a report needs it
+    from mbaid_ros.replay.report.page import html  # noqa: PLC0415 - matplotlib takes a while, and only a report needs it
 
     return html(runs, truths)

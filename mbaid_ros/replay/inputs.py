@@ -12,7 +12,7 @@ from mbaid_ros.core.errors import ParameterError
 if TYPE_CHECKING:  # `--help` needs the defaults alone
     from mbaid_ros.bags import BagReader, Recorded
     from mbaid_ros.config.estimator import EstimatorConfig
-    from mbaid_ros.session import Session
+    from mbaid_ros.session.session import Session
 
 JOINT_STATE_TYPE = 'sensor_msgs/msg/JointState'
 ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'

@@ -33,8 +33,8 @@ from mbaid_ros.replay.output import check_outputs, plain, write_results
 from mbaid_ros.replay.provenance import in_words, made_by, sha256
 from mbaid_ros.replay.run import BAG_TYPES, progress_bar, replay_bag
 from mbaid_ros.replay.saved import usable
-from mbaid_ros.session import from_numbers
 from mbaid_ros.session.planning import make_planner
+from mbaid_ros.session.posterior import from_numbers
 from mbaid_ros.session.robot import Robot
 
 TOPIC, TYPE = '/joint_trajectory', 'trajectory_msgs/msg/JointTrajectory'

@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mbaid_ros.cdr import Packets
-from mbaid_ros.core.capture import Capture, Phase
+from mbaid_ros.core.capture.handover import Capture
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import CapturePhase, Estimate
 from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.samples import Stamps
@@ -19,7 +19,7 @@ from mbaid_ros.core.sensors.levels import SensorLevels
 from mbaid_ros.messages import joint_state_shape, odometry_shape, positions_of
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.holdout import Holdout
-from mbaid_ros.session import ModelSummary
+from mbaid_ros.session.model_summary import ModelSummary
 
 HISTORY_LIMIT = 5_000
 Record = TypeVar('Record', Estimate, SensorLevels)
@@ -62,7 +62,7 @@ class Run:
     pose: Pose | None = None  # the last one, None where the bag holds none
     settings: Mapping[str, object] = field(default_factory=dict)  # every parameter of the estimator with its value
     debris: Debris | None = None  # the captured body alone, None where not asked for or not determined
-    phase: Phase = 'post_capture'  # in which the bag ends
+    phase: CapturePhase = 'post_capture'  # in which the bag ends
     capture: Capture | None = None
     missing_joints: tuple[str, ...] = ()  # for want of which most of the joint states could not be used
     survey: ModelSummary | None = None  # the model summary, None where there is none

@@ -13,7 +13,7 @@ from tqdm import tqdm
 from mbaid_ros.bags import BagReader, BagWriter, Recorded, message_class
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
-from mbaid_ros.core.capture import Capture
+from mbaid_ros.core.capture.handover import Capture
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
@@ -24,7 +24,9 @@ from mbaid_ros.messages import stamps_of
 from mbaid_ros.outgoing import Frames, MessageTypes, debris_message, estimate_message, inertia_message
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.results import Arrivals, History, LastPose, Run, TopicStatistics
-from mbaid_ros.session import Session, as_numbers, intake_warnings, missing_joints
+from mbaid_ros.session.explanation import intake_warnings, missing_joints
+from mbaid_ros.session.posterior import as_numbers
+from mbaid_ros.session.session import Session
 
 BAG_TYPES = MessageTypes(find=message_class, flags=np.asarray)  # of messages made without a graph
 ESTIMATE_TOPIC = '/estimator/estimate'

@@ -12,7 +12,8 @@ from mbaid_ros.calibration.result import Calibration
 from mbaid_ros.calibration.unknowns import LinkPrior, make_prior
 from mbaid_ros.config.capture import SelfCalibrationConfig
 from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
-from mbaid_ros.core.capture import Calibrate, CaptureEstimator, Chaser, Handover
+from mbaid_ros.core.capture.estimator import CaptureEstimator
+from mbaid_ros.core.capture.handover import Calibrate, Chaser, Handover
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
 from mbaid_ros.core.errors import DataError, ParameterError, listing
 from mbaid_ros.core.identifier import Estimator

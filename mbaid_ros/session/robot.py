@@ -11,10 +11,11 @@ import numpy as np
 
 from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.capture import Capture, CaptureEstimator, Phase
+from mbaid_ros.core.capture.estimator import CaptureEstimator
+from mbaid_ros.core.capture.handover import Capture
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import CapturePhase, Estimate
 from mbaid_ros.core.results.published_inertia import Debris, debris
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
@@ -113,7 +114,7 @@ class Robot:
         return (*self.model.independent_joints, *self.described.storage.names)
 
     @property
-    def phase(self) -> Phase:
+    def phase(self) -> CapturePhase:
         """Phase of the run relative to the capture."""
         return 'post_capture' if self._capture is None else self._capture.phase
 

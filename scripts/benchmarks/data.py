@@ -23,7 +23,7 @@ from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_initial_state, make_motion
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.dynamics import State

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from captured import CHASER, Joined, alone, capture, chaser
 from checked import same, some
-from mbaid_ros.core.capture import BEFORE, CaptureEstimator
+from mbaid_ros.core.capture.estimator import BEFORE, CaptureEstimator
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.published_inertia import Frame, debris

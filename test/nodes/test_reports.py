@@ -12,7 +12,7 @@ from made_runs import budget, estimate
 from mbaid_ros.core.results.estimate import WITHHELD
 from mbaid_ros.core.sensors.levels import SensorLevels
 from mbaid_ros.nodes.reports import ERROR, OK, WARN, RunLog, RunState, estimate_report, headline
-from mbaid_ros.session import summarise
+from mbaid_ros.session.model_summary import summarise
 from simulated import robot
 
 

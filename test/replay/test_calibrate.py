@@ -25,7 +25,7 @@ from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.replay.start import calibrate as main
 from mbaid_ros.replay.start import replay
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.motion import random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, without_linear_momentum
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot

@@ -20,12 +20,11 @@ from made_runs import BODY, HOSTILE, PLAIN, STD, estimate, event, hostile_urdf, 
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.replay.report import html
-from mbaid_ros.replay.report.page import comparison
+from mbaid_ros.replay.report.page import comparison, html
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.saved import Truth, read_truth, truth_beside
 from mbaid_ros.replay.start import replay as main
-from mbaid_ros.session import summarise
+from mbaid_ros.session.model_summary import summarise
 from simulated import CONFIG, table1
 
 

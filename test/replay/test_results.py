@@ -73,7 +73,7 @@ def hostile_run() -> Run:
 
 
 def test_what_comes_from_files_is_escaped_in_the_report() -> None:
-    from mbaid_ros.replay.report import html  # noqa: PLC0415 - takes a while to import
+    from mbaid_ros.replay.report.page import html  # noqa: PLC0415 - takes a while to import
 
     text = html([hostile_run(), hostile_run()])
     for part in ('<script>', '<b>', '<link>', '<cause>', 'a<b'):

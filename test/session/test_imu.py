@@ -22,8 +22,8 @@ from mbaid_ros.core.sensors.base import measured_orientation
 from mbaid_ros.core.sensors.gyro import DeadReckoning
 from mbaid_ros.messages import IMU_FRAME, ImuReader
 from mbaid_ros.replay.start import replay
-from mbaid_ros.session import Session, explain, obstacles
-from mbaid_ros.session.session import IMU_NOT_ASKED_FOR
+from mbaid_ros.session.explanation import explain, obstacles
+from mbaid_ros.session.session import IMU_NOT_ASKED_FOR, Session
 from simulated import CONFIG
 from streams import urdf
 

@@ -25,13 +25,13 @@ from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.environment import Gravity
 from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
-from mbaid_ros.session import Session
 from mbaid_ros.session.posterior import (
     EXACT_ROBOT,
     declared_exact,
     nominal_model,
     with_known_errors,
 )
+from mbaid_ros.session.session import Session
 from mbaid_ros.session.settings import declared_uncertainty
 from servicing import LINKS, standard_parameters
 from simulated import robot

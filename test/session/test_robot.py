@@ -11,8 +11,9 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.session import Session, summarise
+from mbaid_ros.session.model_summary import summarise
 from mbaid_ros.session.robot import mesh_points
+from mbaid_ros.session.session import Session
 from simulated import CONFIG, robot
 
 FINE = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'

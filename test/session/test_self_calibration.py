@@ -17,7 +17,7 @@ from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.capture import BEFORE
+from mbaid_ros.core.capture.estimator import BEFORE
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Estimator
@@ -28,7 +28,7 @@ from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.session.settings import declared_uncertainty
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
 from observed import MID

@@ -15,7 +15,8 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.paper.estimator import THRUST
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.sensors.external_momentum import LATE_THRUST
-from mbaid_ros.session import Session, intake_warnings
+from mbaid_ros.session.explanation import intake_warnings
+from mbaid_ros.session.session import Session
 from observed import MID, kernel, observe, true_body
 from simulated import robot
 from thrusting import FORCE_TORQUE, OFF, ON, Timed, command, messages, pulse, pushed

@@ -18,7 +18,7 @@ from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, Thrust
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Thrusters, thrusters
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
 from observed import MID, kernel, observe, windows
 from orbiting import nees, session, simulated

@@ -15,6 +15,8 @@ from mbaid_ros.core.sensors.levels import SensorLevels
 # Where the parameters would be published if the data did not contradict the model.
 WITHHELD = 'the data contradict the model so strongly that no parameter can be published'
 
+# Where a run is relative to the capture; core/capture/estimator.py decides.
+CapturePhase = Literal['pre_capture', 'capture', 'post_capture']
 Status = Literal['waiting', 'estimating', 'converged', 'not_identifiable', 'inconsistent']
 
 
@@ -102,7 +104,7 @@ class Estimate:
     # filter that has a mechanism; empty where there is none
     innovations: Array = field(default_factory=lambda: np.zeros((0, 2)))
     samples: int = 0  # number of samples used
-    phase: Literal['pre_capture', 'post_capture'] = 'post_capture'  # where the run is; see core/capture/estimator.py
+    phase: CapturePhase = 'post_capture'
     stage: str = ''  # method of the stage that it is from, where the method has several
     thrusters: tuple[Thruster, ...] = ()  # what has been found of each thruster that may be off its command
     flexible: tuple[PassiveJoint, ...] = ()  # the passive joints as estimated

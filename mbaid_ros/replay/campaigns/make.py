@@ -24,9 +24,9 @@ from mbaid_ros.replay.campaigns.statistics import FAILED, Result, nees
 from mbaid_ros.replay.command import ProcessDiedError, Workers
 from mbaid_ros.replay.output import plain, shaped, shaped_std
 from mbaid_ros.replay.run import BAG_TYPES
-from mbaid_ros.session import Session
 from mbaid_ros.session.methods import make_reporting
 from mbaid_ros.session.planning import make_planner, plan_settings
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
 
 _CHUNK = 10.0  # s of the run that are in memory at once; it does not change the numbers

@@ -12,12 +12,12 @@ from scipy.stats import chi2
 from benchmarks.precapture import free_model, perturbed
 from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.calibration.result import Calibration
-from mbaid_ros.calibration.structure import planar_basis
+from mbaid_ros.calibration.structure import Mechanism
 from mbaid_ros.calibration.unknowns import LinkPrior
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, vec
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
-from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.model_errors import ModelErrors, calibrated
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
@@ -31,6 +31,19 @@ from simulated import robot, state
 SIZES = ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
 SERVICER = Uncertainty([1e-3] * 7, [1e-3] * 7, [1e-3] * 7, 2e-3, 2e-3, 1e-3)
 TABLE = Uncertainty([1e-3] * 4, [1e-3] * 4, [0.0] * 4, 2e-3, 2e-3)
+
+
+def planar_basis(mechanism: Mechanism, link: Link) -> Array:
+    """Return the (10, 4) orthonormal basis of what planar motion can tell of a link: mass, first moment, moment."""
+    kernel = mechanism.kernel
+    configuration = kernel.kinematics.configure(np.eye(3)[None], np.zeros((1, kernel.model.joints)))
+    normal = configuration.link(link)[0][0].T @ np.asarray(mechanism.normal)
+    basis = np.zeros((10, 4))
+    basis[0, 0] = 1.0
+    basis[1:4, 1:3] = np.linalg.svd(normal[None])[2][1:].T
+    about = vec(normal[:, None] * normal)
+    basis[4:, 3] = about / np.linalg.norm(about)
+    return basis
 
 
 def errors_of(seed: int, sizes: ErrorSizes = SIZES) -> ModelErrors:

@@ -16,7 +16,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples
 from mbaid_ros.core.sensors.rates import fit, with_rates
-from mbaid_ros.session import make_estimator
+from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion, kernel, observe, windows
 

@@ -31,7 +31,7 @@ from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import Surroundings
 from mbaid_ros.simulation.sensors import Sensors

@@ -57,11 +57,11 @@ def test_the_run_does_not_depend_on_the_sampling() -> None:
 
 
 def test_a_run_far_from_the_origin_is_the_same_run() -> None:
-    near = moving_arm('ets7')[0]
+    near, motion = moving_arm('ets7')
     model = near.model
-    start = state(near.motion.start, near.motion.reference(0.0)[1], (0.02, -0.05, 0.03))
+    start = state(motion.start, motion.reference(0.0)[1], (0.02, -0.05, 0.03))
     offset = np.array([7e6, -3e6, 1e5])
-    far = Simulation(model, near.motion, replace(start, base_position=offset))
+    far = Simulation(model, motion, replace(start, base_position=offset))
     instants = np.linspace(0.0, 5.0, 101)
     here, there = near.advance(instants), far.advance(instants)
     assert np.array_equal(here.base_linear_velocity, there.base_linear_velocity)
