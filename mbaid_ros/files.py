@@ -68,7 +68,7 @@ def write_text(path: str | Path, text: str) -> None:
     Raises
     ------
     OSError
-        It cannot be written; what was there before stays.
+        It cannot be written; the old file stays.
     """
     target = Path(path).resolve()
     device = target.exists() and not target.is_file()

@@ -60,7 +60,7 @@ def estimate_message(
     types : MessageTypes
     frames : Frames
     warnings : those of the run, which come after the estimate's own
-    stale : whether it is told again because no data come
+    stale : whether it is published again because no data come
     """
     seconds, nanoseconds = divmod(max(0, round(estimate.time * 1e9)), 1_000_000_000)
     budget = estimate.budget
@@ -198,7 +198,7 @@ class SensorMessages:
     types : MessageTypes
     model : RobotModel
     odometry_frame : name
-    wheels : names of wheels that JointState tells the speeds of
+    wheels : names of wheels whose speeds JointState has
     unreported : names of joints that it leaves out
     """
 
@@ -242,12 +242,12 @@ class SensorMessages:
         find, absent = self._types.find, np.zeros(9)
         absent[0] = -1.0  # REP 145: not measured
         none = self._of('Vector3', np.zeros(3), 'xyz')
-        told = readings.orientation.shape[1] > 0
-        orientation = readings.orientation[index] if told else np.array([0.0, 0.0, 0.0, 1.0])
+        measured = readings.orientation.shape[1] > 0
+        orientation = readings.orientation[index] if measured else np.array([0.0, 0.0, 0.0, 1.0])
         return find('sensor_msgs/msg/Imu')(
             header=self._header(stamp, readings.link or self._model.base_link),
             orientation=self._of('Quaternion', orientation, 'xyzw'),
-            orientation_covariance=(readings.orientation_std**2 * np.eye(3)).ravel() if told else absent,
+            orientation_covariance=(readings.orientation_std**2 * np.eye(3)).ravel() if measured else absent,
             angular_velocity=self._of('Vector3', readings.angular_velocity[index], 'xyz'),
             angular_velocity_covariance=np.zeros(9),
             linear_acceleration=none,

@@ -1,4 +1,4 @@
-"""What moves in a simulated run, as the parameters ask for: joints, initial state, thrust, and what is captured."""
+"""The parts of a simulated run by its parameters: joints, initial state, thrust, and the captured body."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _QUATERNION_TOLERANCE = 1e-3
 
 
 def is_driven(motion: Motion) -> TypeGuard[Driven]:
-    """Tell whether a motion is that of joints that follow something."""
+    """Return whether a motion is that of joints that follow something."""
     return not isinstance(motion, Passive)
 
 
@@ -118,7 +118,7 @@ def make_pulse(config: SimulatorConfig, model: RobotModel) -> Pulse | None:
 
 
 def make_target(config: SimulatorConfig, link: Link, motion: Motion) -> Target | None:
-    """Return what is captured, None where nothing is.
+    """Return the captured body, None if there is none.
 
     Raises
     ------
@@ -209,7 +209,7 @@ def _joint_values(name: str, values: tuple[float, ...], model: RobotModel, drive
 
 
 def make_model_errors(config: SimulatorConfig, model: RobotModel) -> ModelErrors:
-    """Return what the robot that moves has more than its URDF says, drawn as the parameters ask for.
+    """Return the deviations of the moving robot from its URDF, drawn by the parameters.
 
     Raises
     ------

@@ -215,7 +215,7 @@ def _content(stream: BinaryIO, chunk: ChunkInfo, wanted: Collection[int]) -> _Me
 
 
 def _heads(data: bytes) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.void]]:
-    """Return where the records of messages begin in the content of a chunk, (N,), and what is before their data."""
+    """Return the begins of the message records in the content of a chunk, (N,), and the bytes before their data."""
     size, place = len(data), 0
     places = []
     while place < size:

@@ -22,7 +22,7 @@ _MOVED = 0.5
 
 @dataclass(frozen=True)
 class Scale:
-    """How well the common factor of all masses is known, and by what.
+    """The uncertainty of the common factor of all masses, and its source.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class LinkResult:
 
     @property
     def stayed(self) -> Flags:
-        """(10,) True where the data say little: by itself the value is as uncertain as before."""
+        """(10,) True where the data add little: by itself the value is as uncertain as before."""
         return np.asarray(self.learnt < _MOVED)
 
 
@@ -87,22 +87,22 @@ class Calibration:
 
     Attributes
     ----------
-    prior : what was known before
+    prior : the nominal model
     values, block_covariance : (10 k + 6 n + 6,) of links, joints and mount as `Normals.blocks` has them, and all of
         their covariance
-    thrusters : by how much those are off their commands that may be
+    thrusters : deviations from their commands, of those that may deviate
     flexible : passive joints
-    carried : what is known of the unknowns of the trajectory filter, to go on with
+    carried : posterior of the trajectory filter's unknowns, for later runs
     corrections : (k,) sizes of the projections on bodies that can exist
     momentum, momentum_covariance : (R, 6), (R, 6, 6) of each motion (P, L), odometry frame, L about its origin
-    mechanism : what moves
-    structure : what momentum can tell at all
+    mechanism : the moving bodies
+    structure : combinations that momentum determines
     gains : information of the data on links, joints and mount in units of the prior's, along its principal directions,
         the largest first
-    further_off : (kind of thing, times as far off as its prior says) of what surely is; covariances allow for it
+    further_off : (kind of thing, error over its prior deviation) of those that surely are; covariances allow for it
     scale : how well the common factor is known
-    residual : root mean square of the normalised innovations: 1 is as the noise says
-    settled : whether the passes have come to a point that stays
+    residual : root mean square of the normalised innovations: 1 matches the noise
+    settled : whether the iterations have converged
     redundancy : number of innovations
     located : whether anything locates the base
     samples : number used
@@ -132,7 +132,7 @@ class Calibration:
 
     @property
     def planar(self) -> bool:
-        """Whether only what shows in a plane was used."""
+        """Whether the motion was planar, and only its parameters were used."""
         return self.mechanism.normal is not None
 
     @property
@@ -175,9 +175,9 @@ class Calibration:
 
     @property
     def determined(self) -> int:
-        """Number of directions of links, joints and mount of which the data say more than the prior; at rest, none.
+        """Number of directions of links, joints and mount that the data determine better than the prior; at rest, none.
 
-        A body that nothing locates need not move its joints: how it tumbles tells the ratios of its moments.
+        A body that nothing locates need not move its joints: its tumbling determines the ratios of its moments.
         """
         return int(np.sum(self.gains > 1.0)) if np.any(self.mechanism.moving) or not self.located else 0
 

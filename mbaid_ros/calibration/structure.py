@@ -62,7 +62,7 @@ def base_parameter(mechanism: Mechanism, combination: BaseParameter) -> str:
 
 
 def _of_links(mechanism: Mechanism, kinds: str, links: Sequence[Link]) -> str:
-    """Return whose mass (say) counts: that of a few links, or of all that a joint carries."""
+    """Return the links whose mass, for example, counts: a few, or all that a joint carries."""
     kernel = mechanism.kernel
     for joint, name in enumerate(kernel.model.joint_names):
         carried = [link for link in kernel.unknown if kernel.kinematics.ancestors[link.body, joint]]
@@ -86,7 +86,7 @@ def formula(links: Sequence[Link], factors: Array) -> str:
 
 
 def exchanges(mechanism: Mechanism, structure: Structure) -> tuple[Exchange, ...]:
-    """Return what cannot be told apart, in words; together the directions span the null space.
+    """Return a sentence for each inseparable combination; together the directions span the null space.
 
     Each candidate is checked against the structure. What none of them explains comes last, by its largest parts.
     """
@@ -266,7 +266,8 @@ class Structure:
     def base_parameters(self) -> tuple[BaseParameter, ...]:
         """Return a minimal set of combinations that momentum determines.
 
-        Bodies come from the base outwards: what cannot be told from a parent's parameters is counted with them.
+        Bodies come from the base outwards: a combination that is inseparable from a parent's parameters is counted with
+        them.
         """
         chosen: list[int] = []
         basis: Array = np.zeros((len(self.regressor), 0))
@@ -286,7 +287,7 @@ class Structure:
 
 
 def structure(mechanism: Mechanism) -> Structure:
-    """Return what momentum can tell of a mechanism's unknown links."""
+    """Return the parameters of a mechanism's unknown links that momentum determines."""
     kernel = mechanism.kernel
     model = kernel.model
     count = _STATES_PER_UNKNOWN * 10 * len(kernel.unknown)
@@ -310,7 +311,7 @@ def structure(mechanism: Mechanism) -> Structure:
 
 
 def planar_basis(mechanism: Mechanism, link: Link) -> Array:
-    """Return the (10, 4) orthonormal basis of what planar motion can tell of a link: mass, first moment, moment."""
+    """Return the (10, 4) orthonormal basis of a link's parameters in planar motion: mass, first moment, moment."""
     kernel = mechanism.kernel
     configuration = kernel.kinematics.configure(np.eye(3)[None], np.zeros((1, kernel.model.joints)))
     normal = configuration.link(link)[0][0].T @ np.asarray(mechanism.normal)

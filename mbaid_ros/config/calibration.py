@@ -1,4 +1,4 @@
-"""The file in which `calibrate` says what it has found: read back for what comes after."""
+"""The file of results that `calibrate` writes and later runs read."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.files import parse_json, read_text
 
-_ACCEPTED = 'accepted: what calibrate --json writes'
+_ACCEPTED = 'accepted: a file of calibrate --json'
 # Parts of the largest variance (all parameters in units of their own deviation) that rounding may make negative.
 _ROUNDING = 1e-9
 
@@ -122,7 +122,7 @@ class PriorConfig(JointDeviations, LinkPriorConfig):
 
 @dataclass(frozen=True)
 class CalibrationConfig:
-    """What is calibrated."""
+    """The unknowns to calibrate."""
 
     unknown_links: tuple[str, ...] = parameter(
         (), 'Links to calibrate; the others count as known. Empty means every link that has an <inertial>.'
@@ -132,7 +132,7 @@ class CalibrationConfig:
 
 @dataclass(frozen=True)
 class CalibrationParameters:
-    """Everything that `calibrate` is told.
+    """All settings of `calibrate`.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class CalibrationParameters:
     calibration: CalibrationConfig
 
     def prior(self, link: str) -> LinkPriorConfig:
-        """Return the prior of a link: its own, or what is said of all."""
+        """Return the prior of a link: its own, or the one for all links."""
         prior = self.calibration.prior
         shared = {item.name: getattr(prior, item.name) for item in fields(LinkPriorConfig)}
         return LinkPriorConfig(**{**shared, **prior.links.own.get(link, {})})

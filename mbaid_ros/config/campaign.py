@@ -103,7 +103,7 @@ def load_campaign(path: str | Path) -> Campaign:
     Raises
     ------
     ParameterError, ModelError
-        The file, or one that it names, cannot be read; or it says what is not accepted.
+        The file, or one that it names, cannot be read, or has a value that is not accepted.
     """
     content = read_yaml(path, 'campaign')
     try:
@@ -228,7 +228,7 @@ def _mapping(where: str, content: object, keys: Sequence[str] = (), *, required:
 
 
 def _seeds(key: str, content: object) -> tuple[int, ...]:
-    """Return the seeds that a number or a list says."""
+    """Return the seeds from a number or a list."""
     if type(content) is int and 1 <= content <= MOST_RUNS:
         return tuple(range(content))
     if isinstance(content, list) and content and len(set(map(repr, content))) == len(content):

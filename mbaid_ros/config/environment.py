@@ -39,7 +39,7 @@ class SimulatedOrbitConfig:
     )
     eccentricity: float = parameter(0.0, 'Eccentricity of the orbit; 0 is a circle.', minimum=0.0, maximum=0.9)
     true_anomaly: float = parameter(
-        0.0, 'Where on it the epoch is, from its lowest point on; of no matter on a circle.', unit='rad'
+        0.0, 'True anomaly at the epoch, from the lowest point; without effect on a circle.', unit='rad'
     )
     twist: str = parameter(
         'relative',
@@ -68,8 +68,8 @@ class OrbitConfig(SimulatedOrbitConfig):
     )
     undeclared_eccentricity: float = parameter(
         0.002,
-        'With orbit.mean_motion but no orbit.eccentricity: up to which the orbit may be no circle all the same, which '
-        'is estimated along; 0 for one that is.',
+        'With orbit.mean_motion but no orbit.eccentricity: largest undeclared eccentricity, which is estimated; 0: a '
+        'circle.',
         minimum=0.0,
         maximum=0.02,
     )
@@ -159,7 +159,7 @@ class SimulatedWheelsConfig(WheelBodies):
         (), 'Change of that speed, constant: held without, ramped with one; empty means zero.', unit='rad/s^2'
     )
     wander: float = parameter(
-        0.0, 'Largest amplitude of what each speed wanders beside, as drawn sinusoids.', unit='rad/s', minimum=0.0
+        0.0, 'Largest amplitude of a variation beside that, as drawn sinusoids.', unit='rad/s', minimum=0.0
     )
     seed: int = parameter(0, 'The same seed gives the same wander.', minimum=0)
     speed_noise: float = parameter(0.0, 'Noise of the speeds that are read.', unit='rad/s', minimum=0.0)

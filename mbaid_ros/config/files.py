@@ -70,7 +70,7 @@ _REFUSED = (yaml.YAMLError, ValueError, OverflowError, RecursionError)
 
 
 def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
-    """Return what a ROS parameter file says to one node, as `build` takes it.
+    """Return the parameters of one node in a ROS parameter file, for `build`.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def _sections(content: Mapping[object, object], prefix: str, path: str) -> list[
 
 
 def _matches(pattern: str, target: str) -> bool:
-    """Tell whether a section speaks to a node: ``/*`` is one level of the name, ``/**`` any number of them."""
+    """Return whether a section speaks to a node: ``/*`` is one level of the name, ``/**`` any number of them."""
     if '*' not in pattern:
         # A bare name is the node of that name, whether or not the caller knows the namespace.
         return pattern == target or ('/' not in target[1:] and pattern.rsplit('/', 1)[-1] == target[1:])
@@ -175,7 +175,7 @@ def _matches(pattern: str, target: str) -> bool:
 
 
 def _like(part: str, level: str) -> bool:
-    """Tell whether one level of a name is as a part of a pattern says, in which each ``*`` is any text."""
+    """Return whether one level of a name matches a part of a pattern, in which each ``*`` is any text."""
     first, *others = part.split('*')
     if not others:
         return part == level

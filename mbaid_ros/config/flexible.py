@@ -35,8 +35,8 @@ class PassiveJointConfig:
     )
     disturbance_std: float = parameter(
         1e-4,
-        'Standard deviation of the deflection (m for a prismatic joint) that nothing in the model keeps up: a spring '
-        'that is not linear, noise of the joints around. 0: none.',
+        'Standard deviation of an unmodelled deflection (m for a prismatic joint): a spring that is not linear, noise '
+        'of the joints around. 0: none.',
         unit='rad',
         minimum=0.0,
     )

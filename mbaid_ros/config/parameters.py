@@ -65,7 +65,7 @@ class ParameterSpec:
 
     @property
     def accepted(self) -> str:
-        """What is accepted, in words: ``a number > 0 s``."""
+        """The accepted values in words: ``a number > 0 s``."""
         if self.choices:
             return listing(self.choices)
         words = _WORDS[self.type]

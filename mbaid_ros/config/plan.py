@@ -13,7 +13,7 @@ class PlanConfig:
 
     relative_std: tuple[float, ...] = parameter(
         (),
-        'Relative standard deviation that is wanted, as convergence.relative_std has it: one for all parameters, or '
+        'Wanted relative standard deviation, in the sense of convergence.relative_std: one for all parameters, or '
         'ten in the order mass, com_x, com_y, com_z, ixx, ixy, ixz, iyy, iyz, izz; empty: convergence.relative_std.',
         lengths=(0, 1, 10),
         read_only=False,
@@ -52,21 +52,21 @@ class PlanConfig:
     )
     base_rotation: float = parameter(
         0.0,
-        'How far the motion may turn the base from where it would be with the joints at rest; 0: any.',
+        'Largest rotation of the base by the motion, against a base with the joints at rest; 0: any.',
         unit='rad',
         minimum=0.0,
         read_only=False,
     )
     base_translation: float = parameter(
         0.0,
-        "How far it may move the base link's origin from there; 0: any.",
+        "Largest displacement of the base link's origin, likewise; 0: any.",
         unit='m',
         minimum=0.0,
         read_only=False,
     )
     base_rate: float = parameter(
         0.0,
-        'How much faster or slower it may make the base turn; 0: any.',
+        'Largest change of the angular velocity of the base, likewise; 0: any.',
         unit='rad/s',
         minimum=0.0,
         read_only=False,

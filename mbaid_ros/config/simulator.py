@@ -99,12 +99,12 @@ class SimulatedThrustConfig:
     force: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'Commanded force.', unit='N', lengths=(3,))
     torque: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'Commanded torque.', unit='N m', lengths=(3,))
     scale: float = parameter(
-        1.0, 'How much stronger force and torque are than commanded.', minimum=0.0, exclusive_minimum=True
+        1.0, 'Relative excess of force and torque over the command.', minimum=0.0, exclusive_minimum=True
     )
     turn: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.0), 'By how much they are turned against the command: a rotation vector.', unit='rad', lengths=(3,)
+        (0.0, 0.0, 0.0), 'Rotation of the true thrust against the command, a rotation vector.', unit='rad', lengths=(3,)
     )
-    delay: float = parameter(0.0, 'How late they begin and end after the command.', 's', minimum=0.0, maximum=1.0)
+    delay: float = parameter(0.0, 'Delay of its begin and end after the command.', 's', minimum=0.0, maximum=1.0)
     publish: bool = parameter(
         True,  # noqa: FBT003 - a default
         'Publish the commanded wrench on thrust, ten times a second while it acts.',
@@ -153,10 +153,10 @@ class SimulatedModelErrorsConfig:
         0.0, "Error of each joint's axis about both directions normal to it.", 'rad', minimum=0.0, maximum=1.0
     )
     mount_position_std: float = parameter(
-        0.0, 'Error of each coordinate of where the frame that the odometry locates is on the base.', 'm', minimum=0.0
+        0.0, "Error of each coordinate of the odometry's mount on the base.", 'm', minimum=0.0
     )
     mount_orientation_std: float = parameter(
-        0.0, 'Error of how that frame is turned, about each of its axes.', 'rad', minimum=0.0, maximum=1.0
+        0.0, 'Error of its orientation, about each axis.', 'rad', minimum=0.0, maximum=1.0
     )
     seed: int = parameter(0, 'The same seed gives the same robot.', minimum=0)
 
@@ -187,8 +187,8 @@ class SimulatedImuConfig:
     bias_walk: float = parameter(
         0.0, 'Standard deviation of the change of the bias in a second.', unit='rad/s/sqrt(s)', minimum=0.0
     )
-    scale: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'By what part each axis reads too much.', lengths=(3,))
-    delay: float = parameter(0.0, 'How late its messages are stamped.', unit='s')
+    scale: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'Relative error of the scale of each axis.', lengths=(3,))
+    delay: float = parameter(0.0, 'Delay of its stamps after the measurements.', unit='s')
     orientation_noise: float = parameter(
         0.0,
         'It measures its orientation, too, like a star tracker: standard deviation of each reading; 0: no orientation '

@@ -48,7 +48,7 @@ def _read(content: Any) -> JointTrajectory:
     return JointTrajectory(tuple(joints), time, *(_numbers(points, name, name == 'positions') for name in names))
 
 
-def _numbers(points: list[dict[str, Any]], name: str, required: bool) -> Array:  # noqa: FBT001 - by a name that tells
+def _numbers(points: list[dict[str, Any]], name: str, required: bool) -> Array:  # noqa: FBT001 - passed by name
     given = [point.get(name) or [] for point in points]
     if not required and not any(given):
         return np.zeros((0, 0))

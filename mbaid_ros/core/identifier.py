@@ -188,7 +188,7 @@ class Identifier:
         return with_rates(window)
 
     def _reasons(self, time: float) -> list[Reason]:
-        """Return what was known of the data by the end of a window, s: nothing of later ones in the same call."""
+        """Return the notes on the data up to the end of a window, s: none of later windows in the same call."""
         levels = self._levels.get(time)
         texts = [levels.warning] if levels is not None and levels.warning else []
         reasons = notes([*texts, *(text for text, since in self._notes.items() if since <= time)])

@@ -51,7 +51,7 @@ class JointTrajectory:
     acceleration: Array
 
     def __post_init__(self) -> None:
-        """Refuse what is no motion."""
+        """Refuse arrays that are not a motion."""
         count, names = len(self.time), len(self.joints)
         if not count or not names:
             raise DataError(f'a joint trajectory has {count} points of {names} joints; accepted: at least one of both')

@@ -43,7 +43,7 @@ class JointReader:
     Parameters
     ----------
     joint_names, wheels : names
-    passive : those of joints that nobody reports; what messages hold of them is ignored, and they are read as zero
+    passive : those of unreported joints; what messages hold of them is ignored, and they are read as zero
     """
 
     def __init__(self, joint_names: Sequence[str], wheels: Sequence[str] = (), passive: Sequence[str] = ()) -> None:

@@ -18,12 +18,12 @@ _LENGTH = 10.0  # s, of a joint's motion there and back
 _TURN, _SLIDE = np.radians(20.0), 0.2  # rad, m, that it takes where its limits allow
 _WAY = 8  # speeds of a way there, and as many of the way back
 _AND_BACK = np.repeat([1.0, -1.0], _WAY)
-_MOSTLY = 0.5  # share of a variance, from which one cause is told of
+_MOSTLY = 0.5  # share of a variance, from which one cause is reported
 _LITTLE = 0.95  # of a standard deviation that a motion leaves, from which it improves nothing to speak of
 
 
 def single_joint(motions: Motions, wanted: Wanted, base: BaseLimits) -> str:
-    """Return which joint, moved there and back by itself, tells most of what is furthest from what is wanted.
+    """Return the single joint whose motion there and back improves the worst parameter most.
 
     Empty where everything is known as well as is wanted.
     """
@@ -55,15 +55,15 @@ def single_joint(motions: Motions, wanted: Wanted, base: BaseLimits) -> str:
         instead = beyond_motion(alone, speeds[best], alone.coarse, wanted)
         return f'no single joint improves {PARAMETERS[worst]}, known to {before}' + (f': {instead}' if instead else '')
     return (
-        f'of single joints {model.independent_joints[joint]} tells most of {PARAMETERS[worst]}: {turn} there and back '
-        f'in {_LENGTH:g} s bring it from {before} to {then}'
+        f'of single joints {model.independent_joints[joint]} improves {PARAMETERS[worst]} most: {turn} there and back '
+        f'in {_LENGTH:g} s reduce it from {before} to {then}'
     )
 
 
 def beyond_motion(motions: Motions, speeds: Array, grid: Grid, wanted: Wanted) -> str:
     """Return what most of the uncertainty comes from that a motion (K, k) leaves, where that is no sensor's noise.
 
-    Empty where the motion reaches what is wanted, or no cause makes most of what is left.
+    Empty if the motion reaches the wanted precision, or no cause dominates the rest.
     """
     position, rate = motions.joints(speeds[None], grid.half_steps)
     base = motions.floating.moved(position, rate, grid.spacing)

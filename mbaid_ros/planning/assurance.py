@@ -19,7 +19,7 @@ from mbaid_ros.planning.plan import Bounds
 from mbaid_ros.planning.search import Candidate
 
 _DRAWS, _MORE_DRAWS = 12, 32  # robots as they may be as well: on the way, and of the motion that is taken
-_TOLD = 8  # of these, for which it is told what the motion tells
+_COMPARED = 8  # of these, for which the plan reports the precision
 _SURE = 5.0  # standard deviations of what the motion does to the base that are kept from its limits
 _PARTS = (1.0, 0.85, 0.7, 0.5, 0.35, 0.2, 0.1, 0.05)  # to which motions are made smaller, for the robot to stay apart
 
@@ -93,8 +93,8 @@ class Assurance:
         return replace(candidate, speeds=speeds, cost=cost, ratio=ratio)
 
     def may_be(self, motions: Motions, trajectory: JointTrajectory) -> Array:
-        """Return standard deviations after a motion over those of the body as known best, (_TOLD, 10)."""
-        points = (motions.knowledge.point, *self._points[:_TOLD])
-        # Of a ratio the search's few windows tell as much as the estimator's.
+        """Return standard deviations after a motion over those of the body as known best, (_COMPARED, 10)."""
+        points = (motions.knowledge.point, *self._points[:_COMPARED])
+        # For a ratio the search's few windows are as good as the estimator's.
         known, *others = (motions.relative_along(trajectory, motions.coarse, point) for point in points)
         return np.stack(others) / known

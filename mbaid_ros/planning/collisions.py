@@ -47,7 +47,7 @@ class Collisions:
 
     Attributes
     ----------
-    notes : what is left out, a line each
+    notes : omitted shapes, a line each
 
     Raises
     ------
@@ -79,7 +79,7 @@ class Collisions:
         return len(self._shapes.collisionPairs)
 
     def clear(self, positions: Array) -> bool:
-        """Tell whether nothing comes near anything at (T, n) joint positions."""
+        """Return whether nothing comes near anything at (T, n) joint positions."""
         return not self.pairs or all(not self._near(position, first_only=True) for position in positions)
 
     @property

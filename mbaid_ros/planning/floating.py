@@ -42,7 +42,7 @@ class Floating:
 
     Attributes
     ----------
-    point : bodies, momentum (about the run's origin) and what is known of the joints
+    point : bodies, momentum (about the run's origin) and estimates of the joints
     stored : (c,) readings of what stores momentum inside bodies, which stay as they are
     rotation, position : (3, 3), (3,) m, of the base at the begin
     plane : (3, 6) the equations that hold for a planar motion, odometry axes; None in space

@@ -22,7 +22,8 @@ class Wanted:
     ----------
     relative : (10,) relative standard deviations wanted
     asked : (10,) which of them count
-    criterion : what is made small: the worst of the ratios to what is wanted, their mean square, or their volume
+    criterion : the quantity minimised: the worst of the ratios to the wanted precision, their mean square, or their
+    volume
     """
 
     relative: Array
@@ -30,7 +31,7 @@ class Wanted:
     criterion: Criterion = 'worst'
 
     def ratio(self, relative: Array) -> Array:
-        """Return the largest ratio (...) of (..., 10) to what is wanted: 1 is reached."""
+        """Return the largest ratio (...) of (..., 10) to the wanted precision: 1 is reached."""
         return np.asarray((relative / self.relative)[..., self.asked].max(axis=-1))
 
     def cost(self, relative: Array) -> Array:

@@ -61,7 +61,7 @@ def joint_limits(
     ----------
     model : RobotModel
     position : (k,) where the motion begins, of the joints that follow no other
-    velocity : rad/s or m/s that no joint may exceed, whatever its own limit
+    velocity : rad/s or m/s that no joint may exceed, besides its own limit
     acceleration : rad/s^2 or m/s^2
     stuck : names of joints that cannot be moved
 

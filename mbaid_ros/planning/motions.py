@@ -1,4 +1,4 @@
-"""Motions of the joints from where a run has ended, what they do to the base and what they tell, many at once."""
+"""Motions of the joints from the end of a run, the base's reaction and the information gained, many at once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mbaid_ros.planning.limits import BaseLimits, JointLimits
 from mbaid_ros.planning.splines import Splines
 
 _PARTS = (slice(0, 3), slice(3, 6))  # of a twist
-WINDOWS, KNOTS = 14, 5  # of a motion in the search: in finer ones it tells the same within some 2 %
+WINDOWS, KNOTS = 14, 5  # of a motion in the search: finer ones give the same information within some 2 %
 _FINE = 240  # steps of the base's motion along any trajectory
 _STEPS = 2  # a piece, of the base's motion, where nothing but that is asked for
 # What motions beyond a limit are brought to, and whether by longer ramps, in turn.
@@ -34,7 +34,7 @@ class Motions:
 
     Attributes
     ----------
-    knowledge : where they begin, and what is known there
+    knowledge : where they begin, with the posterior there
     information : what they add to it
     splines : their form
     limits : of the joints

@@ -1,4 +1,4 @@
-"""Motions that nobody has planned, within the same limits: what planned ones are compared with."""
+"""Unplanned motions within the same limits, for comparison with planned ones."""
 
 from __future__ import annotations
 

@@ -90,9 +90,7 @@ def why_not(result: Calibrated) -> str:
             left_open.setdefault(_PRIORS[index], []).append(f'{link.name}.{PARAMETERS[index]}')
     if left_open:
         names = listing((name for group in left_open.values() for name in group), limit=6)
-        return (
-            f'the data leave {names} open, and no prior speaks of them; add {listing(left_open)}, or move more joints'
-        )
+        return f'data and prior do not determine {names}; add {listing(left_open)}, or move more joints'
     if calibration.determined == 0:
         return 'the data add nothing to the prior: move all joints while the base floats freely'
     return ''
@@ -138,9 +136,7 @@ def _about_values(result: Calibrated) -> list[str]:
     for link in calibration.links:
         far = [name for name, moved in zip(PARAMETERS, link.moved, strict=True) if abs(moved) > _UNLIKELY]
         if far:
-            notes.append(
-                f'{link.name}: {listing(far)} moved further than the prior makes likely; look at CAD and prior'
-            )
+            notes.append(f'{link.name}: {listing(far)} moved further than the prior makes likely; check CAD and prior')
         if link.consistency_correction > _LARGE_CORRECTION:
             notes.append(
                 f'{link.name} was {link.consistency_correction:.1f} standard deviations away from any real body'
@@ -165,8 +161,8 @@ def sentences(result: Calibrated) -> list[str]:
     shares = ', '.join(f'{name} ({100.0 * share:.0f} %)' for name, share in calibration.scale.fixed_by[:3])
     structure = calibration.structure
     determined = (
-        f'momentum can determine {structure.rank} combinations of {structure.unknowns} parameters; of '
-        f'{calibration.determined}, joints and mount among them, the data determine more than the prior'
+        f'momentum can determine {structure.rank} combinations of {structure.unknowns} parameters; the data improve '
+        f'{calibration.determined} over the prior, joints and mount included'
     )
     std = f'{100.0 * calibration.scale.relative_std:.2g} %'
     lines = [determined, f'scale: total mass known to {std} (one standard deviation), fixed by {shares or "nothing"}']
@@ -184,7 +180,7 @@ def sentences(result: Calibrated) -> list[str]:
 
 
 def _ratio_words(link: LinkResult) -> str:
-    """Return what is known of a body's inertia where its scale is not."""
+    """Return the known part of a body's inertia if its scale is unknown."""
     ratios = link.ratios
     each = zip(ratios.principal.tolist(), ratios.principal_std.tolist(), strict=True)
     parts = ', '.join(' ± '.join(rounded(value, std)) for value, std in each)

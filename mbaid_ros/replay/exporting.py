@@ -38,7 +38,7 @@ _SHAPES = {'urdf-link': (BOX,), **dict.fromkeys(('mjcf', 'mjcf-body', 'json'), (
 
 
 def export(arguments: argparse.Namespace) -> int:
-    """Write the body as the arguments say and return the exit code."""
+    """Write the body by the arguments and return the exit code."""
     _check(arguments)
     body = read_identified(arguments.input, arguments.result, arguments.topic, alone=arguments.debris)
     warn('export', body.notes)

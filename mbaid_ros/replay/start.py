@@ -15,7 +15,7 @@ FORMATS = ('urdf-link', 'urdf', 'mjcf', 'mjcf-body', 'basilisk-hub', 'basilisk-e
 
 
 def replay(argv: Sequence[str] | None = None) -> int:
-    """Replay bags: 0 if every bag led to an estimate; else 2, 4 or 3, as the help says."""
+    """Replay bags: 0 if every bag led to an estimate; else 2, 4 or 3, as in the help."""
     return _start(argv, 'replay', _replay_parser, 'command:replay')
 
 
@@ -25,12 +25,12 @@ def simulate(argv: Sequence[str] | None = None) -> int:
 
 
 def plan(argv: Sequence[str] | None = None) -> int:
-    """Plan a motion: 0 if it reaches what is wanted; else 2, 3 or 4, as the help says."""
+    """Plan a motion: 0 if it reaches the wanted precision; else 2, 3 or 4, as in the help."""
     return _start(argv, 'plan', _plan_parser, 'planning:plan')
 
 
 def calibrate(argv: Sequence[str] | None = None) -> int:
-    """Calibrate a robot: 0 if there is a calibration; else 2, 3 or 4, as the help says."""
+    """Calibrate a robot: 0 if there is a calibration; else 2, 3 or 4, as in the help."""
     return _start(argv, 'calibrate', _calibrate_parser, 'calibration:calibrate')
 
 
@@ -40,7 +40,7 @@ def campaign(argv: Sequence[str] | None = None) -> int:
 
 
 def export(argv: Sequence[str] | None = None) -> int:
-    """Export an identified body: 0 if it is written; else 2, 3 or 4, as the help says."""
+    """Export an identified body: 0 if it is written; else 2, 3 or 4, as in the help."""
     return _start(argv, 'export', _export_parser, 'exporting:export')
 
 

@@ -229,7 +229,7 @@ class Dynamics:
         return _moved(state, moved[:size], state.velocity + moved[size:])
 
     def _act_all(self, time: float, state: State, configuration: Array) -> None:
-        """Tell pinocchio of everything that acts and depends on time or state."""
+        """Give pinocchio everything that acts and depends on time or state."""
         inertial = None
         if self._inertial is not None:
             inertial = self._inertial.on_base(state.base_position, state.base_orientation)
@@ -247,7 +247,7 @@ class Dynamics:
             self._act(0, *inertial)
 
     def _act(self, body: int, force: Array, torque: Array) -> None:
-        """Tell pinocchio what acts on a body from outside, in its axes."""
+        """Give pinocchio the external wrench on a body, in its axes."""
         # Its universe comes before the bodies.
         self._forces[body + 1] = pinocchio.Force(force, torque)
 

@@ -247,6 +247,6 @@ def followed(motion: Sinusoids, transmission: Transmission) -> Sinusoids:
 
 
 def _ratio(allowed: Array, wanted: Array) -> Array:
-    """Return 1 where what is wanted is allowed, else what part of it is."""
+    """Return the allowed part of the wanted motion, 1 if all of it."""
     fits = wanted <= allowed
     return np.where(fits, 1.0, _KEPT * allowed / np.where(fits, 1.0, wanted))

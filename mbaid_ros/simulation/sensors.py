@@ -29,8 +29,8 @@ class ImuErrors:
     noise_density : rad/s/sqrt(Hz)
     bias : (3,) rad/s at the begin
     bias_walk : rad/s/sqrt(s)
-    scale : (3,) by what part each axis reads too much
-    orientation : rad, white noise of the orientation that it tells, about fixed axes; 0 is that it tells none
+    scale : (3,) relative error of each axis
+    orientation : rad, white noise of the orientation, about fixed axes; 0 is an IMU without orientation
     """
 
     noise_density: float = 0.0
@@ -48,7 +48,7 @@ class ImuReadings:
     ----------
     time : (N,) s since the start of the run
     angular_velocity : (N, 3) rad/s
-    orientation : (N, 4) quaternions (x, y, z, w) from those axes to the odometry's; (N, 0) where it tells none
+    orientation : (N, 4) quaternions (x, y, z, w) from those axes to the odometry's; (N, 0) if there are none
     orientation_std : rad, of its noise
     link : name of that link; empty is the base link
     """
@@ -93,11 +93,11 @@ class Imu:
         self._bias = bias[-1]
         noise = errors.noise_density * np.sqrt(self.rate) * self._noise.standard_normal(shape)
         turn = errors.orientation * self._attitude.standard_normal(shape)
-        told = quaternions.product(quaternions.exp(turn), orientation)
+        measured = quaternions.product(quaternions.exp(turn), orientation)
         return ImuReadings(
             truth.time,
             (1.0 + np.array(errors.scale)) * angular_velocity + bias[:-1] + noise,
-            told if errors.orientation > 0.0 else told[:, :0],
+            measured if errors.orientation > 0.0 else measured[:, :0],
             errors.orientation,
             '' if self._link is None else self._link.name,
         )
@@ -170,9 +170,9 @@ class Sensors:
     ----------
     noise : one standard deviation of each channel; 0 is none
     seed : the same seed gives the same noise
-    errors : what the robot has more than the URDF says, whose zeros and mount the sensors know nothing of
+    errors : deviations of the robot from its URDF; the sensors ignore zeros and mount
     wheel_noise : rad/s, of the speed of wheels inside the base
-    view : what makes a motion one as seen from the frame of the odometry, where that is not the falling one
+    view : converts a motion into the frame of the odometry, if that is not the falling one
     """
 
     def __init__(

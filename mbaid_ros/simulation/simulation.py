@@ -144,7 +144,7 @@ class Simulation:
         return self._dynamics.spring_torque(state) if command is None else self._dynamics.torque(state, command, time)
 
     def _truth(self, instants: Array, values: Array, rates: Array) -> Truth:
-        """Return what the interpolated curve (position, quaternion, joints) and its rates say."""
+        """Return the state from the interpolated curve (position, quaternion, joints) and its rates."""
         orientation = quaternions.normalised(values[:, 3:7])
         back = quaternions.conjugate(orientation)
         # w = 2 conj(q) q'; the real part is the rate of the length, which interpolation leaves at rounding's size.

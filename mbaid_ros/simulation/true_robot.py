@@ -1,4 +1,4 @@
-"""A robot that is not its URDF, with a document of its own: whatever reads URDF can then move it."""
+"""A robot that is not its URDF, with a document of its own: any reader of URDF can then move it."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from mbaid_ros.simulation.simulation import Truth
 
 
 def true_robot(model: RobotModel, errors: ModelErrors, fixed: Sequence[str] = ()) -> RobotModel:
-    """Return the robot that has these errors: its bodies and its joints' frames, as `with_bodies` and `displaced` say.
+    """Return the robot that has these errors: its bodies and its joints' frames, as by `with_bodies` and `displaced`.
 
-    Zeros and mount are no part of it: they are in what its sensors say. Without errors it is the same object.
+    Zeros and mount are no part of it: they are in its sensors' readings. Without errors it is the same object.
 
     Parameters
     ----------
-    model : RobotModel, as its URDF says
+    model : RobotModel, of its URDF
     errors : ModelErrors
     fixed : links that are exact
     """
@@ -102,11 +102,11 @@ def draw(model: RobotModel, target: str, sizes: ErrorSizes, rng: np.random.Gener
     """Draw the errors of a robot: Gaussian, a body's as `relative_factor` has them, the target link's inertia exact.
 
     Each block, and each body, has a stream of its own: a size changes what it scales, and nothing else. A draw that
-    makes no body that can exist is made again: of thin bodies, at the boundary, the inertia spreads less than it says.
+    makes no body that can exist is made again: of thin bodies, at the boundary, the inertia spreads less than declared.
 
     Parameters
     ----------
-    model : RobotModel, as its URDF says
+    model : RobotModel, of its URDF
     target : name of the link that is to be identified
     sizes : ErrorSizes
     rng : a generator in the same state gives the same errors
@@ -157,7 +157,7 @@ def _body(model: RobotModel, target: str, body: int, factor: Array, rng: np.rand
 
 
 def misread(truth: Truth, errors: ModelErrors) -> Truth:
-    """Return a motion as encoders with wrong zeros and odometry that is mounted elsewhere tell it.
+    """Return a motion as read by encoders with wrong zeros and an odometry that is mounted elsewhere.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What every benchmark shares: arguments, parallel runs that a folder keeps, tables, and the page in docs/."""
+"""Shared parts of the benchmarks: arguments, parallel runs that a folder keeps, tables, and the page in docs/."""
 
 from __future__ import annotations
 

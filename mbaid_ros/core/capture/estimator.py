@@ -128,7 +128,7 @@ class CaptureEstimator:
         self._found.clear()
 
     def _since(self, window: Samples) -> Samples:
-        """Return a window with what the orbit has brought since the capture: what was captured was not there before."""
+        """Return a window with the orbit's momentum since the capture only: the captured body was not there before."""
         if self._until is None or not window.tide.shape[1]:
             return window
         return replace(window, tide=window.tide - self._until.tide)
@@ -157,7 +157,7 @@ class CaptureEstimator:
         if self.phase == 'pre_capture' or self.time is None:
             return None
         chaser, total = self._chaser(), self._total()
-        calibrated = '' if self.handover is None else self.handover.told
+        calibrated = '' if self.handover is None else self.handover.calibration
         if chaser is None or total is None:
             nothing: Array = np.full(6, np.nan)
             return Capture(self.time, chaser, nothing, np.full((6, 6), np.nan), nothing[:3], nothing[:3], calibrated)

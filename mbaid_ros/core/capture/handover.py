@@ -115,7 +115,7 @@ class Handover:
     chaser: Chaser  # the robot before the capture
     # (10, 10) of the target link's own standard parameters, None where it counts as exact
     link_covariance: Array | None
-    told: str  # the calibration in a line
+    calibration: str  # the calibration in a line
 
 
 # Calibrates the robot's own bodies by the windows before the capture.

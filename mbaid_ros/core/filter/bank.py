@@ -125,7 +125,7 @@ def _as_usual(after: SquareRootInformation) -> float:
 
 
 def far_better(other: HypothesisFilter, first: HypothesisFilter) -> bool:
-    """Tell whether a hypothesis explains the data far better than the first one, each linearised at its own solution.
+    """Return whether a hypothesis explains the data far better than the first one, each linearised at its own solution.
 
     It must gain by smaller innovations: any other gain comes from the point of linearisation.
     """

@@ -48,7 +48,7 @@ _DISPLACED = 0.25  # standard deviations by which a Newton step may move the bod
 
 
 def is_converged(step: Array, deviation: Array) -> bool:
-    """Tell whether a Gauss-Newton step is negligible beside the standard deviations: the one stopping rule."""
+    """Return whether a Gauss-Newton step is negligible beside the standard deviations: the one stopping rule."""
     return bool(np.all(np.abs(step) <= _CONVERGED * deviation))
 
 
@@ -152,7 +152,7 @@ class BatchResult:
         return not self.mass_held, self.filtered.gaussian.log_likelihood - (0.0 if self.converged else MARGIN)
 
     def is_rivalled_by(self, other: BatchResult) -> bool:
-        """Tell whether another result, at a distinct point, explains the windows about as well."""
+        """Return whether another result, at a distinct point, explains the windows about as well."""
         as_good = other.filtered.gaussian.log_likelihood > self.filtered.gaussian.log_likelihood - MARGIN
         apart = np.any(np.abs(other.point.parameters - self.point.parameters) > _APART * self.deviation)
         return bool(as_good and apart)

@@ -42,7 +42,7 @@ class WindowModel:
     ----------
     pose_value, pose_rows, pose_covariance : (6,), (6, s), (6, 6): value = rows x + noise
     twist_value, twist_rows, twist_covariance : the same of the twist; with an IMU its angular velocity after it, (9,),
-        (9, s), (9, 9); NaN value of what is not measured
+        (9, s), (9, 9); value NaN if not measured
     transition, drift : (6, s), (6,): pose error at the next window's first knot = transition x + drift
     process : (6, n) factor of the joint noise that accumulates until then
     joints, joints_by_unknowns : (6, n), (6, 10 + e, n) the joints' part of the pose's noise, as of `JointNoise`

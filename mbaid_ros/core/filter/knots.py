@@ -219,7 +219,7 @@ class Midpoints(ArrayRecord):
     gyro_gain: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        """Fill in what is left out with arrays of no columns."""
+        """Replace omitted arrays by arrays of no columns."""
         for name in ('stored', 'tide', 'thrust', 'gyro', 'gyro_axes', 'gyro_gain'):
             if getattr(self, name).shape[: self.turn.ndim - 1] != self.turn.shape[:-1]:
                 object.__setattr__(self, name, np.zeros((*self.turn.shape[:-1], 0)))

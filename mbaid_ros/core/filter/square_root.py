@@ -97,7 +97,7 @@ class SquareRootInformation:
         return np.asarray(dtrtrs(self.root[:, :-2], self.root[:, -1])[0])
 
     def with_root(self, root: Array, carried: Array | None = None) -> SquareRootInformation:
-        """Return the same measurements with another root (v, v + 2), and what is carried."""
+        """Return the same measurements with another root (v, v + 2), and the carried rows."""
         return replace(self, root=root, carried=carried)
 
 

@@ -88,7 +88,7 @@ class Layout:
         if known is None:
             known = UnknownsPrior.nothing(count)
         elif len(known.mean) != count or last != sorted(last):
-            raise ValueError(f'what is known of {len(known.mean)} numbers is not of the {count} unknown ones, in order')
+            raise ValueError(f'a posterior of {len(known.mean)} numbers does not match {count} unknowns, in order')
         return Layout(kernel, tuple(sorted(unknowns, key=lambda unknown: unknown.read)), known, plane)
 
     @cached_property
@@ -221,7 +221,7 @@ def layout_of(kernel: MomentumKernel, uncertainty: Uncertainty, detector: PlaneD
     """Return the layout for the uncertainty of a robot that moves in a plane or in space."""
     unknowns, known = catalogue(kernel, uncertainty), uncertainty.carried
     if known is not None:
-        # How passive joints swung at the start of another run says nothing of this one.
+        # The swing of passive joints at the start of another run does not apply to this one.
         drawn = np.repeat([each.of_a_chain for each in unknowns], [each.count for each in unknowns]).astype(bool)
         known = known.drawn_anew(drawn)
     if detector.planar:

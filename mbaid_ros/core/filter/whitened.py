@@ -93,7 +93,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
     for moving, select, of_rates in _rates(alone, variables):
         parts = (windows.twist_value, windows.twist_rows, windows.twist_covariance)
         value, rows, covariance = (part[moving] for part in parts)
-        value = np.nan_to_num(value)  # of what is not among these
+        value = np.nan_to_num(value)  # of those outside this selection
         twist = _whitened(value, rows, covariance, variables, select)
         times = windows.joints_in_twist[moving, None, None]
         precision[moving] += times * twist.precision
@@ -138,7 +138,7 @@ class _White:
     ----------
     value, rows, log_noise : (B, k), (B, k, v), (B,) as in `WhitenedWindow`
     whiten : (B, k, 6) the whitening matrix for the joints' noise in pose or twist
-    whiten_gyro : (B, k, 3) and for that which a gyro on a link has beside; (B, k, 0) without a gyro
+    whiten_gyro : (B, k, 3) and for the extra noise of a gyro on a link; (B, k, 0) without a gyro
     """
 
     value: Array

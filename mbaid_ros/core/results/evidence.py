@@ -57,7 +57,7 @@ class Innovations:
     ----------
     angular : how many of the k are angular: three, or one in a plane
     sums, counts : (2, m) of the normalised innovations squared, and of the products of those of neighbouring windows
-    previous : (m,) those of the last window; NaN of what was not measured
+    previous : (m,) those of the last window; NaN if not measured
     """
 
     angular: int

@@ -188,7 +188,7 @@ class Reporting:
         elif not identifiable.all():
             yield Reason(f'not determined by the data: {_names(~identifiable)}')
         if not linear.all() and identifiable.any():
-            yield Reason(f'the data tell only by products of unknowns of: {_names(~linear)}')
+            yield Reason(f'observable only at second order: {_names(~linear)}')
         if residual > self.largest_residual:
             text = f'residuals are {residual:.1f} times what the noise parameters explain'
             # Few equations leave large residuals by chance.
@@ -199,7 +199,7 @@ class Reporting:
             text = f'the estimate was {correction:.1f} standard deviations away from any real body'
             yield Reason(text, serious if correction > IMPOSSIBLE else 'note')
         if solution.restarted:
-            yield Reason('the motion turned out not to be planar: what was learnt before was given up')
+            yield Reason('the motion is not planar: the planar solution was dropped')
 
 
 def _names(which: Flags) -> str:

@@ -80,7 +80,7 @@ def notes(texts: Sequence[str]) -> list[Reason]:
 
 # Mean normalised innovation squared, of all or of one sensor, from which the model is wrong, the run not just unlucky.
 LARGEST_NIS = 1.5
-# Standard deviations from which what the innovations show is no accident: one in a billion.
+# Standard deviations from which a deviation of the innovations is no accident: one in a billion.
 _SIGNIFICANT = 6.0
 # Correlation of neighbouring windows from which the noise is not white enough for the intervals.
 _LARGEST_CORRELATION = 0.25
@@ -159,14 +159,12 @@ def judge(evidence: Evidence) -> Verdict:
         reasons.append('the noise of a sensor is not as declared')
     if evidence.unconfirmed:
         times = ', '.join(f'{time:.1f}' for time in evidence.unconfirmed)
-        reasons.append(f'the momentum seems to jump at {times} s: the next windows tell whether something pushed')
+        reasons.append(f'the momentum seems to jump at {times} s: the next windows decide whether something pushed')
     if not evidence.physical:
-        reasons.append(f'{evidence.hypothesis}: a random walk explains anything, the numbers are not to be trusted')
+        reasons.append(f'{evidence.hypothesis}: a random walk fits any data, so do not trust the numbers')
     what, gain = evidence.instead
     if evidence.hypothesis and evidence.physical and gain > evidence.gain:
-        reasons.append(
-            f'{evidence.hypothesis}, or what is declared of {what} is too certain: so far either explains the data'
-        )
+        reasons.append(f'{evidence.hypothesis}, or {what} is declared too precisely: so far either explains the data')
     correlated = (innovations.correlation > _LARGEST_CORRELATION) & (
         innovations.correlation_significance > _SIGNIFICANT
     )

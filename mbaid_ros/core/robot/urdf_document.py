@@ -36,7 +36,7 @@ def parse_document(text: str) -> ET.Element:
     Raises
     ------
     ModelError
-        The document is not XML, not a robot, a xacro that has not been expanded, or larger than what is taken.
+        The document is not XML, not a robot, a xacro that has not been expanded, or larger than the limits.
     """
     if len(text) > limits.URDF_CHARACTERS:
         refuse(f'robot description of {len(text)} characters; at most {limits.URDF_CHARACTERS} are accepted')
@@ -114,7 +114,7 @@ def _check_size(robot: ET.Element) -> None:
 
 
 def _refuse_xacro(robot: ET.Element) -> None:
-    """Refuse what xacro would have replaced, where it stands in the robot itself: links, joints and what is in them."""
+    """Refuse expressions that xacro would have replaced in the robot itself: in links, joints and their children."""
     for element in robot.iter():
         found = [f'{{{space}}}' for space in _XACRO if element.tag.startswith(f'{{{space}}}')]
         if found:

@@ -15,7 +15,7 @@ from mbaid_ros.core.robot.model import RobotModel
 
 _COMMENT = re.compile(r'<!--.*?-->', re.DOTALL)
 _INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
-# Parts of a value's size that count as no change: what was written stays.
+# Parts of a value's size that count as no change: the old text stays.
 _SAME = 1e-12
 
 

@@ -66,7 +66,7 @@ class ChangedTarget:
 
 
 def _known(moments: MeanAndCovariance) -> bool:
-    """Tell whether the mass is known well enough for a centre of mass."""
+    """Return whether the mass is known well enough for a centre of mass."""
     return bool(moments.deviation[BODY.start] < _KNOWN * moments.mean[BODY.start])
 
 

@@ -100,7 +100,7 @@ class TargetRuns:
         """Warnings about the present run."""
         if not self._wrong_twist:
             return ()
-        return (f'the twist is left out, for it contradicts the poses: {self._wrong_twist}',)
+        return (f'the twist is not used, because it contradicts the poses: {self._wrong_twist}',)
 
     def used(self, window: Window) -> Window:
         """Return the part of a window that the run uses."""

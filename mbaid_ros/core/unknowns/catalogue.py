@@ -64,8 +64,8 @@ from mbaid_ros.core.unknowns.sensors import ClockDrift, GyroErrors, TimeOffset, 
 
 # By kind of cause: those of every unknown, and of what may be given beforehand.
 _WORDS: dict[str, Words] = {
-    'target prior': Words(remedy='what was given of the target (target_prior)'),
-    'momentum prior': Words(remedy='what was given of the momentum (momentum.linear_prior_std)'),
+    'target prior': Words(remedy='the prior of the target (target_prior)'),
+    'momentum prior': Words(remedy='the prior of the momentum (momentum.linear_prior_std)'),
 }
 for _unknown in (
     *(KnownBodies, JointPlacements, JointTracking, FlexibleJoints),

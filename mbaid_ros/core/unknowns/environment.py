@@ -37,7 +37,7 @@ _TRACELESS = np.array(
         np.diag([1.0, 1.0, -2.0]) / np.sqrt(6.0),
     ]
 )
-# Further than this from its origin, m, a frame is not taken for one that falls with the robot.
+# Further than this from its origin, m, a frame does not count as one that falls with the robot.
 _NEAR = 200.0
 
 
@@ -288,7 +288,7 @@ class Thrusters(Unknown):
     frames: tuple[str, ...]
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
-        """Return what they take off the momentum that is to be constant: that which they have brought."""
+        """Return the momentum (P, L) that they have brought, which is subtracted to leave a constant."""
         del kernel
         return -np.moveaxis(states.thrust, 1, 2).reshape(len(states.thrust), 6, -1)
 
@@ -352,7 +352,7 @@ def _constant_force(axes: Axes, what: str) -> Hypothesis:
 
 
 _INERTIAL_FORCE = _constant_force('inertial', 'a tilted table, drag or a leak')
-_BODY_FORCE = _constant_force('body', 'a leak or thrust, or wheels that nobody reads spin up')
+_BODY_FORCE = _constant_force('body', 'a leak or thrust, or unreported wheels spin up')
 
 
 def hypotheses(known_mass: float, position_std: float, constant: Axes, *, adapt: bool) -> tuple[Hypothesis, ...]:
@@ -375,7 +375,7 @@ def hypotheses(known_mass: float, position_std: float, constant: Axes, *, adapt:
         _BODY_FORCE,
         Hypothesis(
             'the momentum drifts',
-            'something moves that nobody reads (wheels, an arm, fuel), or a changing force acts: the momentum drifts',
+            'an unreported part moves (wheels, an arm, fuel), or a changing force acts: the momentum drifts',
             momentum=_CHANGING_FORCE * known_mass,
             physical=False,
         ),

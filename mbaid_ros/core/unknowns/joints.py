@@ -179,7 +179,7 @@ def joint_tracking(names: Sequence[str], deviations: Sequence[float], times: Seq
 
 
 FLEXIBLE = 'flexible'
-# Standard deviations of compliance (rad/(N m)), lag (s), swing (rad, rad): far below what drives have; a thousand
+# Standard deviations of compliance (rad/(N m)), lag (s), swing (rad, rad): far below those of drives; a thousand
 # times as much is plausible.
 _FLEXIBLE_STDS = (3e-6, 1e-5, 1e-5, 1e-5)
 

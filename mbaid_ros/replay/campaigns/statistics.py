@@ -183,7 +183,7 @@ def _ten(values: Mapping[str, Any] | None) -> Array:
 
 
 def as_json(cases: Sequence[CaseStatistics], results: Sequence[Result]) -> dict[str, Any]:
-    """Return the statistics as scripts read them; None for what is not known."""
+    """Return the statistics as scripts read them; None for unknown values."""
     return {
         'runs': len(results),
         'inconsistent': _inconsistent(results),

@@ -59,7 +59,7 @@ def calibration_page(result: Calibrated) -> str:
         paragraph('Beside the robot description, in the axes of each joint; the axis tilts about two normals of it.'),
         table(JOINTS_HEAD, joint_rows(result)),
         '<h2>What momentum determines</h2>',
-        paragraph('Each of these combinations has a value of its own; a body alone does not show.'),
+        paragraph('Only these combinations are observable, not each body alone.'),
         _combinations(result),
         '<h3>What it does not distinguish</h3>',
         paragraph('Taken from one body and given to the other, it changes no momentum: the prior alone divides it.'),
@@ -108,10 +108,10 @@ def plan_page(plan: Plan, model: RobotModel, start: Array, made_by: Sequence[str
         paragraph(
             'One standard deviation: of the mass relative to it, of the centre of mass to convergence.length, of the '
             f'inertia to its moments. As the body may be: after the motion, for {len(plan.may_be)} bodies drawn from '
-            'what is known now.',
+            'the present posterior.',
             'note',
         ),
-        figure(_curves(plan), 'Predicted standard deviations, relative to what is wanted: the motion has done at 1.'),
+        figure(_curves(plan), 'Predicted standard deviations, relative to the wanted ones: the motion suffices at 1.'),
         '<h2>What the joints do</h2>',
         figure(_joints(plan), 'Away from where they begin; the points are those of the trajectory.'),
         table(('', 'of its range', 'of its velocity', 'of its acceleration', 'of its effort'), _use(plan)),
@@ -167,7 +167,7 @@ def _curves(plan: Plan) -> str:
             axis.annotate(f' {name}', (time[-1], ratios[-1, index]), color=colour, fontsize=7, va='center')
     level(axis, 1.0, Colour.SECOND, '--', 1.2)
     axis.set_xlim(0.0, 1.06 * time[-1])
-    entitle(axis, 'standard deviation over the one that is wanted', TIME)
+    entitle(axis, 'standard deviation over the wanted one', TIME)
     return svg(chart, 'course', 'Predicted standard deviations over time')
 
 
