@@ -259,7 +259,7 @@ PARTS = {
 
 def main() -> None:
     """Run the benchmark."""
-    frame = Frame(__doc__, 'explanation/orbit.md', seeds=20)
+    frame = Frame(__doc__, 'measured/orbit.md', seeds=20)
     for part in frame.chosen(PARTS, str):
         seeds = range(min(frame.arguments.seeds, PARTS[part][0]))
         work = {

@@ -177,6 +177,16 @@ def test_the_readme_is_short_and_pages_are_in_plain_words() -> None:
     assert {page: words for page, words in found.items() if words} == {}
 
 
+def test_the_pages_stay_short() -> None:
+    generated = re.compile(r'<!-- parameters of .*?<!-- end of parameters -->', re.DOTALL)
+    apart = [ROOT / 'docs' / 'measured', ROOT / 'docs' / 'api', REFERENCE / 'thresholds.md', ROOT / 'bags']
+    pages = [page for page in DOCUMENTS if not any(page.is_relative_to(folder) for folder in apart)]
+    assert sum(len(generated.sub('', page.read_text(encoding='utf-8')).encode()) for page in pages) <= 200_000
+    for page in (ROOT / 'docs' / 'measured').glob('*.md'):
+        tables = re.findall(r'(?:^\|.*\n)+', page.read_text(encoding='utf-8'), re.MULTILINE)
+        assert max([0, *(len(table.splitlines()) - 2 for table in tables)]) <= 40, page
+
+
 @pytest.mark.parametrize('folder', ['mbaid_ros', 'scripts'])
 def test_messages_help_and_docstrings_are_in_plain_words(folder: str) -> None:
     found = []
