@@ -85,12 +85,12 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def as_utf8(text: str) -> str:
-    """Return a text with what UTF-8 does not have, as names of files may, escaped as in JSON, which reads it back."""
+    """Return a text with bytes outside UTF-8, as in names of files, escaped as in JSON, which reads it back."""
     return text.encode('utf-8', 'backslashreplace').decode('utf-8')
 
 
 def parse_json(text: str) -> Any:
-    """Return what a JSON document holds; numbers that no float can hold are refused.
+    """Return the contents of a JSON document; numbers that no float can hold are refused.
 
     Raises
     ------

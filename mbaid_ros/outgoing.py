@@ -26,7 +26,7 @@ class MessageTypes:
     Attributes
     ----------
     find : returns the class of a type: ``package/msg/Type``
-    flags : returns what a field of type bool[] takes: rclpy wants a list, rosbags an array
+    flags : converts to a field of type bool[]: rclpy wants a list, rosbags an array
     """
 
     find: Callable[[str], Any]
@@ -41,7 +41,7 @@ class Frames:
     ----------
     target_link : frame of mass properties, without the prefix
     odometry : frame of the momenta
-    prefix : what stands before the name of the first one in messages
+    prefix : of the name of the first one in messages
     """
 
     target_link: str
@@ -121,7 +121,7 @@ def debris_message(
 
 
 def inertia_message(estimate: Estimate, types: MessageTypes, frames: Frames) -> Any:
-    """Return the mass properties alone as a geometry_msgs/InertiaStamped; NaN is what the data do not determine."""
+    """Return the mass properties alone as a geometry_msgs/InertiaStamped; NaN if the data do not determine one."""
     return types.find('geometry_msgs/msg/InertiaStamped')(
         header=_header(estimate, types, frames), inertia=_inertia(estimate.parameters, types)
     )

@@ -272,7 +272,7 @@ def make_springs(config: SimulatorConfig, model: RobotModel) -> Springs | None:
 
 
 def make_view(config: SimulatorConfig) -> Callable[[Truth], Truth] | None:
-    """Return what the frame of the odometry makes of a motion; None for one that falls along.
+    """Return the view of a motion from the frame of the odometry; None for one that falls along.
 
     Raises
     ------

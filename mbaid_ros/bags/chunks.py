@@ -45,7 +45,7 @@ class Block:
         return Block(self.topics[begin:end], self.contents[begin:end], self.times[begin:end])
 
     def with_more(self, other: Block) -> Block:
-        """Return these and what follows them."""
+        """Return these and the bytes after them."""
         times = np.concatenate((self.times, other.times))
         return Block(self.topics + other.topics, self.contents + other.contents, times)
 
@@ -128,7 +128,7 @@ class ChunkReader(McapReader):
                 raise ReaderError(f'the end of {path} is missing')
 
     def meta_scan(self) -> None:
-        """Refuse to look for what the index lacks: it decompresses without a bound."""
+        """Refuse to search for entries that the index lacks: that decompresses without a bound."""
         raise UnindexedError('no index')
 
     def read_index(self) -> None:

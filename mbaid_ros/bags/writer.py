@@ -25,7 +25,7 @@ class _Loader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[mi
     """The safe loader without merged mappings, a few lines of which take minutes."""
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Refuse what would merge a mapping into another."""
+        """Refuse keys that merge a mapping into another."""
         if any(key.tag == _MERGE for key, _ in node.value):
             raise yaml.YAMLError('merge keys (<<) are not supported')
 

@@ -31,7 +31,7 @@ class Exchange:
 
     Attributes
     ----------
-    words : what, between which links, where
+    words : the kind of change, its two links, its place
     directions : (10 k, d) of theta
     """
 
@@ -45,7 +45,7 @@ def parameter(links: Sequence[Link], index: int) -> str:
 
 
 def base_parameter(mechanism: Mechanism, combination: BaseParameter) -> str:
-    """Return what a base parameter is: its leading parameter, and what of which other links counts with it."""
+    """Return a base parameter in words: its leading parameter, and the parts of other links that count with it."""
     links = mechanism.kernel.unknown
     leading, own = divmod(combination.leading, 10)
     factors = combination.factors.reshape(-1, 10)
@@ -88,7 +88,7 @@ def formula(links: Sequence[Link], factors: Array) -> str:
 def exchanges(mechanism: Mechanism, structure: Structure) -> tuple[Exchange, ...]:
     """Return a sentence for each inseparable combination; together the directions span the null space.
 
-    Each candidate is checked against the structure. What none of them explains comes last, by its largest parts.
+    Each candidate is checked against the structure. Unexplained ones come last, by their largest parts.
     """
     found: list[Exchange] = []
     spanned = np.zeros((structure.unknowns, 0))
@@ -193,7 +193,7 @@ _SEED = 20  # of these states: the same structure every time
 
 @dataclass(frozen=True)
 class Mechanism:
-    """What of a robot moves.
+    """The moving parts of a robot.
 
     Attributes
     ----------

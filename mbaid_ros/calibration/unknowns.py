@@ -1,4 +1,4 @@
-"""What a calibration is about, as one vector with one covariance: links, joints, mount of the odometry.
+"""The unknowns of a calibration, as one vector with one covariance: links, joints, mount of the odometry.
 
 All of it is linear in independent normal numbers: those of the target link's prior, then those of the catalogue. The
 filter sees combinations of them (in a plane, fewer than there are); the rest stays at its prior exactly.
@@ -68,7 +68,7 @@ class Normals:
 
         Parameters
         ----------
-        passed : with the mean and factor of what the motions share
+        passed : with the mean and factor of the numbers that the motions share
         own : variables of a motion
         detector : PlaneDetector
         """

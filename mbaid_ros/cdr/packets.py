@@ -95,7 +95,7 @@ def _packet(data: bytes, layout: Layout) -> Packet[Layout]:
 
 
 def packer(type_name: str) -> Packer[JointStateLayout] | Packer[OdometryLayout] | None:
-    """Return what makes packets of messages of a type, None where its bytes are not known."""
+    """Return the maker of packets for messages of a type, None if its layout is not known."""
     if type_name == JOINT_STATE_TYPE:
         return Packer(JointStateLayout)
     return Packer(OdometryLayout) if type_name == ODOMETRY_TYPE else None

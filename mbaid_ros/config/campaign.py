@@ -33,7 +33,7 @@ Settings = dict[str, dict[str, object]]
 
 @dataclass(frozen=True)
 class Case:
-    """One combination of what a campaign compares.
+    """One combination that a campaign compares.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class CampaignRun:
 
 @dataclass(frozen=True)
 class Campaign:
-    """What a campaign consists of.
+    """The contents of a campaign.
 
     Attributes
     ----------

@@ -48,7 +48,7 @@ class InitialConfig:
 
 @dataclass(frozen=True)
 class MotionConfig:
-    """What drives the joints."""
+    """The motion of the joints."""
 
     kind: str = parameter(
         'passive',

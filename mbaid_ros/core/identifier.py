@@ -73,8 +73,8 @@ def knowledge_of(method: object) -> Posterior | None:
 class Identifier:
     """One identification, from its first measurement on.
 
-    What comes out does not depend on how the measurements are cut into calls: the live node hands over a few at a time,
-    a replay thousands, and both get the same numbers.
+    The estimates do not depend on the partition of the measurements into calls: the live node hands over a few at a
+    time, a replay thousands, and both get the same numbers.
 
     Parameters
     ----------

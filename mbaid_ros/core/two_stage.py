@@ -36,7 +36,7 @@ DISAGREE = Reason(
 
 
 class SecondStage(Estimator, Protocol):
-    """A method that can start from what another one has found."""
+    """A method that can start from the result of another one."""
 
     @property
     def settled(self) -> bool:

@@ -43,7 +43,7 @@ class ImuReader:
         self.other_frame = ''
 
     def read(self, messages: Sequence[Any]) -> tuple[ImuStream | None, Counter[str]]:
-        """Return the measurements, and how many messages were dropped for what."""
+        """Return the measurements, and the numbers of dropped messages by cause."""
         dropped: Counter[str] = Counter()
         frames = [self._frame or message.header.frame_id.lstrip('/') for message in messages]
         kept = []

@@ -35,7 +35,7 @@ _IDLE_TURNS = 20  # turns of the executor without a message, after which nothing
 
 
 class RecorderNode(Node):
-    """Subscribes to what appears on the graph, and writes the bytes of what arrives.
+    """Subscribes to topics as they appear on the graph, and writes the bytes of their messages.
 
     Raises
     ------

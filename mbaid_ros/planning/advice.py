@@ -1,4 +1,4 @@
-"""What would help most, in words: which joint by itself, and what no motion of the joints improves."""
+"""Advice in words: the single joint that helps most, and the uncertainty that no motion of the joints reduces."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def single_joint(motions: Motions, wanted: Wanted, base: BaseLimits) -> str:
 
 
 def beyond_motion(motions: Motions, speeds: Array, grid: Grid, wanted: Wanted) -> str:
-    """Return what most of the uncertainty comes from that a motion (K, k) leaves, where that is no sensor's noise.
+    """Return the main source of the uncertainty that a motion (K, k) leaves, if it is no sensor's noise.
 
     Empty if the motion reaches the wanted precision, or no cause dominates the rest.
     """

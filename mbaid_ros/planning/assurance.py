@@ -1,4 +1,4 @@
-"""What keeps a motion within limits however the robot is, as far as that is known, and out of the robot's own way."""
+"""Motions within limits for any robot that the posterior allows, and without collisions."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class Assurance:
     Parameters
     ----------
     motions : from where the run ended, of any length
-    wanted : what they are to reach
-    base : limits of what they do to the base
+    wanted : their goal
+    base : limits of the base's motion
     collisions : between the shapes of the robot
     seed : of the robots that are drawn
     """
@@ -59,7 +59,7 @@ class Assurance:
         )
 
     def bounds(self, candidate: Candidate, draws: int = _MORE_DRAWS) -> Bounds:
-        """Return what a motion does to the base at most, if the robot is as known best, and as it may be as well."""
+        """Return the largest motion of the base, for the best estimate of the robot, and for all that may be."""
         nominal = candidate.motions.excursions(candidate.speeds[None])[0]
         every = candidate.motions.excursions_of(self._draws[:draws], candidate.speeds)
         spread = np.sqrt(np.mean((every - nominal) ** 2, axis=0))

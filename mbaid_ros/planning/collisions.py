@@ -43,7 +43,7 @@ class Collisions:
     model : RobotModel
     clearance : m, that shapes keep from each other
     start : (n,) joint positions where motions begin
-    mesh : what reads the vertices (V, 3) of a mesh by the name of its file, and raises ModelError where it cannot
+    mesh : reads the vertices (V, 3) of a mesh by the name of its file, or raises ModelError
 
     Attributes
     ----------

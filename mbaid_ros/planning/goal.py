@@ -1,4 +1,4 @@
-"""The goal of a planned motion: which parameters it has to determine how well, and what the search makes small."""
+"""The goal of a planned motion: the wanted precision of each parameter, and the cost of the search."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SHARP = 8  # exponent of the mean that stands for the worst, smooth enough to b
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """What a motion is to reach.
+    """The goal of a motion.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Wanted:
         return np.asarray((relative / self.relative)[..., self.asked].max(axis=-1))
 
     def cost(self, relative: Array) -> Array:
-        """Return what the search makes small, (...)."""
+        """Return the cost of the search, (...)."""
         ratios = (relative / self.relative)[..., self.asked]
         if self.criterion == 'volume':
             return np.asarray(np.exp(np.log(ratios).mean(axis=-1)))

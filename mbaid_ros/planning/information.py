@@ -70,8 +70,8 @@ class Information:
 
     Parameters
     ----------
-    knowledge : what a run has come to know
-    reporting : what standard deviations are relative to
+    knowledge : the posterior of a run
+    reporting : has the sizes that standard deviations are relative to
     point : of the robot as it may be; as it is known best where not given
     """
 
@@ -86,7 +86,7 @@ class Information:
         self._start = self._belief()
 
     def as_if(self, point: Point) -> Information:
-        """Return what motions will add if the robot is as it may be."""
+        """Return the information of motions for one of the possible robots."""
         return Information(self._known, self._reporting, point)
 
     @cached_property
@@ -125,7 +125,7 @@ class Information:
         return np.stack(course) if every else course[-1]
 
     def shares(self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion) -> tuple[tuple[str, ...], Array]:
-        """Return the causes of uncertainty beside the sensors, c names, and their shares of what one motion leaves.
+        """Return the causes of uncertainty beside the sensors, c names, and their shares after one motion.
 
         Parameters
         ----------

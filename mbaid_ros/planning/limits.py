@@ -1,4 +1,4 @@
-"""What a motion may not exceed: the joints' own limits, and how far the base may be moved by it."""
+"""The limits of a motion: those of the joints, and those of the base's motion."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class Motions:
     Attributes
     ----------
     knowledge : where they begin, with the posterior there
-    information : what they add to it
+    information : that they add to it
     splines : their form
     limits : of the joints
     efforts : of the joints of the robot as it is known best
@@ -110,7 +110,7 @@ class Motions:
         Parameters
         ----------
         speeds : (B, K, k)
-        course : what `course` returns of them first
+        course : their first result of `course`
         """
         times, base = course or self.course(speeds)[:2]
         position, rate = self.joints(speeds, times)
@@ -130,7 +130,7 @@ class Motions:
         return np.asarray(self.course(speeds)[2].max(axis=0))
 
     def beside_holding(self, effort: Array) -> Array:
-        """Return which part (B, k) of what holding leaves of the limits is used: it grows with the motion, nearly."""
+        """Return the used part (B, k) of the limits beside holding: it grows with the motion, nearly."""
         return (effort - self.holding) / (1.0 - self.holding)
 
     def trajectory(self, speeds: Array) -> JointTrajectory:
@@ -192,7 +192,7 @@ class Motions:
         """Return motions (B, K, k) within the limits of efforts and base.
 
         Where efforts ask for it their ramps are made longer; then they are made as much smaller as is left to do. A
-        base that is moved by the sum of what the joints do is moved in proportion to that, nearly; so are torques.
+        base that is moved by the sum of the joints' motions is moved in proportion to that, nearly; so are torques.
         """
         if not (np.isfinite(most.array).any() or self.efforts.limited):
             return speeds

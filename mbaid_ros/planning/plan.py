@@ -1,4 +1,4 @@
-"""A planned motion: what it is, what it reaches, what it uses of its limits, and all that in words."""
+"""A planned motion: its trajectory, its precision, its use of the limits, and all of it in words."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ class Plan:
 
     @property
     def excursions(self) -> tuple[str, ...]:
-        """What the motion does to the base, a line each."""
+        """The effects of the motion on the base, a line each."""
         lines = []
         names = ('turned by', 'displaced by', 'turned faster or slower by')
         for name, unit, value, sure, limit in zip(

@@ -40,7 +40,7 @@ Progress = Callable[[int], bool]  # takes the number of motions compared; return
 
 @dataclass(frozen=True)
 class PlanSettings:
-    """What a motion is to reach, and within what.
+    """Goal and limits of a motion.
 
     Attributes
     ----------
@@ -77,10 +77,10 @@ class Planner:
 
     Parameters
     ----------
-    knowledge : what the run has come to know
-    reporting : what standard deviations are relative to
+    knowledge : the posterior of the run
+    reporting : has the sizes that standard deviations are relative to
     settings : PlanSettings
-    mesh : what reads collision meshes, as `Collisions` has it
+    mesh : reads collision meshes, as `Collisions` has it
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the search varies of a motion: of each joint the legs that it goes, how long each lasts and where it ends.
+"""The variables of the search: the legs of each joint, their lengths and their ends.
 
 The shortest motions go at full speed nearly all the time, so they differ by the times when they turn. In legs that is
 a few numbers, of which a small change is a small change of the motion, while in speeds at given instants a turn that
@@ -106,7 +106,7 @@ class Search:
     ----------
     motions : of the length to begin at
     wanted : Wanted
-    base : limits of what motions do to the base, if the robot is as it is known best; may change on the way
+    base : limits of the base's motion, for the best estimate of the robot; may change on the way
     seed : the same seed leads to the same motion
     first : motions that are drawn, at most
     clear : to which part of its size one motion (K, k) has to be made smaller, for the robot not to be in its own way;

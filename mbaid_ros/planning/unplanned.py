@@ -28,7 +28,7 @@ def simple_motion(kind: str, motions: Motions, base: BaseLimits, seed: int) -> J
     ----------
     kind : of SIMPLE
     motions : where it begins, how long it takes, and the limits of the joints
-    base : limits of what it does to the base, if the robot is as it is known best
+    base : limits of the base's motion, for the best estimate of the robot
     seed : the same gives the same motion
     """
     duration = motions.splines.duration

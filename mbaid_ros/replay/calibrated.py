@@ -46,7 +46,7 @@ class Calibrated:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the data contradict the model: what comes out must not be trusted."""
+        """Whether the data contradict the model: the result must not be trusted."""
         return self.calibration.residual > self.parameters.estimator.convergence.largest_residual
 
     @cached_property
@@ -67,7 +67,7 @@ class Calibrated:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """What a user should know, one line each."""
+        """Notes to the user, one line each."""
         of_bags = [warning for motion in self.motions for warning in motion.warnings]
         priors = [underestimated_text(kind, size, _DECLARED) for kind, size in self.calibration.further_off]
         own = (*_about_motion(self), *_about_values(self), *priors)
@@ -75,7 +75,7 @@ class Calibrated:
 
 
 def why_not(result: Calibrated) -> str:
-    """Return why there is no calibration, and what to add; empty if there is one."""
+    """Return why there is no calibration, and the remedy; empty if there is one."""
     calibration = result.calibration
     if not calibration.settled:
         return (

@@ -81,7 +81,7 @@ def _why_not(body: Identified, arguments: argparse.Namespace) -> str:
     if body.contradicted:
         return f"the data contradict the model of '{body.link}': not exported (--format json writes it)"
     if body.missing:
-        hint = '' if arguments.fill else ' (--fill takes them from --model, --format json writes what there is)'
+        hint = '' if arguments.fill else ' (--fill takes them from --model, --format json writes the others)'
         return f"the data do not determine {listing(body.missing)} of '{body.link}'{hint}"
     if not is_physical(standard(body.parameters)):
         return f"no real body has the mass, centre of mass and inertia of '{body.link}': not exported"

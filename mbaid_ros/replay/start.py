@@ -1,4 +1,4 @@
-"""The offline executables' entry points: their arguments; what does the work is imported only after `--help`."""
+"""The offline executables' entry points: their arguments; the working modules are imported after `--help`."""
 
 from __future__ import annotations
 

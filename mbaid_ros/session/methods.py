@@ -80,7 +80,7 @@ def _varies(config: EstimatorConfig) -> bool:
 
 
 def make_reporting(config: EstimatorConfig, kernel: MomentumKernel) -> Reporting:
-    """Return the thresholds of what a method publishes."""
+    """Return the thresholds of publication of a method."""
     reporting = Reporting(unknown_scale(kernel)[:10], 0.0, 0.0, 0.0, 0.0)
     set_thresholds(reporting, config.convergence)
     return reporting

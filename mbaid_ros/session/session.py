@@ -214,7 +214,7 @@ class Session:
 
     @property
     def synchroniser(self) -> Synchroniser:
-        """The gates of the readings, and what brings them to common stamps."""
+        """The gates of the readings, and their synchronisation to common stamps."""
         return self._segment.identifier.synchroniser
 
     @property

@@ -48,7 +48,7 @@ def with_target(model: RobotModel, target: Target) -> RobotModel:
 
 
 class CaptureSimulation:
-    """A run of the free-floating robot with a capture in it; what it gives and takes is as of Simulation.
+    """A run of the free-floating robot with a capture in it, with the interface of Simulation.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class CaptureSimulation:
     initial : state at time 0
     step : s, of the integrator
     target : Target
-    surroundings : what else acts on its bodies
+    surroundings : further effects on its bodies
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class CaptureSimulation:
         self._after = Simulation(self.joined, motion.later(target.time), start, step, surroundings=later)
 
     def advance(self, instants: Array) -> Truth:
-        """Return the true motion at instants (s, in order), and forget what lies before the last of them.
+        """Return the true motion at instants (s, in order), and forget the motion before the last of them.
 
         Raises
         ------

@@ -77,8 +77,8 @@ class Dynamics:
     Parameters
     ----------
     model : RobotModel
-    push : what acts on it from outside
-    effects : what else acts on its bodies
+    push : external wrench on it
+    effects : further effects on its bodies
     springs : of joints that nothing drives
 
     Raises
@@ -172,7 +172,7 @@ class Dynamics:
         return np.array(pinocchio.rnea(*motion, acceleration, *forces)[6:])
 
     def spring_torque(self, state: State) -> Array:
-        """Return what springs do to the joints, (n,), N m or N."""
+        """Return the torques of springs on the joints, (n,), N m or N."""
         torque = np.zeros(self.model.joints)
         if self._springs is not None:
             torque[self._springs.joints] = self._springs.torque(state.joint_position, state.joint_velocity)

@@ -1,4 +1,4 @@
-"""What acts on the bodies of a simulated robot beside the torques of its joints and a constant push."""
+"""Effects on the bodies of a simulated robot beside the torques of its joints and a constant push."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Push:
 
 @dataclass(frozen=True, eq=False)
 class Tide:
-    """What gravity leaves in the frame that falls along.
+    """The gravity that remains in the frame that falls along.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class Tide:
 
     @staticmethod
     def on(model: RobotModel, orbit: Orbit, origin: Array) -> Tide:
-        """Return what acts on a robot whose positions count from an origin (3,) m in the falling frame."""
+        """Return the effects on a robot whose positions count from an origin (3,) m in the falling frame."""
         bodies = model.body_parameters()
         massive = bodies[:, 0] > 0.0
         values = np.zeros_like(bodies)
@@ -177,7 +177,7 @@ class Wheels:
         return np.asarray((self.spin_inertias * speeds) @ self.axes)
 
     def wrenches(self, now: BodyPoses) -> Array:
-        """Return what their motors and their gyroscopic reaction do to the base: -(h' + w x h)."""
+        """Return the reaction of their motors and their gyroscopic torque on the base: -(h' + w x h)."""
         angle = self.rate * now.time + self.phase
         slopes = self.slope + np.sum(self.amplitude * self.rate * np.cos(angle), axis=-1)
         stored = self.stored(self.speeds(np.array([now.time])))[0]
@@ -192,7 +192,7 @@ class Wheels:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What acts on the bodies all the time.
+    """Lasting effects on the bodies.
 
     Attributes
     ----------
@@ -206,7 +206,7 @@ class Surroundings:
     springs: Springs | None = None
 
     def effects(self, model: RobotModel, origin: Array) -> tuple[Effect, ...]:
-        """Return what acts on a robot whose positions count from an origin (3,) m in the odometry frame."""
+        """Return the effects on a robot whose positions count from an origin (3,) m in the odometry frame."""
         tide = () if self.orbit is None else (Tide.on(model, self.orbit, origin),)
         return (*tide, *(() if self.wheels is None else (self.wheels,)))
 

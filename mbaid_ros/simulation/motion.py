@@ -1,4 +1,4 @@
-"""What the arm's joints are made to do while the base floats."""
+"""Motions of the arm's joints while the base floats."""
 
 from __future__ import annotations
 

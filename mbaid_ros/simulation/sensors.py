@@ -22,7 +22,7 @@ from mbaid_ros.simulation.true_robot import misread
 
 @dataclass(frozen=True)
 class ImuErrors:
-    """What an IMU reads wrong.
+    """The errors of an IMU.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Imu:
         self._bias: Array = np.array(errors.bias, dtype=float)
 
     def readings(self, truth: Truth) -> ImuReadings:
-        """Return what it reads of the true motion at the next N of its instants."""
+        """Return its readings of the true motion at the next N of its instants."""
         errors = self._errors
         orientation, angular_velocity = self._of_link(truth)
         shape = angular_velocity.shape
@@ -193,7 +193,7 @@ class Sensors:
         )
 
     def joints(self, truth: Truth) -> JointReadings:
-        """Return what the encoders read of the true motion."""
+        """Return the encoders' readings of the true motion."""
         noise, truth = self.noise, self._without_noise(truth)
         return JointReadings(
             time=truth.time,
@@ -204,7 +204,7 @@ class Sensors:
         )
 
     def base(self, truth: Truth) -> BaseReadings:
-        """Return what the navigation reads of the true motion.
+        """Return the navigation's readings of the true motion.
 
         The orientation's error is a small rotation about the fixed axes of the odometry frame, as the covariance of a
         ROS pose has it.

@@ -62,11 +62,11 @@ class Simulation:
     Parameters
     ----------
     model : RobotModel
-    motion : what drives the joints
+    motion : of the joints
     initial : state at time 0
     step : s, of the integrator
-    push : what acts on the robot from outside all the time
-    surroundings : what else acts on its bodies
+    push : constant external wrench on the robot
+    surroundings : further effects on its bodies
 
     Raises
     ------
@@ -102,7 +102,7 @@ class Simulation:
         self._accelerations = [self._dynamics.acceleration(start, self._torque(0.0, start))]
 
     def advance(self, instants: Array) -> Truth:
-        """Return the true motion at instants, and forget what lies before the last of them.
+        """Return the true motion at instants, and forget the motion before the last of them.
 
         Parameters
         ----------

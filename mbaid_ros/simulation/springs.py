@@ -35,5 +35,5 @@ class Springs:
         return Springs(joints, inertia * rate**2, 2.0 * np.array(ratios) * inertia * rate)
 
     def torque(self, position: Array, velocity: Array) -> Array:
-        """Return what they do to their joints, (f,), of all joints' (n,) positions and rates."""
+        """Return their torques on their joints, (f,), from all joints' (n,) positions and rates."""
         return np.asarray(-self.stiffness * position[self.joints] - self.damping * velocity[self.joints])

@@ -46,18 +46,18 @@ class Pulse:
 
 
 class ThrustSimulation:
-    """A run of the free-floating robot with a pulse of thrust; what it gives and takes is as of Simulation.
+    """A run of the free-floating robot with a pulse of thrust, with the interface of Simulation.
 
     The integrator begins anew where the pulse begins and ends: its steps stay smooth.
 
     Parameters
     ----------
     model : RobotModel
-    motion : what drives the joints
+    motion : of the joints
     initial : state at time 0
     step : s, of the integrator
     pulse : Pulse
-    surroundings : what else acts on its bodies
+    surroundings : further effects on its bodies
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class ThrustSimulation:
         self._simulation = Simulation(model, motion, initial, step, surroundings=surroundings)
 
     def advance(self, instants: Array) -> Truth:
-        """Return the true motion at instants (s, in order), and forget what lies before the last of them.
+        """Return the true motion at instants (s, in order), and forget the motion before the last of them.
 
         Raises
         ------

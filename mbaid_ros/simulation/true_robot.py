@@ -74,7 +74,7 @@ _STREAM = 6  # of a seed's: the noise of the sensors has 0 to 5
 
 @dataclass(frozen=True)
 class ErrorSizes:
-    """Standard deviations of what a robot differs from its URDF by; 0 is exact.
+    """Standard deviations of a robot's differences from its URDF; 0 is exact.
 
     Attributes
     ----------
@@ -94,14 +94,14 @@ class ErrorSizes:
 
 
 def generator(seed: int) -> np.random.Generator:
-    """Return what the robot of a seed is drawn with; sensors with that seed draw their noise from other streams."""
+    """Return the generator for the robot of a seed; sensors with that seed draw their noise from other streams."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
 
 
 def draw(model: RobotModel, target: str, sizes: ErrorSizes, rng: np.random.Generator) -> ModelErrors:
     """Draw the errors of a robot: Gaussian, a body's as `relative_factor` has them, the target link's inertia exact.
 
-    Each block, and each body, has a stream of its own: a size changes what it scales, and nothing else. A draw that
+    Each block, and each body, has a stream of its own: a size changes its own errors, and nothing else. A draw that
     makes no body that can exist is made again: of thin bodies, at the boundary, the inertia spreads less than declared.
 
     Parameters

@@ -1,4 +1,4 @@
-"""The hypothesis bank: one filter for each hypothesis of what acts or drifts, over the same linearised windows."""
+"""The hypothesis bank: one filter for each hypothesis of a force or drift, over the same linearised windows."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The batch iteration: all windows relinearised at one point, a hypothesis filtered over them, the point moved, again.
 
-Long computations are generators: they yield what each piece cost, in steps of the filter, and return their outcome.
+Long computations are generators: they yield the cost of each piece, in steps of the filter, and return their outcome.
 `BackgroundTask` runs a fixed number of steps a window, so that live and replayed runs take over at the same window.
 """
 

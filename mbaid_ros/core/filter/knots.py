@@ -35,8 +35,8 @@ class Knots(ArrayRecord):
     base_twist : (J, 6) (v, w) in odometry axes; NaN where not measured
     spread : (J,) variance of the sample times in the knot over the square of the knots' spacing
     offset : (J,) mean of the sample times less the knot's centre, over the knots' spacing
-    impulse : (J, 6) what known thrust has changed (P, L) by, L about the run's origin
-    stored : (J, c) readings of what stores momentum inside bodies
+    impulse : (J, 6) change of (P, L) by known thrust, L about the run's origin
+    stored : (J, c) readings of the momentum stored inside bodies
     tide, thrust : (J, 60 b), (J, 30 f) as in Samples, L about the run's origin
     gyro : (J, 3) rad, as in Samples; NaN where a sample has none, none at all where there is no IMU
     course : (J, 36) where the gyro alone measures the orientation: its error since the run began, odometry axes, by

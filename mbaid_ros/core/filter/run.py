@@ -113,7 +113,7 @@ class Phase(Enum):
 
 
 class FilterRun:
-    """Estimates the state window by window, under several hypotheses of what acts or drifts.
+    """Estimates the state window by window, under several hypotheses of forces and drifts.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ class FilterRun:
                 self._latest = update_hypothesis(self._latest, still_open, white, self._variables)
 
     def offer(self, point: Callable[[], Point]) -> None:
-        """Take what makes a point that the next search may begin at."""
+        """Keep a point that the next search may begin at."""
         self._offered = point
 
     def restart(self) -> None:

@@ -104,7 +104,7 @@ class Layout:
 
     @cached_property
     def readings(self) -> slice:
-        """The slice of what only the readings depend on."""
+        """The slice of the unknowns that affect the readings only."""
         return slice(self.parameters.stop, self.size)
 
     @cached_property
@@ -177,7 +177,7 @@ class Layout:
         return Point(values[self.parameters], values[self.readings], side)
 
     def settled(self, state: Array, deviation: Array | None = None) -> Array:
-        """Return what windows are linearised at (s,), of a state (s,) with standard deviations (s,)."""
+        """Return the linearisation point (s,) of windows, for a state (s,) with standard deviations (s,)."""
         values = state.copy()
         for unknown, place in zip(self.unknowns, self.places, strict=True):
             uncertain = np.zeros(unknown.count) if deviation is None else deviation[place]

@@ -37,7 +37,7 @@ class WhitenedWindow:
     stepped : (p, f) as of `WindowModel`
     length : s
     places : (k,) of the values among the numbers that a window may measure, as of `Innovations`
-    carried : where the twist is integrated, what links it to the windows before and after
+    carried : for an integrated twist, the links to the windows before and after
     """
 
     value: Array

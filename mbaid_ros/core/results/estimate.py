@@ -36,7 +36,7 @@ class Event:
     time : s since the first sample
     kind : 'step' (a change of momentum), 'ramp' (a rate of change) or 'target_changed'
     linear, angular : (3,) N s, N m s about the odometry origin (N, N m for a ramp; zero for a target that has changed)
-    cause : what it may have been
+    cause : the likely cause
     """
 
     time: float
@@ -98,19 +98,19 @@ class Estimate:
     residual : root mean square of the normalised residuals: 1 is as declared; NaN where not available
     time_offset, time_offset_std : s, JointState stamps minus true time relative to Odometry; NaN where not estimated
     consistency_correction : size of the projection on physical bodies in standard deviations; 0 is none
-    impulse : (6,) what known thrust has changed the momentum by since the first sample
+    impulse : (6,) change of the momentum by known thrust since the first sample
     innovations : (k, 2) sum of the normalised innovations squared so far, and their number, under each hypothesis of
         the trajectory filter that has a mechanism; empty where there is none
     samples : number of samples used
     phase : where the run is; see core/capture/estimator.py
     stage : method of the stage that it is from, where the method has several
-    thrusters : what has been found of each thruster that may be off its command
+    thrusters : estimates of each thruster that may deviate from its command
     flexible : the passive joints as estimated
     noise : of the sensors as estimated; None where it is not
     budget : where the parameters' variances come from; None where not available
-    causes : what may be wrong where the data contradict the model, the likeliest first, each with how much likelier
-        the data would be without it (log-likelihood)
-    events : what disturbed the momentum
+    causes : candidate causes if the data contradict the model, the likeliest first, each with its gain in
+    log-likelihood
+    events : disturbances of the momentum
     warnings : one line each
     """
 
@@ -216,7 +216,7 @@ SYMPTOM = 'one of too many jumps for a pulse: something else is wrong'
 
 
 def constant_force(axes: Literal['inertial', 'body']) -> str:
-    """Return what a force and torque may be that are constant in inertial or in the base's axes."""
+    """Return the likely sources of a force and torque that are constant in inertial or in the base's axes."""
     inertial = 'inertial axes: a tilted table, drag, a leak or gravity in orbit'
     return f'a force or torque that is constant in {inertial if axes == "inertial" else "base axes: a leak or thrust"}'
 

@@ -1,4 +1,4 @@
-"""The ten parameters of a rigid body: names, units, rounding, and which share of their variance comes from what."""
+"""The ten parameters of a rigid body: names, units, rounding, and their variance by source."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ _RESTS, _NAMED = 0.1, 5  # share from which an unobservable declaration is named
 
 @dataclass(frozen=True, eq=False)
 class ErrorBudget:
-    """Shares of the ten parameters' variances: what sensor noise and the independent priors contribute adds up.
+    """Shares of the ten parameters' variances: the contributions of sensor noise and the independent priors add up.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class ErrorBudget:
         return _listed(order, {cause: [text for _, text in found[cause]] for cause in order})
 
     def dominant(self, std: Array) -> dict[str, dict[str, float]]:
-        """Return what, other than sensor noise, makes more than half of a group's variance: by group; std (10,)."""
+        """Return the sources, other than sensor noise, of more than half of a group's variance: by group; std (10,)."""
         found: dict[str, dict[str, float]] = {}
         for group, shares in self.grouped(std).items():
             for cause, share in shares.items():

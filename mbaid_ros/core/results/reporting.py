@@ -30,7 +30,7 @@ _LARGEST = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Curvature:
-    """What has come of linearising elsewhere.
+    """The result of linearising elsewhere.
 
     Attributes
     ----------
@@ -170,7 +170,7 @@ class Reporting:
         return np.asarray((relative < self.identifiable_std) & of_the_mass)
 
     def sizes(self, parameters: Array) -> Array:
-        """Return what the standard deviation of each of the (..., 10) physical parameters is taken relative to."""
+        """Return the sizes that standard deviations of the (..., 10) physical parameters are relative to."""
         moments = np.sqrt(np.abs(parameters[..., _FIRST] * parameters[..., _SECOND]))
         length = np.full((*parameters.shape[:-1], 3), self.length)
         size = np.concatenate((np.abs(parameters[..., :1]), length, moments), axis=-1)

@@ -93,7 +93,7 @@ MOST_JUMPS = 3  # of the momentum: from more on the model is wrong rather than t
 
 @dataclass(frozen=True)
 class Cause:
-    """What may be wrong, and how much likelier the data would be if it were right (log-likelihood)."""
+    """A candidate cause, and its gain in log-likelihood."""
 
     text: str
     gain: float
@@ -101,7 +101,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a run shows of its model.
+    """The evidence of a run for its model.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class Evidence:
     hypothesis, physical, odometry_drifts : the reported one, empty if undisturbed; whether it has a mechanism, and
         lets the odometry drift
     gain : log-likelihood of that hypothesis over the first
-    instead : what of the robot, if it were further off than declared, would gain most if nothing acted; and how much
+    instead : the part of the robot that, further off than declared, gains most without a force; and its gain
     latest : the window that the run ends with
     correlation_time : s, declared of the errors of the base's poses
     """

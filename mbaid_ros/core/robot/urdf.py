@@ -306,7 +306,7 @@ def _cut_off(robot: ET.Element, base: str, branches: dict[str, Branch]) -> tuple
     for element in (*links, *(joint for joint in robot.findall('joint') if joint.get('name', '') in names)):
         robot.remove(element)
     gone = listing(link.get('name', '') for link in links)
-    return (f"'{base}' floats; left out of the robot description is what it does not carry: {gone}",)
+    return (f"'{base}' floats; the robot description is used without the parts that it does not carry: {gone}",)
 
 
 def _inertials(robot: ET.Element, problems: list[str]) -> tuple[dict[str, Inertial], bool]:

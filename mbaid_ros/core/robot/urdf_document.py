@@ -1,4 +1,4 @@
-"""A robot description as an XML document: what it must be before anything in it is looked at."""
+"""A robot description as an XML document: checks before its contents are read."""
 
 from __future__ import annotations
 
@@ -173,7 +173,7 @@ _one_at_a_time = threading.Lock()
 
 @contextmanager
 def kept_words(complaints: list[str]) -> Iterator[None]:
-    """Keep what C++ code writes on stderr during a block, and add its complaints to a list, the first ones first."""
+    """Capture the lines that C++ code writes on stderr during a block, and add its complaints to a list, in order."""
     with _one_at_a_time:
         try:
             usual = os.dup(_STDERR)

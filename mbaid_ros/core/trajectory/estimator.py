@@ -200,7 +200,7 @@ class TrajectoryEstimator:
 
     @property
     def disturbed(self) -> bool:
-        """Whether the solution explains the data by what acts from outside, or by joints that are stamped late."""
+        """Whether the solution explains the data by an external force, or by joints that are stamped late."""
         run = self._runs.run
         if run is None or not run.started:
             return False

@@ -45,7 +45,7 @@ class ChangedTarget:
     Attributes
     ----------
     time : s since the first sample
-    text : what has happened, in words
+    text : the event in words
     exchanged : whether it is another body, not the same elsewhere
     before : state until then; None where unknown
     """
@@ -166,7 +166,7 @@ class Solved:
     solution : body and momentum
     instant : when
     verdict : on the model
-    events : what has acted or changed
+    events : forces and changes
     budget : returns the parts of the variance
     thrusters : how far they are off their commands
     flexible : passive joints as estimated
@@ -300,7 +300,7 @@ _FAR = 3.0  # standard deviations of its declaration, beyond which a frequency i
 
 
 def implausible(moments: MeanAndCovariance, layout: Layout, joints: Sequence[PassiveJoint]) -> list[Reason]:
-    """Return why passive joints cannot be what they are declared to be."""
+    """Return why passive joints contradict their declaration."""
     model, springs = layout.kernel.model, layout.kernel.springs
     reasons = []
     away = {}

@@ -62,7 +62,7 @@ _SETTLING = 2  # windows that a changing target may take: the next run begins as
 
 
 class TargetRuns:
-    """The present run of the filter, its state layout, and what happened in the runs before.
+    """The present run of the filter, its state layout, and the events of the runs before.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What an unknown of the nominal model declares: its prior, its words, and how momentum and readings depend on it."""
+"""The declaration of an unknown: its prior, its words, and how momentum and readings depend on it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mbaid_ros.core.samples import Samples
 
 @dataclass(frozen=True, eq=False)
 class NominalModel:
-    """The robot that a prediction is linearised at: its URDF, moved by what has been estimated of it."""
+    """The robot that a prediction is linearised at: its URDF, moved by the estimates."""
 
     kernel: MomentumKernel  # bodies and joint placements
     zeros: Array  # (n,) rad or m, added to the measured joint positions
@@ -52,7 +52,7 @@ class NominalModel:
 
 @dataclass(frozen=True)
 class JointMotion(ArrayRecord):
-    """What n joints do at N instants.
+    """The motion of n joints at N instants.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class ImuMotion:
 
 @dataclass(frozen=True)
 class Reading:
-    """A window's motion, as what the sensors read depends on it; B windows, angular parts first, odometry axes.
+    """A window's motion, for the derivatives of the readings; B windows, angular parts first, odometry axes.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Words:
-    """What users read of the causes of one kind: 'zero:elbow' is of the kind 'zero'."""
+    """The words for the causes of one kind: 'zero:elbow' is of the kind 'zero'."""
 
     every: str = ''  # all causes of the kind together
     parameter: str = ''  # where their standard deviation is declared
@@ -134,7 +134,7 @@ class Unknown:
     Attributes
     ----------
     factor : (k, e) of the prior covariance factor factor^T
-    labels : k, what each number belongs to in the error budget
+    labels : k, the cause of each number in the error budget
     """
 
     factor: Array

@@ -125,7 +125,7 @@ class OrbitShape(_Pushing):
     }
 
     def momentum_rates(self, whole: Array, origin: Array, time: Array, rotation: Array) -> Array:
-        """Return what gravity brings otherwise than that of the circle does."""
+        """Return the momentum by gravity beside that of the circle."""
         del rotation
         orbit = self.circle.orbit
         gradient, normal = orbit.gradient(time), skew(orbit.normal)
@@ -140,7 +140,7 @@ class OrbitShape(_Pushing):
         return np.asarray(brought * stronger[:, None] + turned * ahead[:, None])
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
-        """Return what a frame that turns along is turned back by, about its own origin."""
+        """Return the rotation of a co-rotating frame back, about its own origin."""
         pose: Array = np.zeros((len(motion.time), 6, 3))
         twist: Array = pose
         if self.circle.orbit.turning:
@@ -163,7 +163,7 @@ class OrbitShape(_Pushing):
 
 
 def orbit_shape(circle: Circle) -> OrbitShape:
-    """Return what a circle may lack as an unknown: each number as large as the eccentricity is in one direction."""
+    """Return an orbit's deviation from a circle as an unknown: each number is the eccentricity in one direction."""
     return OrbitShape(np.sqrt(0.5) * circle.eccentricity * np.eye(3), (SHAPE,) * 3, circle)
 
 
@@ -207,7 +207,7 @@ class ExternalTorque(_Pushing):
             'disturbance.torque_std',
             'a torque from outside: shield it, or a longer motion determines it (disturbance.torque_std)',
             lambda name, value: (
-                f'a torque of {np.linalg.norm(value):.2g} N m {_varying(name)}: find what pushes, or raise '
+                f'a torque of {np.linalg.norm(value):.2g} N m {_varying(name)}: find its source, or raise '
                 'disturbance.torque_std'
             ),
         )
@@ -243,7 +243,7 @@ class ExternalForce(ExternalTorque):
             'disturbance.force_std',
             'a force from outside: shield it, or a longer motion determines it (disturbance.force_std)',
             lambda name, value: (
-                f'a force of {np.linalg.norm(value):.2g} N {_varying(name)}: find what pushes, or raise '
+                f'a force of {np.linalg.norm(value):.2g} N {_varying(name)}: find its source, or raise '
                 'disturbance.force_std'
             ),
         )

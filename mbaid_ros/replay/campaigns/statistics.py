@@ -63,7 +63,7 @@ def nees_band(freedom: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class SecondMotionStatistics:
-    """Medians over runs of what second motions improve.
+    """Medians over runs of the improvement by second motions.
 
     Attributes
     ----------

@@ -38,7 +38,7 @@ _TIMES, _LITTLE = 10, 0.7
 
 
 def error_budget(final: Estimate) -> str:
-    """Return a stacked bar a parameter, the figures, and what would help; empty where there is no budget."""
+    """Return a stacked bar a parameter, the figures, and remedies; empty if there is no budget."""
     budget = final.budget
     if budget is None:
         return ''
