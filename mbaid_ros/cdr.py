@@ -26,7 +26,7 @@ _BODY = 4  # where the message begins
 _HEADER = 12  # where the message goes on after its stamp
 _SPARE = 3  # bytes that may follow a message: it is padded to a multiple of four
 _MOST_NAMES = 10_000
-_LONGEST_HEAD = 100_000  # bytes: layouts are kept, with what is constant in them
+_LONGEST_HEAD = 100_000  # bytes: layouts are kept, with their constant parts
 _POSE, _TWIST = slice(0, 7), slice(43, 49)  # in the numbers of an Odometry: pose, covariance, twist, covariance
 _POSE_COVARIANCE, _TWIST_COVARIANCE = slice(7, 43), slice(49, 85)
 _NUMBERS = 85
@@ -106,7 +106,7 @@ class Cursor:
         return _BODY + (self._place - _BODY + size - 1) // size * size
 
     def _note(self, begin: int, end: int) -> None:
-        """Go on to an end; what is between must be the same in other messages. Padding, which is not, is left out."""
+        """Go on to an end; the bytes between must be the same in other messages. Padding, which varies, is left out."""
         if self.constant[-1][1] == begin:
             begin = self.constant.pop()[0]
         self.constant.append((begin, end))
@@ -284,7 +284,7 @@ def _packet(data: bytes, layout: Layout) -> Packet[Layout]:
 
 
 def packer(type_name: str) -> Packer[JointStateLayout] | Packer[OdometryLayout] | None:
-    """Return what makes packets of messages of a type, None where its bytes are not known."""
+    """Return the maker of packets for messages of a type, None if its layout is not known."""
     if type_name == JOINT_STATE_TYPE:
         return Packer(JointStateLayout)
     return Packer(OdometryLayout) if type_name == ODOMETRY_TYPE else None

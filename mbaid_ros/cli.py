@@ -37,7 +37,7 @@ def run(main_function: Callable[[list[str]], int], argv: Sequence[str] | None = 
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except BrokenPipeError:
-        # Whoever read the output has gone. Python flushes once more when it ends: let it write to nowhere.
+        # The reader of the output has gone. Python flushes once more when it ends: let it write to nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_BROKEN_PIPE
     except OSError as error:  # a full disk, a folder without permission

@@ -60,7 +60,7 @@ def require_writable(option: str, path: str | None) -> None:
 def write_text(path: str | Path, text: str) -> None:
     """Write a file so that at every instant it is there as a whole; a device is written to. Escapes as `as_utf8`.
 
-    Raises OSError: It cannot be written; what was there before stays.
+    Raises OSError: It cannot be written; the old file stays.
     """
     target = Path(path).resolve()
     device = target.exists() and not target.is_file()
@@ -77,12 +77,12 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def as_utf8(text: str) -> str:
-    """Return a text with what UTF-8 does not have, as names of files may, escaped as in JSON, which reads it back."""
+    """Return a text with bytes outside UTF-8, as in names of files, escaped as in JSON, which reads it back."""
     return text.encode('utf-8', 'backslashreplace').decode('utf-8')
 
 
 def parse_json(text: str) -> Any:
-    """Return what a JSON document holds; numbers that no float can hold are refused.
+    """Return the contents of a JSON document; numbers that no float can hold are refused.
 
     Raises ValueError: It is no JSON, too large, nested too deeply, or a number in it has too many digits or is not
     finite.

@@ -24,7 +24,7 @@ class MessageTypes:
     """Where the message classes come from."""
 
     find: Callable[[str], Any]  # returns the class of a type: ``package/msg/Type``
-    flags: Callable[[Flags], Any]  # returns what a field of type bool[] takes: rclpy wants a list, rosbags an array
+    flags: Callable[[Flags], Any]  # converts to a field of type bool[]: rclpy wants a list, rosbags an array
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Frames:
 
     target_link: str  # frame of mass properties, without the prefix
     odometry: str  # frame of the momenta
-    prefix: str = ''  # what stands before the name of the first one in messages
+    prefix: str = ''  # of the name of the first one in messages
 
 
 def estimate_message(
@@ -44,7 +44,7 @@ def estimate_message(
     Parameters
     ----------
     warnings : those of the run, which come after the estimate's own
-    stale : whether it is told again because no data come
+    stale : whether it is published again because no data come
     """
     seconds, nanoseconds = divmod(max(0, round(estimate.time * 1e9)), 1_000_000_000)
     budget = estimate.budget
@@ -104,7 +104,7 @@ def debris_message(
 
 
 def inertia_message(estimate: Estimate, types: MessageTypes, frames: Frames) -> Any:
-    """Return the mass properties alone as a geometry_msgs/InertiaStamped; NaN is what the data do not determine."""
+    """Return the mass properties alone as a geometry_msgs/InertiaStamped; NaN if the data do not determine one."""
     return types.find('geometry_msgs/msg/InertiaStamped')(
         header=_header(estimate, types, frames), inertia=_inertia(estimate.parameters, types)
     )
@@ -179,7 +179,7 @@ class SensorMessages:
     Parameters
     ----------
     odometry_frame : name
-    wheels : names of wheels that JointState tells the speeds of
+    wheels : names of wheels whose speeds JointState has
     unreported : names of joints that it leaves out
     """
 
@@ -223,12 +223,12 @@ class SensorMessages:
         find, absent = self._types.find, np.zeros(9)
         absent[0] = -1.0  # REP 145: not measured
         none = self._of('Vector3', np.zeros(3), 'xyz')
-        told = readings.orientation.shape[1] > 0
-        orientation = readings.orientation[index] if told else np.array([0.0, 0.0, 0.0, 1.0])
+        measured = readings.orientation.shape[1] > 0
+        orientation = readings.orientation[index] if measured else np.array([0.0, 0.0, 0.0, 1.0])
         return find('sensor_msgs/msg/Imu')(
             header=self._header(stamp, readings.link or self._model.base_link),
             orientation=self._of('Quaternion', orientation, 'xyzw'),
-            orientation_covariance=(readings.orientation_std**2 * np.eye(3)).ravel() if told else absent,
+            orientation_covariance=(readings.orientation_std**2 * np.eye(3)).ravel() if measured else absent,
             angular_velocity=self._of('Vector3', readings.angular_velocity[index], 'xyz'),
             angular_velocity_covariance=np.zeros(9),
             linear_acceleration=none,

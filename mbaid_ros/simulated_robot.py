@@ -1,4 +1,4 @@
-"""What moves in a simulated run, as the parameters ask for: joints, initial state, thrust, and what is captured."""
+"""The parts of a simulated run by its parameters: joints, initial state, thrust, and the captured body."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _QUATERNION_TOLERANCE = 1e-3
 
 
 def is_driven(motion: Motion) -> TypeGuard[Driven]:
-    """Tell whether a motion is that of joints that follow something."""
+    """Return whether a motion is that of joints that follow something."""
     return not isinstance(motion, Passive)
 
 
@@ -115,7 +115,7 @@ def make_pulse(config: SimulatorConfig, model: RobotModel) -> Pulse | None:
 
 
 def make_target(config: SimulatorConfig, link: Link, motion: Motion) -> Target | None:
-    """Return what is captured, None where nothing is.
+    """Return the captured body, None if there is none.
 
     Raises ParameterError: The parameters do not make a body, or the joints are not driven.
     """
@@ -200,7 +200,7 @@ def _joint_values(name: str, values: tuple[float, ...], model: RobotModel, drive
 
 
 def make_model_errors(config: SimulatorConfig, model: RobotModel) -> ModelErrors:
-    """Return what the robot that moves has more than its URDF says, drawn as the parameters ask for.
+    """Return the deviations of the moving robot from its URDF, drawn by the parameters.
 
     Raises ModelError: There is no body near one of the URDF's.
     """
@@ -251,7 +251,7 @@ def make_springs(config: SimulatorConfig, model: RobotModel) -> Springs | None:
 
 
 def make_view(config: SimulatorConfig) -> Callable[[Truth], Truth] | None:
-    """Return what the frame of the odometry makes of a motion; None for one that falls along.
+    """Return the view of a motion from the frame of the odometry; None for one that falls along.
 
     Raises ParameterError: The directions do not make an orbit.
     """

@@ -59,14 +59,14 @@ class SimulatedRun:
     Attributes
     ----------
     start : stamp at time 0, ns; to be set before the first message is asked for
-    model : RobotModel, as the URDF says
-    errors : what the robot that moves has more than that
+    model : RobotModel, of the URDF
+    errors : deviations of the moving robot from it
     robot : the one that moves, before a capture
     target : the target link, as it is
     momentum : (6,) total momentum (P, L) in the odometry frame, L about its origin: kg m/s, kg m^2/s; after a capture
     pulse : of thrust, None where there is none; the momentum is then that before it
     wheels : inside the base, None where there are none; their momentum is in the total
-    captured : what is captured, None where nothing is
+    captured : the captured body, None if there is none
     brought : (6,) the momentum that it had before; zero where nothing is captured
     """
 
@@ -127,7 +127,7 @@ class SimulatedRun:
         return self.start + round(time * 1e9)
 
     def follow(self, trajectory: JointTrajectory) -> float:
-        """Let the joints follow a trajectory from just after what has been read, and return when that is, s.
+        """Let the joints follow a trajectory from just after the samples read, and return that time, s.
 
         Raises DataError: The joints are not driven, or it is of other joints, or begins elsewhere.
         """
@@ -138,7 +138,7 @@ class SimulatedRun:
         return begin
 
     def come_to_rest(self, seconds: float) -> None:
-        """Let joints that are driven come to rest within some seconds, from just after what has been read."""
+        """Let joints that are driven come to rest within some seconds, from just after the samples read."""
         if isinstance(self._motion, Steered):
             self._motion.come_to_rest(self.model, self._read + LONGEST_STEP, seconds)
 
@@ -155,13 +155,13 @@ class SimulatedRun:
             self.pulse.link.name if self.pulse is not None and self.pulse.link is not None else self.config.odom_frame
         )
         odometry, joint_state = self._messages.odometry, self._messages.joint_state
-        told = self.wheels.stored(joints.wheel_speed) if self.wheels is not None and self.publishes_momentum else ()
+        momenta = self.wheels.stored(joints.wheel_speed) if self.wheels is not None and self.publishes_momentum else ()
         stored = self._messages.stored_momentum
         messages = [
             *(TimedMessage(t, 'thrust', self._messages.wrench(wrench, frame, self.stamp(t))) for t, wrench in due),
             *(
                 TimedMessage(t, 'stored_momentum', stored(momentum, self.stamp(t)))
-                for t, momentum in zip(joints.time.tolist(), told, strict=False)
+                for t, momentum in zip(joints.time.tolist(), momenta, strict=False)
             ),
             *(TimedMessage(t, 'odom', odometry(base, i, self.stamp(t))) for i, t in enumerate(base.time.tolist())),
             *(

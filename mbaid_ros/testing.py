@@ -1,4 +1,4 @@
-"""For tests with hardware in the loop: run what is needed, wait for an estimate, compare it with what is known.
+"""For tests with hardware in the loop: run executables, wait for an estimate, compare it with known values.
 
 This module is a public interface: docs/tutorials/hil-test.md shows its use.
 """
@@ -83,11 +83,11 @@ def wait_for_estimate(
             del heard[:-1]
     finally:
         rclpy.shutdown(context=context)
-    raise TimeoutError(f'no {until} estimate on {topic} within {timeout:g} s: {_told(heard)}')
+    raise TimeoutError(f'no {until} estimate on {topic} within {timeout:g} s: {_last(heard)}')
 
 
 def deviations(estimate: InertiaEstimate, expected: Mapping[str, float]) -> dict[str, float]:
-    """Return how far parameters are from what is expected, in their standard deviations; infinite where not determined.
+    """Return how far parameters are from the expected values, in their standard deviations; infinite if not determined.
 
     Raises ParameterError: A name is none of these.
 
@@ -109,7 +109,7 @@ def deviations(estimate: InertiaEstimate, expected: Mapping[str, float]) -> dict
 
 
 def assert_within(estimate: InertiaEstimate, expected: Mapping[str, float], sigmas: float = 4.0) -> None:
-    """Assert that parameters are what is expected within a number of their standard deviations.
+    """Assert that parameters have the expected values within a number of their standard deviations.
 
     Raises AssertionError: One is not, or the data do not determine it, or contradict the model.
 
@@ -123,8 +123,8 @@ def assert_within(estimate: InertiaEstimate, expected: Mapping[str, float], sigm
     if estimate.status == estimate.INCONSISTENT:
         off.append('the data contradict the model')
     if off:
-        told = f'off by more than {sigmas:g} standard deviations: {", ".join(off)}; {_told([estimate])}'
-        raise AssertionError(told)
+        text = f'off by more than {sigmas:g} standard deviations: {", ".join(off)}; {_last([estimate])}'
+        raise AssertionError(text)
 
 
 def _has_come(estimate: InertiaEstimate, until: Until) -> bool:
@@ -135,8 +135,8 @@ def _has_come(estimate: InertiaEstimate, until: Until) -> bool:
     return estimate.status in {estimate.ESTIMATING, estimate.CONVERGED} and any(estimate.identifiable)
 
 
-def _told(heard: list[InertiaEstimate]) -> str:
-    """Return what was heard last."""
+def _last(heard: list[InertiaEstimate]) -> str:
+    """Return the last estimate heard, in words."""
     if not heard:
         return 'nothing has been heard of an estimator'
     last = heard[-1]

@@ -259,7 +259,7 @@ PARTS = {
 
 def main() -> None:
     """Run the benchmark."""
-    frame = Frame(__doc__, 'explanation/orbit.md', seeds=20)
+    frame = Frame(__doc__, 'measured/orbit.md', seeds=20)
     for part in frame.chosen(PARTS, str):
         seeds = range(min(frame.arguments.seeds, PARTS[part][0]))
         work = {
@@ -294,7 +294,7 @@ def _table(part: str, found: Mapping[Row, Outcome]) -> str:
 
 
 def _compared(found: Mapping[Row, Outcome], row: Row, at: int) -> tuple[str, ...]:
-    """Return number of runs, coverage, NEES, RMSE over that of the reference, status, and what the table has beside."""
+    """Return number of runs, coverage, NEES, RMSE over that of the reference, status, and further columns."""
     own, free = found[row], found[row.reference]
     known = own.known[:, at] & free.known[:, at]
     runs, others = str(len(own)), _beside(row, own)

@@ -1,4 +1,4 @@
-"""Send damaged messages into the node `estimator`: CDR bytes as they come from the middleware, and what they may mean.
+"""Send damaged messages into the node `estimator`: CDR bytes as they come from the middleware, and their contents.
 
 An input is a stretch of messages of a robot, some with damaged bytes or invalid names, stamps, numbers and covariances;
 with wrenches and stored momenta among them. No callback may raise, and estimates stay numbers. After each hundred
@@ -42,7 +42,7 @@ RMWError = rclpy_implementation.RMWError
 
 
 class Node:
-    """The node, its callbacks called as the middleware calls them, and what it publishes."""
+    """The node, its callbacks called as the middleware calls them, and its publications."""
 
     def __init__(self) -> None:
         self.node = EstimatorNode()
@@ -63,7 +63,7 @@ class Node:
         self._callbacks['robot_description'] = work._on_description  # noqa: SLF001
 
     def send(self, topic: str, data: bytes) -> None:
-        """Hand over a message as its bytes; what the middleware itself makes nothing of does not arrive."""
+        """Hand over a message as its bytes; bytes that the middleware itself refuses do not arrive."""
         if topic in OTHERS:
             with contextlib.suppress(RMWError):
                 self._callbacks[topic](deserialize_message(data, OTHERS[topic]))
@@ -78,7 +78,7 @@ class Node:
             self.work._on_pause(SetBool.Request(data=which == 1), SetBool.Response())  # noqa: SLF001
 
     def of_clean(self, messages: list[tuple[str, bytes]]) -> list[bytes]:
-        """Return the bits of what it publishes of a stream, from ~/reset on."""
+        """Return the bits of its publications for a stream, from ~/reset on."""
         self.work._on_pause(SetBool.Request(data=False), SetBool.Response())  # noqa: SLF001
         self.work._on_reset(Trigger.Request(), Trigger.Response())  # noqa: SLF001
         self.published.clear()
@@ -132,7 +132,7 @@ def attacked(clean: list[tuple[str, bytes]], generator: np.random.Generator) -> 
 
 
 def fuzz(count: int, seed: int, every: int = EVERY) -> Found:
-    """Return what came of so many inputs, after each `every` of which the node has to be as it was."""
+    """Return the outcomes of so many inputs, after each `every` of which the node has to be as it was."""
     found, clean, node = Found(), recorded(), Node()
     expected = node.of_clean(clean)
     for number in tqdm(range(count), unit=' stretches', disable=None, leave=False):
@@ -163,7 +163,7 @@ def fuzz(count: int, seed: int, every: int = EVERY) -> Found:
 
 
 def on_a_graph(count: int, seed: int, every: int = EVERY) -> Found:
-    """Return what came of so many inputs of a node on a graph of its own, without anybody else."""
+    """Return the outcomes of so many inputs of a node alone on a graph of its own."""
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
     model, method = f'robot_description_file:={CONFIG / "table1.urdf"}', f'method:={METHODS[seed % len(METHODS)]}'
     rclpy.init(args=['', '--ros-args', '-p', model, '-p', method, '--log-level', 'error'])

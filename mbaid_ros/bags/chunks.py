@@ -45,7 +45,7 @@ class Block:
         return Block(self.topics[begin:end], self.contents[begin:end], self.times[begin:end])
 
     def with_more(self, other: Block) -> Block:
-        """Return these and what follows them."""
+        """Return these and the bytes after them."""
         times = np.concatenate((self.times, other.times))
         return Block(self.topics + other.topics, self.contents + other.contents, times)
 
@@ -128,7 +128,7 @@ class ChunkReader(McapReader):
                 raise ReaderError(f'the end of {path} is missing')
 
     def meta_scan(self) -> None:
-        """Refuse to look for what the index lacks: it decompresses without a bound."""
+        """Refuse to search for entries that the index lacks: that decompresses without a bound."""
         raise UnindexedError('no index')
 
     def read_index(self) -> None:
@@ -215,7 +215,7 @@ def _content(stream: BinaryIO, chunk: ChunkInfo, wanted: Collection[int]) -> _Me
 
 
 def _heads(data: bytes) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.void]]:
-    """Return where the records of messages begin in the content of a chunk, (N,), and what is before their data."""
+    """Return the begins of the message records in the content of a chunk, (N,), and the bytes before their data."""
     size, place = len(data), 0
     places = []
     while place < size:

@@ -137,7 +137,7 @@ def _files(declared: Mapping[str, Any], folder: Path) -> list[Path]:
     if len(names) > limits.FOLDER_FILES:
         raise DataError(f"bag '{folder}' has {len(names)} files; at most {limits.FOLDER_FILES} are accepted")
     if not all(isinstance(name, str) and '\0' not in name for name in names):
-        raise ReaderError('relative_file_paths holds what is no name')
+        raise ReaderError('relative_file_paths has an entry that is not a name')
     paths = [folder / PurePath(name).name for name in names]
     if len(set(paths)) < len(paths):
         twice = next(path for path in paths if paths.count(path) > 1)
@@ -151,7 +151,7 @@ def _files(declared: Mapping[str, Any], folder: Path) -> list[Path]:
 
 
 def _compression(declared: Mapping[str, Any]) -> str:
-    """Return what is compressed: messages, files, or nothing."""
+    """Return the unit of compression: messages, files, or none."""
     mode = str(declared.get('compression_mode') or '').lower()
     if mode in {'', 'none'}:
         return ''

@@ -35,7 +35,7 @@ def files_of(folder: Path, reason: str) -> list[Path]:
 
 
 def open_file(file: Path) -> Source:
-    """Return a file's messages; a DataError says why there are none."""
+    """Return a file's messages; a DataError has the reason if there are none."""
     require_regular(file, 'bag')
     if file.suffix in {'.zst', '.zstd'}:
         return UnpackedSource(file, open_file)

@@ -1,4 +1,4 @@
-"""Reading bags: rosbag2 folders and bare files, and what there is of one that was cut off while being written."""
+"""Reading bags: rosbag2 folders and bare files, also those cut off while being written."""
 
 from __future__ import annotations
 

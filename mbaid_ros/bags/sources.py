@@ -30,7 +30,7 @@ from mbaid_ros.core.errors import DataError
 
 Storage = FolderReader | ChunkReader | SqliteReader
 
-_LARGEST_RECORD = limits.CHUNK_BYTES + 1_000  # bytes: a chunk and what is before its content
+_LARGEST_RECORD = limits.CHUNK_BYTES + 1_000  # bytes: a chunk and its header
 
 # What the libraries raise on damaged files: besides their own exceptions, all that parsing wrong bytes leads to.
 DAMAGE = (

@@ -177,7 +177,7 @@ def unread_log(file: Path) -> str:
     if not log.is_file() or not log.stat().st_size:
         return ''
     command = shlex.join(['sqlite3', str(file), 'PRAGMA wal_checkpoint(TRUNCATE)'])
-    return f"'{log}' holds what has not been written into its bag, and is not read: {command} writes it there"
+    return f"'{log}' holds messages not yet written into its bag, and is not read: {command} writes them there"
 
 
 def _authorize(action: int, first: str | None, second: str | None, database: str | None, origin: str | None) -> int:

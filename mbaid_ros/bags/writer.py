@@ -25,7 +25,7 @@ class _Loader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[mi
     """The safe loader without merged mappings, a few lines of which take minutes."""
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Refuse what would merge a mapping into another."""
+        """Refuse keys that merge a mapping into another."""
         if any(key.tag == _MERGE for key, _ in node.value):
             raise yaml.YAMLError('merge keys (<<) are not supported')
 
@@ -125,7 +125,7 @@ class BagWriter:
                 self._hand_over()
 
     def flush(self) -> None:
-        """Hand what was written to the system, so that it survives the end of this process, however that comes."""
+        """Flush the written bytes to the system, so that they survive any end of this process."""
         if self._unflushed and self._storage is not None:
             with self._no_more_than_whole():
                 self._storage.close_chunk()
@@ -150,7 +150,7 @@ class BagWriter:
 
     @contextmanager
     def _no_more_than_whole(self) -> Iterator[None]:
-        """Let a write that fails leave what was handed over before it, and nothing more."""
+        """Keep the bytes flushed before a failing write, and no others."""
         storage = self._storage
         try:
             yield

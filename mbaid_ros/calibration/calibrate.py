@@ -1,4 +1,4 @@
-"""The calibration: the trajectory filter over all motions, with every link known as its prior says."""
+"""The calibration: the trajectory filter over all motions, with every link as uncertain as its prior."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ _SMALLEST = 1e-9  # standard deviation in units of the prior's that counts as no
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """What a calibration is told."""
+    """The settings of a calibration."""
 
     noise: SensorNoise  # of the joint sensors (the base's stands in the samples)
     priors: tuple[LinkPrior, ...]  # of each of the kernel's unknown links
     uncertainty: Uncertainty = field(default_factory=Uncertainty)  # of joints, mount, stamps and linear momentum
     window: float = 0.5  # s, longest
     gyro: float = 0.0  # rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
-    orientation_measured: bool = True  # whether anything but that tells the orientation of the base
+    orientation_measured: bool = True  # whether another sensor measures the orientation of the base
 
 
 def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: CalibrationSettings) -> Calibration:
@@ -60,8 +60,8 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     detectors, mechanism = _mechanism(kernel, runs, settings.noise)
     settled, motions, normals = _filtered(prior, kernel, (runs, detectors), settings)
     gaussian = settled.passed.gaussian
-    told = normals.as_far_off()
-    values, covariance = told.blocks()
+    widened = normals.as_far_off()
+    values, covariance = widened.blocks()
     values, corrections = _physical(values, covariance, kernel, [std.empty for std in settings.priors])
     size = len(prior.mean)
     gained = _gained(normals.links)
@@ -70,9 +70,9 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         prior=prior,
         values=values,
         block_covariance=covariance,
-        thrusters=told.thrusters(),
-        flexible=told.passive_joints(kernel),
-        carried=told.carried,
+        thrusters=widened.thrusters(),
+        flexible=widened.passive_joints(kernel),
+        carried=widened.carried,
         corrections=corrections,
         momentum=momentum,
         momentum_covariance=momentum_covariance,
@@ -146,7 +146,7 @@ def _moving(windows: list[Samples], noise: SensorNoise) -> tuple[Array, Flags]:
 def _physical(x: Array, covariance: Array, kernel: MomentumKernel, empty: Sequence[bool]) -> tuple[Array, Array]:
     """Return x with links that can exist, or are empty, and by how much each had to give way.
 
-    A link that is none moves in its own metric to the nearest that is; everything else follows as the covariance says.
+    A link that is none moves in its own metric to the nearest that is; everything else follows by the covariance.
     """
     scale = unknown_scale(kernel)[:10]
     corrections = np.zeros(len(kernel.unknown))
@@ -185,7 +185,7 @@ def _momenta(passed: CalibrationIteration, motions: Sequence[Motion]) -> tuple[A
 
 
 def _scale(theta: Array, covariance: Array, prior: Prior, gained: Array) -> Scale:
-    """Return how well the common factor is known, and what of prior and data says it."""
+    """Return the uncertainty of the common factor, and whether prior or data determine it."""
     masses = np.arange(0, len(theta), 10)
     total = float(np.sum(theta[masses]))
     relative = float(np.sqrt(np.sum(covariance[np.ix_(masses, masses)]))) / total

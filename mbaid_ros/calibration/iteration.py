@@ -61,8 +61,8 @@ class Motion:
         kernel : of the robot, the errors of its known bodies included
         detector : decides whether the motion is planar, and in which plane
         uncertainty : of the known side, the target link included
-        sensing : noise of the joint sensors, length of a window in s, density of a gyro's noise, whether anything
-            else tells the orientation of the base
+        sensing : noise of the joint sensors, length of a window in s, density of a gyro's noise, whether anything else
+        measures the orientation of the base
         """
         layout = layout_of(kernel, uncertainty, detector)
         noise, length, gyro, orientation_measured = sensing
@@ -163,7 +163,7 @@ def _iterate(motions: Sequence[Motion], common: Array, momenta: Array) -> Conver
 
 
 def _turns_back(step: Array, before: Array, deviation: Array) -> bool:
-    """Tell whether a step reverses the one before, which was too long."""
+    """Return whether a step reverses the one before, which was too long."""
     scaled, last = (each / np.where(deviation > 0.0, deviation, np.inf) for each in (step, before))
     return bool(scaled @ last < _BACK * np.linalg.norm(scaled) * np.linalg.norm(last))
 

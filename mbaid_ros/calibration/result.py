@@ -1,4 +1,4 @@
-"""What a calibration leads to."""
+"""The result of a calibration."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MOVED = 0.5
 
 @dataclass(frozen=True)
 class Scale:
-    """How well the common factor of all masses is known, and by what."""
+    """The uncertainty of the common factor of all masses, and its source."""
 
     relative_std: float  # of the unknown links' total mass
     fixed_by: tuple[tuple[str, float], ...]  # (name, part of the information), the largest first
@@ -63,7 +63,7 @@ class LinkResult:
 
     @property
     def stayed(self) -> Flags:
-        """(10,) True where the data say little: by itself the value is as uncertain as before."""
+        """(10,) True where the data add little: by itself the value is as uncertain as before."""
         return np.asarray(self.learnt < _MOVED)
 
 
@@ -71,28 +71,28 @@ class LinkResult:
 class Calibration:
     """The unknown links after the data."""
 
-    prior: Prior  # what was known before
+    prior: Prior  # the nominal model
     # values, block_covariance: (10 k + 6 n + 6,) of links, joints and mount as `Normals.blocks` has them, and all of
     # their covariance
     values: Array
     block_covariance: Array
-    thrusters: tuple[Thruster, ...]  # by how much those are off their commands that may be
+    thrusters: tuple[Thruster, ...]  # deviations from their commands, of those that may deviate
     flexible: tuple[PassiveJoint, ...]  # passive joints
-    carried: UnknownsPrior  # what is known of the unknowns of the trajectory filter, to go on with
+    carried: UnknownsPrior  # posterior of the trajectory filter's unknowns, for later runs
     corrections: Array  # (k,) sizes of the projections on bodies that can exist
     # momentum, momentum_covariance: (R, 6), (R, 6, 6) of each motion (P, L), odometry frame, L about its origin
     momentum: Array
     momentum_covariance: Array
-    mechanism: Mechanism  # what moves
-    structure: Structure  # what momentum can tell at all
+    mechanism: Mechanism  # the moving bodies
+    structure: Structure  # combinations that momentum determines
     # information of the data on links, joints and mount in units of the prior's, along its principal directions, the
     # largest first
     gains: Array
-    # (kind of thing, times as far off as its prior says) of what surely is; covariances allow for it
+    # (kind of thing, error over its prior deviation) of those that surely are; covariances allow for it
     further_off: tuple[tuple[str, float], ...]
     scale: Scale  # how well the common factor is known
-    residual: float  # root mean square of the normalised innovations: 1 is as the noise says
-    settled: bool  # whether the passes have come to a point that stays
+    residual: float  # root mean square of the normalised innovations: 1 matches the noise
+    settled: bool  # whether the iterations have converged
     redundancy: int  # number of innovations
     located: bool  # whether anything locates the base
     samples: int  # number used
@@ -100,7 +100,7 @@ class Calibration:
 
     @property
     def planar(self) -> bool:
-        """Whether only what shows in a plane was used."""
+        """Whether the motion was planar, and only its parameters were used."""
         return self.mechanism.normal is not None
 
     @property
@@ -143,9 +143,9 @@ class Calibration:
 
     @property
     def determined(self) -> int:
-        """Number of directions of links, joints and mount of which the data say more than the prior; at rest, none.
+        """Number of directions of links, joints and mount that the data determine better than the prior; at rest, none.
 
-        A body that nothing locates need not move its joints: how it tumbles tells the ratios of its moments.
+        A body that nothing locates need not move its joints: its tumbling determines the ratios of its moments.
         """
         return int(np.sum(self.gains > 1.0)) if np.any(self.mechanism.moving) or not self.located else 0
 

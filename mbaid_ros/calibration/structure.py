@@ -30,7 +30,7 @@ def parameter(links: Sequence[Link], index: int) -> str:
 
 
 def base_parameter(mechanism: Mechanism, combination: BaseParameter) -> str:
-    """Return what a base parameter is: its leading parameter, and what of which other links counts with it."""
+    """Return a base parameter in words: its leading parameter, and the parts of other links that count with it."""
     links = mechanism.kernel.unknown
     leading, own = divmod(combination.leading, 10)
     factors = combination.factors.reshape(-1, 10)
@@ -47,7 +47,7 @@ def base_parameter(mechanism: Mechanism, combination: BaseParameter) -> str:
 
 
 def _of_links(mechanism: Mechanism, kinds: str, links: Sequence[Link]) -> str:
-    """Return whose mass (say) counts: that of a few links, or of all that a joint carries."""
+    """Return the links whose mass, for example, counts: a few, or all that a joint carries."""
     kernel = mechanism.kernel
     for joint, name in enumerate(kernel.model.joint_names):
         carried = [link for link in kernel.unknown if kernel.kinematics.ancestors[link.body, joint]]
@@ -79,7 +79,7 @@ _SEED = 20  # of these states: the same structure every time
 
 @dataclass(frozen=True)
 class Mechanism:
-    """What of a robot moves."""
+    """The moving parts of a robot."""
 
     kernel: MomentumKernel  # with the unknown links
     moving: Flags  # (n,) True for the joints that do not rest
@@ -121,7 +121,8 @@ class Structure:
     def base_parameters(self) -> tuple[BaseParameter, ...]:
         """Return a minimal set of combinations that momentum determines.
 
-        Bodies come from the base outwards: what cannot be told from a parent's parameters is counted with them.
+        Bodies come from the base outwards: a combination that is inseparable from a parent's parameters is counted with
+        them.
         """
         chosen: list[int] = []
         basis: Array = np.zeros((len(self.regressor), 0))
@@ -141,7 +142,7 @@ class Structure:
 
 
 def structure(mechanism: Mechanism) -> Structure:
-    """Return what momentum can tell of a mechanism's unknown links."""
+    """Return the parameters of a mechanism's unknown links that momentum determines."""
     kernel = mechanism.kernel
     model = kernel.model
     count = _STATES_PER_UNKNOWN * 10 * len(kernel.unknown)

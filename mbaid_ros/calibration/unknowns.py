@@ -1,4 +1,4 @@
-"""What a calibration is about, as one vector with one covariance: links, joints, mount of the odometry.
+"""The unknowns of a calibration, as one vector with one covariance: links, joints, mount of the odometry.
 
 All of it is linear in independent normal numbers: those of the target link's prior, then those of the catalogue. The
 filter sees combinations of them (in a plane, fewer than there are); the rest stays at its prior exactly.
@@ -51,17 +51,17 @@ class Normals:
 
     @staticmethod
     def before(prior: Prior, kernel: MomentumKernel, uncertainty: Uncertainty) -> Normals:
-        """Return what is known before the data."""
+        """Return the prior."""
         unknowns = catalogue(kernel, uncertainty)
         numbers = 10 + sum(unknown.count for unknown in unknowns)
         return Normals(prior, kernel.model.joints, unknowns, UnknownsPrior.nothing(numbers))
 
     def after(self, passed: CalibrationIteration, own: Variables, detector: PlaneDetector) -> Normals:
-        """Return what is known after a pass over all data.
+        """Return the posterior after a pass over all data.
 
         Parameters
         ----------
-        passed : with the mean and factor of what the motions share
+        passed : with the mean and factor of the numbers that the motions share
         own : variables of a motion
         """
         body = own.gather[own.head : own.own, BODY]
@@ -87,7 +87,7 @@ class Normals:
         return PriorScaleFactors.of(self.gaussian.mean, factor @ factor.T, causes, parts)
 
     def as_far_off(self) -> Normals:
-        """Return what is known where they may be so (trajectory.md, eq. 7); what no window sees stays."""
+        """Return the state with a wider prior (trajectory.md, eq. 7); unobserved directions stay."""
         mean, factor = self.gaussian.mean, self.gaussian.factor
         seen = factor[:, len(mean) :]
         return replace(
@@ -96,18 +96,18 @@ class Normals:
 
     @cached_property
     def carried(self) -> UnknownsPrior:
-        """What is known of the unknowns, whatever the target link is."""
+        """Mean and covariance of the unknowns, for any target link."""
         return UnknownsPrior(self.gaussian.mean[10:], self.gaussian.factor[10:])
 
     @property
     def links(self) -> UnknownsPrior:
-        """What is known of the links' numbers, ten each."""
+        """Mean and covariance of the links' numbers, ten each."""
         count = len(self.prior.mean)
         return UnknownsPrior(self.gaussian.mean[:count], self.gaussian.factor[:count])
 
     @property
     def of_the_robot(self) -> UnknownsPrior:
-        """What is known of links, joints, mount, wheels and thrusters: all but the last numbers, those of sensors."""
+        """Mean and covariance of links, joints, mount, wheels and thrusters: all but the sensors."""
         of_the_run = (unknown for unknown in self.unknowns if unknown.read and not isinstance(unknown, OdometryMount))
         count = len(self.gaussian.mean) - sum(unknown.count for unknown in of_the_run)
         return UnknownsPrior(self.gaussian.mean[:count], self.gaussian.factor[:count])
@@ -159,7 +159,7 @@ class Normals:
         return values, factor @ factor.T
 
 
-# Standard deviation, in typical sizes, of what nothing is known of: far too much to be a prior (as in difference).
+# Standard deviation, in typical sizes, of an unknown without a prior (as in difference).
 NO_PRIOR = 100.0
 _EMPTY = 1e-9  # standard deviation, in typical sizes, of a link that is known to have no mass
 # Smallest eigenvalue of a pseudo-inertia, relative to the largest, that still counts as a body: flat ones are common.
@@ -202,7 +202,7 @@ class Prior:
         return tuple(map(_root, blocks))
 
     def errors(self, but: int) -> KnownErrors:
-        """Return what the priors of all links but the first few say of the moving bodies: ten numbers a link."""
+        """Return the prior of the moving bodies from all links but the first few: ten numbers a link."""
         bodies, carry = to_bodies(self.links[but:])
         return KnownErrors(bodies, carry @ block_diag(*self.roots[but:]) if bodies else np.zeros((0, 0)))
 

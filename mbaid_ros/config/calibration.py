@@ -22,7 +22,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class CalibrationFile:
-    """What a calibration found of k links, n joints and the odometry's mount."""
+    """A calibration of k links, n joints and the odometry's mount."""
 
     path: str  # of the file
     links: tuple[str, ...]  # names

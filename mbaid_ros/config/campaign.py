@@ -32,7 +32,7 @@ Settings = dict[str, dict[str, object]]
 
 @dataclass(frozen=True)
 class Case:
-    """One combination of what a campaign compares."""
+    """One combination that a campaign compares."""
 
     choices: Mapping[str, str]  # of each group of `cases` the name that was chosen
     # simulator, estimator: the parameters; the seeds vary from run to run
@@ -55,7 +55,7 @@ class CampaignRun:
 
 @dataclass(frozen=True)
 class Campaign:
-    """What a campaign consists of."""
+    """The contents of a campaign."""
 
     urdf: str  # text of the robot description
     cases: tuple[Case, ...]  # every combination

@@ -35,7 +35,7 @@ class _Loader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Refuse what would merge a mapping into another."""
+        """Refuse keys that merge a mapping into another."""
         if any(key.tag == 'tag:yaml.org,2002:merge' for key, _ in node.value):
             raise yaml.YAMLError('merge keys (<<) are not supported')
 
@@ -106,7 +106,7 @@ def read_yaml(path: str | Path, kind: str) -> object:
     Parameters
     ----------
     path : the file
-    kind : what an error calls it
+    kind : its name in errors
     """
     text = read_text(path, kind, limits.YAML_CHARACTERS)
     try:

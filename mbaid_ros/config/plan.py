@@ -9,7 +9,7 @@ from mbaid_ros.config.parameters import parameter
 
 @dataclass(frozen=True)
 class PlanConfig:
-    """What a planned motion is to reach, and what it may not exceed."""
+    """Goal and limits of a planned motion."""
 
     relative_std: tuple[float, ...] = parameter((), lengths=(0, 1, 10), read_only=False)
     """Wanted relative standard deviation, in the sense of convergence.relative_std: one for all parameters, or ten in

@@ -34,7 +34,7 @@ class InitialConfig:
 
 @dataclass(frozen=True)
 class MotionConfig:
-    """What drives the joints."""
+    """The motion of the joints."""
 
     kind: str = parameter('passive', choices=MOTIONS)
     """Motion of the joints: passive (no torque), sinusoids (those given), random (drawn ones) or trajectory (a

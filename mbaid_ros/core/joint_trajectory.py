@@ -41,7 +41,7 @@ class JointTrajectory:
     acceleration: Array  # (K, k); or (0, 0) where not given
 
     def __post_init__(self) -> None:
-        """Refuse what is no motion."""
+        """Refuse arrays that are not a motion."""
         count, names = len(self.time), len(self.joints)
         if not count or not names:
             raise DataError(f'a joint trajectory has {count} points of {names} joints; accepted: at least one of both')

@@ -40,7 +40,7 @@ class PlayerNode(Node):
 
     Parameters
     ----------
-    bag, topics : the open bag and what to publish of it; empty is everything that can be
+    bag, topics : the open bag and its topics to publish; empty: all that can be
     rate, clock : speed relative to the recording; whether to publish /clock
     interrupt : ends the playing
     """

@@ -1,4 +1,4 @@
-"""What the node `estimator` publishes of a run: estimates as they come, stale or withdrawn."""
+"""The publications of the node `estimator`: estimates as they come, stale or withdrawn."""
 
 from __future__ import annotations
 

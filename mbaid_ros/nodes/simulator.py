@@ -132,7 +132,7 @@ class SimulatorNode(Node):
         self._pace.begin()
 
     def _on_timer(self) -> None:
-        """Publish what is due."""
+        """Publish the messages that are due."""
         if not self._pace.begun:
             wanted = self._config.wait_for_subscribers
             if any(self._topics[topic].get_subscription_count() < wanted for topic in ('joint_states', 'odom')):

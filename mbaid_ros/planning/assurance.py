@@ -21,7 +21,7 @@ from mbaid_ros.planning.search import Candidate
 from mbaid_ros.planning.splines import Splines
 
 _DRAWS, _MORE_DRAWS = 12, 32  # robots as they may be as well: on the way, and of the motion that is taken
-_TOLD = 8  # of these, for which it is told what the motion tells
+_COMPARED = 8  # of these, for which the plan reports the precision
 _SURE = 5.0  # standard deviations of what the motion does to the base that are kept from its limits
 _PARTS = (1.0, 0.85, 0.7, 0.5, 0.35, 0.2, 0.1, 0.05)  # to which motions are made smaller, for the robot to stay apart
 
@@ -32,8 +32,8 @@ class Assurance:
     Parameters
     ----------
     motions : from where the run ended, of any length
-    wanted : what they are to reach
-    base : limits of what they do to the base
+    wanted : their goal
+    base : limits of the base's motion
     collisions : between the shapes of the robot
     seed : of the robots that are drawn
     """
@@ -61,7 +61,7 @@ class Assurance:
         )
 
     def bounds(self, candidate: Candidate, draws: int = _MORE_DRAWS) -> Bounds:
-        """Return what a motion does to the base at most, if the robot is as known best, and as it may be as well."""
+        """Return the largest motion of the base, for the best estimate of the robot, and for all that may be."""
         nominal = candidate.motions.excursions(candidate.speeds[None])[0]
         every = candidate.motions.excursions_of(self._draws[:draws], candidate.speeds)
         spread = np.sqrt(np.mean((every - nominal) ** 2, axis=0))
@@ -95,9 +95,9 @@ class Assurance:
         return replace(candidate, speeds=speeds, cost=cost, ratio=ratio)
 
     def may_be(self, motions: Motions, trajectory: JointTrajectory) -> Array:
-        """Return standard deviations after a motion over those of the body as known best, (_TOLD, 10)."""
-        points = (motions.knowledge.point, *self._points[:_TOLD])
-        # Of a ratio the search's few windows tell as much as the estimator's.
+        """Return standard deviations after a motion over those of the body as known best, (_COMPARED, 10)."""
+        points = (motions.knowledge.point, *self._points[:_COMPARED])
+        # For a ratio the search's few windows are as good as the estimator's.
         known, *others = (motions.relative_along(trajectory, motions.coarse, point) for point in points)
         return np.stack(others) / known
 
@@ -106,12 +106,12 @@ _LENGTH = 10.0  # s, of a joint's motion there and back
 _TURN, _SLIDE = np.radians(20.0), 0.2  # rad, m, that it takes where its limits allow
 _WAY = 8  # speeds of a way there, and as many of the way back
 _AND_BACK = np.repeat([1.0, -1.0], _WAY)
-_MOSTLY = 0.5  # share of a variance, from which one cause is told of
+_MOSTLY = 0.5  # share of a variance, from which one cause is reported
 _LITTLE = 0.95  # of a standard deviation that a motion leaves, from which it improves nothing to speak of
 
 
 def single_joint(motions: Motions, wanted: Wanted, base: BaseLimits) -> str:
-    """Return which joint, moved there and back by itself, tells most of what is furthest from what is wanted.
+    """Return the single joint whose motion there and back improves the worst parameter most.
 
     Empty where everything is known as well as is wanted.
     """
@@ -143,15 +143,15 @@ def single_joint(motions: Motions, wanted: Wanted, base: BaseLimits) -> str:
         instead = beyond_motion(alone, speeds[best], alone.coarse, wanted)
         return f'no single joint improves {PARAMETERS[worst]}, known to {before}' + (f': {instead}' if instead else '')
     return (
-        f'of single joints {model.independent_joints[joint]} tells most of {PARAMETERS[worst]}: {turn} there and back '
-        f'in {_LENGTH:g} s bring it from {before} to {then}'
+        f'of single joints {model.independent_joints[joint]} improves {PARAMETERS[worst]} most: {turn} there and back '
+        f'in {_LENGTH:g} s reduce it from {before} to {then}'
     )
 
 
 def beyond_motion(motions: Motions, speeds: Array, grid: Grid, wanted: Wanted) -> str:
-    """Return what most of the uncertainty comes from that a motion (K, k) leaves, where that is no sensor's noise.
+    """Return the main source of the uncertainty that a motion (K, k) leaves, if it is no sensor's noise.
 
-    Empty where the motion reaches what is wanted, or no cause makes most of what is left.
+    Empty if the motion reaches the wanted precision, or no cause dominates the rest.
     """
     position, rate = motions.joints(speeds[None], grid.half_steps)
     base = motions.floating.moved(position, rate, grid.spacing)

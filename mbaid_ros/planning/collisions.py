@@ -41,11 +41,11 @@ class Collisions:
     ----------
     clearance : m, that shapes keep from each other
     start : (n,) joint positions where motions begin
-    mesh : what reads the vertices (V, 3) of a mesh by the name of its file, and raises ModelError where it cannot
+    mesh : reads the vertices (V, 3) of a mesh by the name of its file, or raises ModelError
 
     Attributes
     ----------
-    notes : what is left out, a line each
+    notes : omitted shapes, a line each
     """
 
     def __init__(self, model: RobotModel, clearance: float, start: Array, mesh: ReadMesh) -> None:
@@ -72,7 +72,7 @@ class Collisions:
         return len(self._shapes.collisionPairs)
 
     def clear(self, positions: Array) -> bool:
-        """Tell whether nothing comes near anything at (T, n) joint positions."""
+        """Return whether nothing comes near anything at (T, n) joint positions."""
         return not self.pairs or all(not self._near(position, first_only=True) for position in positions)
 
     @property

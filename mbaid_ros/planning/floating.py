@@ -32,10 +32,10 @@ class BaseMotion(ArrayRecord):
 
 @dataclass(frozen=True, eq=False)
 class Floating:
-    """A robot that floats: what it is, its momentum, and where it begins."""
+    """A floating robot: its parameters, its momentum, and its start."""
 
-    point: Point  # bodies, momentum (about the run's origin) and what is known of the joints
-    stored: Array  # (c,) readings of what stores momentum inside bodies, which stay as they are
+    point: Point  # bodies, momentum (about the run's origin) and estimates of the joints
+    stored: Array  # (c,) readings of the momentum stored inside bodies, which stay constant
     rotation: Array  # (3, 3), (3,) m, of the base at the begin
     position: Array  # (3, 3), (3,) m, of the base at the begin
     plane: Array | None  # (3, 6) the equations that hold for a planar motion, odometry axes; None in space

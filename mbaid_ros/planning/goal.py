@@ -20,19 +20,19 @@ _SHARP = 8  # exponent of the mean that stands for the worst, smooth enough to b
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """What a motion is to reach."""
+    """The goal of a motion."""
 
     relative: Array  # (10,) relative standard deviations wanted
     asked: Flags  # (10,) which of them count
-    # what is made small: the worst of the ratios to what is wanted, their mean square, or their volume
+    # the quantity minimised: the worst of the ratios to the wanted precision, their mean square, or their volume
     criterion: Criterion = 'worst'
 
     def ratio(self, relative: Array) -> Array:
-        """Return the largest ratio (...) of (..., 10) to what is wanted: 1 is reached."""
+        """Return the largest ratio (...) of (..., 10) to the wanted precision: 1 is reached."""
         return np.asarray((relative / self.relative)[..., self.asked].max(axis=-1))
 
     def cost(self, relative: Array) -> Array:
-        """Return what the search makes small, (...)."""
+        """Return the cost of the search, (...)."""
         ratios = (relative / self.relative)[..., self.asked]
         if self.criterion == 'volume':
             return np.asarray(np.exp(np.log(ratios).mean(axis=-1)))
@@ -75,7 +75,7 @@ def joint_limits(
     Parameters
     ----------
     position : (k,) where the motion begins, of the joints that follow no other
-    velocity : rad/s or m/s that no joint may exceed, whatever its own limit
+    velocity : rad/s or m/s that no joint may exceed, besides its own limit
     acceleration : rad/s^2 or m/s^2
     stuck : names of joints that cannot be moved
     """

@@ -1,4 +1,4 @@
-"""Motions of the joints from where a run has ended, what they do to the base and what they tell, many at once."""
+"""Motions of the joints from the end of a run, the base's reaction and the information gained, many at once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mbaid_ros.planning.information import Grid, Information
 from mbaid_ros.planning.splines import Splines
 
 _PARTS = (slice(0, 3), slice(3, 6))  # of a twist
-WINDOWS, KNOTS = 14, 5  # of a motion in the search: in finer ones it tells the same within some 2 %
+WINDOWS, KNOTS = 14, 5  # of a motion in the search: finer ones give the same information within some 2 %
 _FINE = 240  # steps of the base's motion along any trajectory
 _STEPS = 2  # a piece, of the base's motion, where nothing but that is asked for
 # What motions beyond a limit are brought to, and whether by longer ramps, in turn.
@@ -32,8 +32,8 @@ _SPARSE = 2  # of these from one at which torques are asked for to the next: end
 class Motions:
     """All motions of one length."""
 
-    knowledge: Posterior  # where they begin, and what is known there
-    information: Information  # what they add to it
+    knowledge: Posterior  # where they begin, with the posterior there
+    information: Information  # that they add to it
     splines: Splines  # their form
     limits: JointLimits  # of the joints
     efforts: Efforts  # of the joints of the robot as it is known best
@@ -98,7 +98,7 @@ class Motions:
         Parameters
         ----------
         speeds : (B, K, k)
-        course : what `course` returns of them first
+        course : their first result of `course`
         """
         times, base = course or self.course(speeds)[:2]
         position, rate = self.joints(speeds, times)
@@ -118,7 +118,7 @@ class Motions:
         return np.asarray(self.course(speeds)[2].max(axis=0))
 
     def beside_holding(self, effort: Array) -> Array:
-        """Return which part (B, k) of what holding leaves of the limits is used: it grows with the motion, nearly."""
+        """Return the used part (B, k) of the limits beside holding: it grows with the motion, nearly."""
         return (effort - self.holding) / (1.0 - self.holding)
 
     def trajectory(self, speeds: Array) -> JointTrajectory:
@@ -180,7 +180,7 @@ class Motions:
         """Return motions (B, K, k) within the limits of efforts and base.
 
         Where efforts ask for it their ramps are made longer; then they are made as much smaller as is left to do. A
-        base that is moved by the sum of what the joints do is moved in proportion to that, nearly; so are torques.
+        base that is moved by the sum of the joints' motions is moved in proportion to that, nearly; so are torques.
         """
         if not (np.isfinite(most.array).any() or self.efforts.limited):
             return speeds
@@ -231,7 +231,7 @@ def simple_motion(kind: str, motions: Motions, base: BaseLimits, seed: int) -> J
     ----------
     kind : of SIMPLE
     motions : where it begins, how long it takes, and the limits of the joints
-    base : limits of what it does to the base, if the robot is as it is known best
+    base : limits of the base's motion, for the best estimate of the robot
     seed : the same gives the same motion
     """
     duration = motions.splines.duration

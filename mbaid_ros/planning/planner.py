@@ -1,4 +1,4 @@
-"""From what a run has come to know to the motion that tells what is still uncertain, within limits."""
+"""From the posterior of a run to the motion that determines the uncertain rest, within limits."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from mbaid_ros.planning.search import Candidate, Search
 from mbaid_ros.planning.splines import Splines
 
 _FIRST = 20.0  # s, of the motions that a search begins with
-_OTHER = 1.3  # ratio of lengths from which what is unknown of the robot makes another difference to its base
+_OTHER = 1.3  # ratio of lengths from which the robot's uncertainty changes the base's motion differently
 _MOVING = 5e-3  # rad/s or m/s, from which a joint counts as moving: above what noise makes of one that rests
 _WINDOW, _KNOTS = 0.5, 10  # s; as the estimator has them
-_CLOSE = 1.2  # ratio to what is wanted, from which more than a little length is missing
-_SMALL = 0.2  # of the duration of a motion that is lengthened for what the fine windows tell
+_CLOSE = 1.2  # ratio to the wanted precision, from which more than a little length is missing
+_SMALL = 0.2  # of the duration of a motion that is lengthened for the fine windows
 
-Progress = Callable[[int], bool]  # takes how many motions have been compared; tells whether to go on
+Progress = Callable[[int], bool]  # takes the number of motions compared; returns whether to go on
 
 
 @dataclass(frozen=True)
 class PlanSettings:
-    """What a motion is to reach, and within what."""
+    """Goal and limits of a motion."""
 
     relative: Array  # (10,) relative standard deviations wanted
     # duration, longest: s; the first 0 for the shortest that reaches them
@@ -64,13 +64,13 @@ class Planner:
 
     Parameters
     ----------
-    knowledge : what the run has come to know
-    reporting : what standard deviations are relative to
-    mesh : what reads collision meshes, as `Collisions` has it
+    knowledge : the posterior of the run
+    reporting : has the sizes that standard deviations are relative to
+    mesh : reads collision meshes, as `Collisions` has it
 
     Attributes
     ----------
-    information : what motions add to what is known
+    information : the information that motions add
     """
 
     def __init__(
@@ -117,17 +117,17 @@ class Planner:
     def plan(self, progress: Progress = lambda _compared: True) -> Plan:
         """Return the motion.
 
-        Raises ParameterError: What is wanted has been reached already, or no motion at all is allowed.
+        Raises ParameterError: The wanted precision has been reached already, or no motion at all is allowed.
         Raises ModelError: A collision shape cannot be read.
 
         Parameters
         ----------
-        progress : told of what has been done; where it says no, the best so far is taken
+        progress : called with the work done; if it returns False, the best so far is taken
         """
         settings = self._settings
         if not settings.duration and self.ratio <= 1.0:
             raise ParameterError(
-                'every parameter is known as well as is wanted already; accepted: a smaller plan.relative_std, or a '
+                'every parameter has the wanted precision already; accepted: a smaller plan.relative_std, or a '
                 'plan.duration'
             )
         clear = self._assurance.clear_part
@@ -166,13 +166,13 @@ class Planner:
         rate = np.abs(knowledge.end.joint_velocity)
         moving = [name for name, each in zip(model.joint_names, rate, strict=True) if each > _MOVING]
         if moving:
-            notes.append(f'moved at the end of the run, and have to rest before the motion begins: {listing(moving)}')
+            notes.append(f'moved at the end of the run, and must rest before the motion begins: {listing(moving)}')
         if knowledge.hypothesis.disturbed:
             notes.append(f'{knowledge.hypothesis.name}: the motion is planned as if that went on')
         return notes
 
     def _lengthened(self, candidate: Candidate) -> Candidate:
-        """Return a motion that was to reach what is wanted, made longer until it does so in the estimator's windows."""
+        """Return a motion, made longer until it reaches the wanted precision in the estimator's windows."""
         if self._settings.duration or candidate.ratio > _CLOSE:
             return candidate
         first = candidate.duration

@@ -40,7 +40,7 @@ class Splines:
         return BSpline(np.arange(-2.0, self.count + 5.0), speeds, 2).antiderivative()
 
     def basis(self, times: Array, order: int = 0) -> Array:
-        """Return what speeds make of the derivative of an order at (N,) s, (N, K); at rest before and after."""
+        """Return the weights of speeds in the derivative of an order at (N,) s, (N, K); at rest before and after."""
         passed = np.clip(times / self.step, 0.0, self.count + 2.0)
         return np.asarray(self._spline(passed, nu=order) * self.step ** (1 - order))
 

@@ -105,7 +105,7 @@ def scatter(values: Array) -> float:
 
 
 def wanders(time: Array, values: Array) -> bool:
-    """Tell whether what is left of (n, k) about a cubic is no noise alone: a push, a fast tumble, errors that last."""
+    """Return whether the residuals of (n, k) about a cubic are no noise alone: a push, lasting errors."""
     if values.size == 0 or not np.all(np.isfinite(values)):
         return False
     blocks = _blocks(time)

@@ -36,7 +36,7 @@ _INERTIA = PARAMETERS[4:]
 
 
 def calibrate(arguments: argparse.Namespace) -> int:
-    """Calibrate as the arguments say, write the results, and return the exit code."""
+    """Calibrate by the arguments, write the results, and return the exit code."""
     check_outputs(arguments, 'output')
     model, output = Path(arguments.model), arguments.output
     if output and model.is_file() and Path(output).is_file() and model.samefile(output):
@@ -79,7 +79,7 @@ def _text(result: Calibrated, arguments: argparse.Namespace) -> str:
     if arguments.json:
         hint = f'with known_links.calibration {one_line(arguments.json)}'
         return f'{text}\nreplay and estimator go on from it: {output}, {hint}'
-    return f'{text}\nhow well {output} is known is kept by --json FILE alone, for known_links.calibration'
+    return f'{text}\n--json FILE keeps the uncertainty of {output}, for known_links.calibration'
 
 
 def _kernel(model: RobotModel, parameters: CalibrationParameters) -> MomentumKernel:
@@ -134,7 +134,7 @@ def _calibrated_urdf(urdf: str, calibration: Calibration) -> str:
 
 
 def _as_json(result: Calibrated) -> dict[str, Any]:
-    """Return the result as scripts read it; None for what is not known."""
+    """Return the result as scripts read it; None for unknown values."""
     calibration, structure = result.calibration, result.calibration.structure
     model, links = result.kernel.model, result.kernel.unknown
     bags = [motion.bag for motion in result.motions for _ in motion.runs]

@@ -38,7 +38,7 @@ from mbaid_ros.session.posterior import from_numbers
 from mbaid_ros.session.robot import Robot
 
 TOPIC, TYPE = '/joint_trajectory', 'trajectory_msgs/msg/JointTrajectory'
-_ACCEPTED = 'accepted: what replay --json writes, or a bag'
+_ACCEPTED = 'accepted: a file of replay --json, or a bag'
 _FILES = ('robot_description_file',)  # parameters of a result that need not be there any more
 _BASE = (('rotation', 'rad'), ('translation', 'm'), ('rate', 'rad/s'))
 
@@ -164,7 +164,7 @@ def _begin(path: str, config: EstimatorConfig, urdf: str, status: str, state: An
     """Return the begin of a state as JSON has it."""
     if config.calibration.enabled:
         raise ParameterError(
-            "parameter 'calibration.enabled' is true: what such a run learns of the robot is not in its result; "
+            "parameter 'calibration.enabled' is true: the result of such a run lacks the calibrated robot; "
             'accepted: false, or the service ~/plan of the estimator'
         )
     if not state:

@@ -79,7 +79,7 @@ def read_recording(bag: str, joint_states: str, odom: str, between: tuple[float,
 
 
 def _joint_stream(joints: Sequence[Any], where: str) -> tuple[tuple[str, ...], JointStream, list[str]]:
-    """Return names and readings of the joints that are measured, without turns and outliers, and what was left out."""
+    """Return names and readings of the joints, without turns and outliers, and notes on omitted readings."""
     names, stamps = _names(joints, where), _stamps(joints, where)
     position: Array = np.array([joint.position for joint in joints], dtype=float)
     velocity: Array = np.array([joint.velocity for joint in joints], dtype=float)
@@ -101,7 +101,7 @@ def _joint_stream(joints: Sequence[Any], where: str) -> tuple[tuple[str, ...], J
 
 
 def _base_stream(bases: Sequence[Any], where: str) -> tuple[BaseStream, list[str]]:
-    """Return the readings of the base as an estimator reads them, without outliers, and what was left out."""
+    """Return the readings of the base as an estimator reads them, without outliers, and notes on omitted readings."""
     _stamps(bases, where)
     frame = AttachedFrame(np.eye(3), np.zeros(3))
     reader = OdometryReader({}, frame, (), 'inertial', SensorNoise(*TYPICAL.tolist()))

@@ -1,4 +1,4 @@
-"""The result of a replay, and what it is gathered from: estimates, times of arrival, the last pose."""
+"""The result of a replay, and its sources: estimates, times of arrival, the last pose."""
 
 from __future__ import annotations
 

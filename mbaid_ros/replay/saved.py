@@ -23,7 +23,7 @@ TRUTH_FILE = 'truth.json'
 ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'
 _DEBRIS = '/debris'  # end of the name of the topic with the captured body alone
 _DEBRIS_NEEDS = 'accepted: results of a run with debris.report: true that determined all ten parameters'
-_ACCEPTED = 'accepted: what replay --json writes, or a bag that holds estimates'
+_ACCEPTED = 'accepted: a file of replay --json, or a bag that holds estimates'
 _ACCEPTED_TRUTH = 'accepted: a JSON object with target_link, mass, com and inertia, as simulate writes it'
 
 

@@ -33,7 +33,7 @@ _CHUNK = 1.0  # s of the run between two looks at the progress bar
 
 
 def simulate(arguments: argparse.Namespace) -> int:
-    """Simulate a run as the arguments say, and return the exit code."""
+    """Simulate a run by the arguments, and return the exit code."""
     config = _config(arguments)
     run = SimulatedRun(config, read_robot_description(config.robot_description_file), BAG_TYPES)
     begin = time.monotonic()

@@ -29,8 +29,8 @@ from mbaid_ros.session.settings import declared_uncertainty
 _SAME = 1e-6
 # Warning of a contradicted run in which nothing may deviate.
 EXACT_ROBOT = (
-    'the robot is said to be exactly its URDF, as only a simulated one is: leave known_links, known_joints and '
-    'odometry_mount at their defaults, or say how well it is known'
+    'the robot is declared to be exactly its URDF, as only a simulated one is: leave known_links, known_joints and '
+    'odometry_mount at their defaults, or declare its uncertainty'
 )
 _ACCEPTED = 'accepted: the URDF that calibrate --output wrote with it'
 
@@ -99,8 +99,8 @@ def _calibration(model: RobotModel, config: KnownLinksConfig) -> CalibrationFile
     """Return the calibration that the parameters name, of the very robot."""
     if config.links:
         raise ParameterError(
-            f"parameter 'known_links.{next(iter(config.links))}' is given; with 'known_links.calibration', which says "
-            'it of all bodies, none is accepted'
+            f"parameter 'known_links.{next(iter(config.links))}' is given; with 'known_links.calibration', which "
+            'covers all bodies, none is accepted'
         )
     found = read_calibration(config.calibration)
     _require_the_same(found, model)
@@ -150,8 +150,8 @@ def declared_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> KnownEr
     for name, given in config.links.items():
         if name in unknown:
             raise ParameterError(
-                f"parameter 'known_links.{name[:60]}' is of the link that is identified; what is known of that goes "
-                'into target_prior.mass, mass_std, com and com_std'
+                f"parameter 'known_links.{name[:60]}' is of the link that is identified; declare that one by "
+                'target_prior.mass, mass_std, com and com_std'
             )
         if name not in bodies:
             raise ParameterError(

@@ -40,7 +40,7 @@ OTHER_SOURCE = 'the pose of the base comes from another source'
 
 
 class MessageQueue:
-    """Collects the messages of all topics, each in the order of arrival, until `problem` says why not."""
+    """Collects the messages of all topics, each in the order of arrival, until `problem` is set."""
 
     def __init__(self, topics: Collection[str], config: EstimatorConfig) -> None:
         self._threshold = round(TIME_JUMP * 1e9)
@@ -123,7 +123,7 @@ class MessageQueue:
         gate = self._gates[name]
         text = f'stamps on {name} jumped back by {amount * 1e-9:.6g} s (a bag or simulation started again, a clock set)'
         if self._stops:
-            self.problem = f'{text}; stopped, as time_jump: error says'
+            self.problem = f'{text}; stopped by time_jump: error'
         elif gate.epoch > self._epoch:
             self._epoch = gate.epoch
             return text

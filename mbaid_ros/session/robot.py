@@ -47,8 +47,8 @@ def mesh_points(name: str) -> Array:
         with kept_words([]):
             return np.asarray(coal.MeshLoader().load(str(path), np.ones(3)).vertices())
     except (ValueError, RuntimeError) as error:
-        told = [line for line in str(error).splitlines() if not line.startswith('Hint:')]
-        raise ModelError(f"mesh '{name}' cannot be read: {told[-1]}") from error
+        lines = [line for line in str(error).splitlines() if not line.startswith('Hint:')]
+        raise ModelError(f"mesh '{name}' cannot be read: {lines[-1]}") from error
 
 
 def _path(name: str) -> Path:
@@ -122,7 +122,7 @@ class Robot:
     def calibrated(self) -> str:
         """Summary of the calibration at the capture, in a line; empty without one."""
         handover = None if self._capture is None else self._capture.handover
-        return '' if handover is None else handover.told
+        return '' if handover is None else handover.calibration
 
     @property
     def urdf(self) -> str:

@@ -32,7 +32,7 @@ from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, BaseSource, Intake,
 from mbaid_ros.session.robot import Robot
 from mbaid_ros.session.settings import falling_frame, uncertain_thrusters
 
-IMU_NOT_ASKED_FOR = 'an IMU is heard and not used: set imu.noise_density'
+IMU_NOT_ASKED_FOR = 'an IMU is published but not used: set imu.noise_density'
 
 # No known data lead to these. A node in a robot's graph has to report them and go on all the same.
 UNSOLVABLE = (np.linalg.LinAlgError, FloatingPointError)
@@ -204,7 +204,7 @@ class Session:
 
     @property
     def synchroniser(self) -> Synchroniser:
-        """The gates of the readings, and what brings them to common stamps."""
+        """The gates of the readings, and their synchronisation to common stamps."""
         return self._segment.identifier.synchroniser
 
     @property
@@ -361,11 +361,9 @@ class _Segment:
             capture.time = time
             return f'captured {time:.3f} s after the first sample'
         if not time > before:
-            raise DataError(f'the capture was told before, at {before:.6g} s; accepted: a later one, or reset')
+            raise DataError(f'the capture was announced before, at {before:.6g} s; accepted: a later one, or reset')
         capture.move(time)
-        return (
-            f'captured {time:.3f} s after the first sample, not {before:.3f} s: what was learnt since then is forgotten'
-        )
+        return f'captured {time:.3f} s after the first sample, not {before:.3f} s: the estimate since then is dropped'
 
     def judge_by(self, convergence: ConvergenceConfig) -> None:
         """Change the thresholds from the next window on."""

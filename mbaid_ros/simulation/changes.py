@@ -134,7 +134,7 @@ def _momentum(model: RobotModel, at: Truth, target: Target) -> Array:
 
 def _joined(model: RobotModel, at: Truth, momentum: Array, wheels: Wheels | None) -> State:
     """Return the state with the same poses and joint rates, and the base's twist that gives the momentum."""
-    # The momentum is linear in the twist: a base at rest and six unit twists tell how.
+    # The momentum is linear in the twist: a base at rest and six unit twists determine it.
     twists = np.concatenate((np.zeros((1, 6)), np.eye(6)))
     seven = at[np.zeros(7, dtype=int)]
     momenta = total_momentum(

@@ -58,8 +58,8 @@ class Dynamics:
 
     Parameters
     ----------
-    push : what acts on it from outside
-    effects : what else acts on its bodies
+    push : external wrench on it
+    effects : further effects on its bodies
     springs : of joints that nothing drives
     """
 
@@ -142,7 +142,7 @@ class Dynamics:
         return np.array(pinocchio.rnea(*motion, acceleration, *forces)[6:])
 
     def spring_torque(self, state: State) -> Array:
-        """Return what springs do to the joints, (n,), N m or N."""
+        """Return the torques of springs on the joints, (n,), N m or N."""
         torque = np.zeros(self.model.joints)
         if self._springs is not None:
             torque[self._springs.joints] = self._springs.torque(state.joint_position, state.joint_velocity)
@@ -164,7 +164,7 @@ class Dynamics:
         return np.array(pinocchio.rnea(*motion, acceleration, *forces)[6:])
 
     def _act_all(self, time: float, state: State, configuration: Array) -> None:
-        """Tell pinocchio of everything that acts and depends on time or state."""
+        """Give pinocchio everything that acts and depends on time or state."""
         inertial = None
         if self._inertial is not None:
             inertial = self._inertial.on_base(state.base_position, state.base_orientation)
@@ -182,7 +182,7 @@ class Dynamics:
             self._act(0, *inertial)
 
     def _act(self, body: int, force: Array, torque: Array) -> None:
-        """Tell pinocchio what acts on a body from outside, in its axes."""
+        """Give pinocchio the external wrench on a body, in its axes."""
         # Its universe comes before the bodies.
         self._forces[body + 1] = pinocchio.Force(force, torque)
 

@@ -34,7 +34,7 @@ class Springs:
         return Springs(joints, inertia * rate**2, 2.0 * np.array(ratios) * inertia * rate)
 
     def torque(self, position: Array, velocity: Array) -> Array:
-        """Return what they do to their joints, (f,), of all joints' (n,) positions and rates."""
+        """Return their torques on their joints, (f,), from all joints' (n,) positions and rates."""
         return np.asarray(-self.stiffness * position[self.joints] - self.damping * velocity[self.joints])
 
 
@@ -91,7 +91,7 @@ class Push:
 
 @dataclass(frozen=True, eq=False)
 class Tide:
-    """What gravity leaves in the frame that falls along."""
+    """The gravity that remains in the frame that falls along."""
 
     orbit: Orbit  # Orbit
     origin: Array  # (3,) m, which the bodies' positions count from
@@ -102,7 +102,7 @@ class Tide:
 
     @staticmethod
     def on(model: RobotModel, orbit: Orbit, origin: Array) -> Tide:
-        """Return what acts on a robot whose positions count from an origin (3,) m in the falling frame."""
+        """Return the effects on a robot whose positions count from an origin (3,) m in the falling frame."""
         bodies = model.body_parameters()
         massive = bodies[:, 0] > 0.0
         values = np.zeros_like(bodies)
@@ -172,7 +172,7 @@ class Wheels:
         return np.asarray((self.spin_inertias * speeds) @ self.axes)
 
     def wrenches(self, now: BodyPoses) -> Array:
-        """Return what their motors and their gyroscopic reaction do to the base: -(h' + w x h)."""
+        """Return the reaction of their motors and their gyroscopic torque on the base: -(h' + w x h)."""
         angle = self.rate * now.time + self.phase
         slopes = self.slope + np.sum(self.amplitude * self.rate * np.cos(angle), axis=-1)
         stored = self.stored(self.speeds(np.array([now.time])))[0]
@@ -187,14 +187,14 @@ class Wheels:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What acts on the bodies all the time."""
+    """Lasting effects on the bodies."""
 
     wheels: Wheels | None = None  # inside the base; None where there are none
     orbit: Orbit | None = None  # about the epoch at time 0; None where there is none
     springs: Springs | None = None  # of joints that nothing drives; None where there is none
 
     def effects(self, model: RobotModel, origin: Array) -> tuple[Effect, ...]:
-        """Return what acts on a robot whose positions count from an origin (3,) m in the odometry frame."""
+        """Return the effects on a robot whose positions count from an origin (3,) m in the odometry frame."""
         tide = () if self.orbit is None else (Tide.on(model, self.orbit, origin),)
         return (*tide, *(() if self.wheels is None else (self.wheels,)))
 

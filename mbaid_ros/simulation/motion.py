@@ -1,4 +1,4 @@
-"""What the arm's joints are made to do while the base floats."""
+"""Motions of the arm's joints while the base floats."""
 
 from __future__ import annotations
 
@@ -224,6 +224,6 @@ def followed(motion: Sinusoids, transmission: Transmission) -> Sinusoids:
 
 
 def _ratio(allowed: Array, wanted: Array) -> Array:
-    """Return 1 where what is wanted is allowed, else what part of it is."""
+    """Return the allowed part of the wanted motion, 1 if all of it."""
     fits = wanted <= allowed
     return np.where(fits, 1.0, _KEPT * allowed / np.where(fits, 1.0, wanted))

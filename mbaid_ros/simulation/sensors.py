@@ -20,13 +20,13 @@ from mbaid_ros.simulation.true_robot import misread
 
 @dataclass(frozen=True)
 class ImuErrors:
-    """What an IMU reads wrong."""
+    """The errors of an IMU."""
 
     noise_density: float = 0.0  # rad/s/sqrt(Hz)
     bias: tuple[float, ...] = (0.0, 0.0, 0.0)  # (3,) rad/s at the begin
     bias_walk: float = 0.0  # rad/s/sqrt(s)
-    scale: tuple[float, ...] = (0.0, 0.0, 0.0)  # (3,) by what part each axis reads too much
-    # rad, white noise of the orientation that it tells, about fixed axes; 0 is that it tells none
+    scale: tuple[float, ...] = (0.0, 0.0, 0.0)  # (3,) relative error of each axis
+    # rad, white noise of the orientation, about fixed axes; 0 is an IMU without orientation
     orientation: float = 0.0
 
 
@@ -36,7 +36,7 @@ class ImuReadings:
 
     time: Array  # (N,) s since the start of the run
     angular_velocity: Array  # (N, 3) rad/s
-    orientation: Array  # (N, 4) quaternions (x, y, z, w) from those axes to the odometry's; (N, 0) where it tells none
+    orientation: Array  # (N, 4) quaternions (x, y, z, w) from those axes to the odometry's; (N, 0) if there are none
     orientation_std: float = 0.0  # rad, of its noise
     link: str = ''  # name of that link; empty is the base link
 
@@ -63,7 +63,7 @@ class Imu:
         self._bias: Array = np.array(errors.bias, dtype=float)
 
     def readings(self, truth: Truth) -> ImuReadings:
-        """Return what it reads of the true motion at the next N of its instants."""
+        """Return its readings of the true motion at the next N of its instants."""
         errors = self._errors
         orientation, angular_velocity = self._of_link(truth)
         shape = angular_velocity.shape
@@ -72,11 +72,11 @@ class Imu:
         self._bias = bias[-1]
         noise = errors.noise_density * np.sqrt(self.rate) * self._noise.standard_normal(shape)
         turn = errors.orientation * self._attitude.standard_normal(shape)
-        told = quaternions.product(quaternions.exp(turn), orientation)
+        measured = quaternions.product(quaternions.exp(turn), orientation)
         return ImuReadings(
             truth.time,
             (1.0 + np.array(errors.scale)) * angular_velocity + bias[:-1] + noise,
-            told if errors.orientation > 0.0 else told[:, :0],
+            measured if errors.orientation > 0.0 else measured[:, :0],
             errors.orientation,
             '' if self._link is None else self._link.name,
         )
@@ -133,9 +133,9 @@ class Sensors:
     ----------
     noise : one standard deviation of each channel; 0 is none
     seed : the same seed gives the same noise
-    errors : what the robot has more than the URDF says, whose zeros and mount the sensors know nothing of
+    errors : deviations of the robot from its URDF; the sensors ignore zeros and mount
     wheel_noise : rad/s, of the speed of wheels inside the base
-    view : what makes a motion one as seen from the frame of the odometry, where that is not the falling one
+    view : converts a motion into the frame of the odometry, if that is not the falling one
     """
 
     def __init__(
@@ -156,7 +156,7 @@ class Sensors:
         )
 
     def joints(self, truth: Truth) -> JointReadings:
-        """Return what the encoders read of the true motion."""
+        """Return the encoders' readings of the true motion."""
         noise, truth = self.noise, self._without_noise(truth)
         return JointReadings(
             time=truth.time,
@@ -167,7 +167,7 @@ class Sensors:
         )
 
     def base(self, truth: Truth) -> BaseReadings:
-        """Return what the navigation reads of the true motion.
+        """Return the navigation's readings of the true motion.
 
         The orientation's error is a small rotation about the fixed axes of the odometry frame, as the covariance of a
         ROS pose has it.

@@ -57,10 +57,10 @@ class Simulation:
 
     Parameters
     ----------
-    motion : what drives the joints
+    motion : of the joints
     initial : state at time 0
-    push : what acts on the robot from outside all the time
-    surroundings : what else acts on its bodies
+    push : constant external wrench on the robot
+    surroundings : further effects on its bodies
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Simulation:
         self._last = 0.0  # s, the last instant asked for
 
     def advance(self, instants: Array) -> Truth:
-        """Return the true motion at instants, and forget what lies before the last of them.
+        """Return the true motion at instants, and forget the motion before the last of them.
 
         Raises DataError: An instant lies before one already passed.
         Raises ModelError: The motion has diverged.

@@ -88,7 +88,7 @@ class Steered:
         return self._first.reference(now)
 
     def later(self, time: float) -> Steered:
-        """Return the same motion, begun at a time (s) of this one; what is given to either is given to both."""
+        """Return the same motion, begun at a time (s) of this one; changes of either apply to both."""
         other = Steered(self._first)
         other._orders, other._offset = self._orders, self._offset + time
         return other

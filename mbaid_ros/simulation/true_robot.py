@@ -1,4 +1,4 @@
-"""A robot that is not its URDF, with a document of its own: whatever reads URDF can then move it."""
+"""A robot that is not its URDF, with a document of its own: any reader of URDF can then move it."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from mbaid_ros.simulation.simulation import Truth
 
 
 def true_robot(model: RobotModel, errors: ModelErrors, fixed: Sequence[str] = ()) -> RobotModel:
-    """Return the robot that has these errors: its bodies and its joints' frames, as `with_bodies` and `displaced` say.
+    """Return the robot that has these errors: its bodies and its joints' frames, as by `with_bodies` and `displaced`.
 
-    Zeros and mount are no part of it: they are in what its sensors say. Without errors it is the same object.
+    Zeros and mount are no part of it: they are in its sensors' readings. Without errors it is the same object.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ _STREAM = 6  # of a seed's: the noise of the sensors has 0 to 5
 
 @dataclass(frozen=True)
 class ErrorSizes:
-    """Standard deviations of what a robot differs from its URDF by; 0 is exact."""
+    """Standard deviations of a robot's differences from its URDF; 0 is exact."""
 
     links_relative_std: float = 0.0  # of each moving body, as `relative_factor` has it
     zero_std: float = 0.0  # rad, or m for a prismatic joint, of each joint's zero
@@ -58,21 +58,21 @@ class ErrorSizes:
 
 
 def generator(seed: int) -> np.random.Generator:
-    """Return what the robot of a seed is drawn with; sensors with that seed draw their noise from other streams."""
+    """Return the generator for the robot of a seed; sensors with that seed draw their noise from other streams."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
 
 
 def draw(model: RobotModel, target: str, sizes: ErrorSizes, rng: np.random.Generator) -> ModelErrors:
     """Draw the errors of a robot: Gaussian, a body's as `relative_factor` has them, the target link's inertia exact.
 
-    Each block, and each body, has a stream of its own: a size changes what it scales, and nothing else. A draw that
-    makes no body that can exist is made again: of thin bodies, at the boundary, the inertia spreads less than it says.
+    Each block, and each body, has a stream of its own: a size changes its own errors, and nothing else. A draw that
+    makes no body that can exist is made again: of thin bodies, at the boundary, the inertia spreads less than declared.
 
     Raises ModelError: No body near one of the robot's can exist.
 
     Parameters
     ----------
-    model : RobotModel, as its URDF says
+    model : RobotModel, of its URDF
     target : name of the link that is to be identified
     rng : a generator in the same state gives the same errors
     """
@@ -117,7 +117,7 @@ def _body(model: RobotModel, target: str, body: int, factor: Array, rng: np.rand
 
 
 def misread(truth: Truth, errors: ModelErrors) -> Truth:
-    """Return a motion as encoders with wrong zeros and odometry that is mounted elsewhere tell it.
+    """Return a motion as read by encoders with wrong zeros and an odometry that is mounted elsewhere.
 
     Parameters
     ----------

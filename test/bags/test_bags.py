@@ -235,7 +235,7 @@ def test_what_only_the_log_of_a_database_has_is_told(tmp_path: Path, *, bare: bo
     read, warnings = everything(path)
     assert len(read) == 10
     (warning,) = [each for each in warnings if '-wal' in each]
-    assert warning.startswith(f"'{file}-wal' holds what has not been written into its bag, and is not read")
+    assert warning.startswith(f"'{file}-wal' holds messages not yet written into its bag, and is not read")
     words = shlex.split(warning.partition(': ')[2])
     assert words[:3] == ['sqlite3', str(file), 'PRAGMA wal_checkpoint(TRUNCATE)']
     with closing(sqlite3.connect(file)) as connection:
@@ -246,7 +246,7 @@ def test_what_only_the_log_of_a_database_has_is_told(tmp_path: Path, *, bare: bo
 
 
 def test_a_database_that_is_all_in_its_log_is_told(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"x\.db3-wal' holds what has not been written"):
+    with pytest.raises(DataError, match=r"x\.db3-wal' holds messages not yet written"):
         BagReader(killed(tmp_path, 0))
 
 
@@ -256,7 +256,7 @@ def test_a_database_without_messages_whose_log_has_some_is_told(tmp_path: Path) 
         connection.execute('DELETE FROM messages')
         connection.commit()
     Path(f'{file}-wal').write_bytes(b'some')
-    with pytest.raises(DataError, match=r"holds no messages: '.*x\.db3-wal' holds what has not been written"):
+    with pytest.raises(DataError, match=r"holds no messages: '.*x\.db3-wal' holds messages not yet written"):
         BagReader(file)
 
 

@@ -200,11 +200,11 @@ def test_a_stamp_that_jumps_back(talk: Talk) -> None:
 def test_covariances_that_are_none(talk: Talk) -> None:
     talk.recover()
     talk.send(odometry=spoil_covariance, samples=100)
-    talk.hear('samples', WARN, ' not used wholly since the last report: covariance of the pose is none')
+    talk.hear('samples', WARN, ' partly used since the last report: covariance of the pose is none')
     talk.graph.wait(lambda: talk.diagnostics, 'a report')
     values = [pair for status in talk.diagnostics[-1].status for pair in status.values]
-    assert [pair.value for pair in values if pair.key == 'not used wholly, covariance of the pose is none'] == ['100']
-    assert talk.node.stderr.count('messages not used wholly: covariance of the pose is none') == 1
+    assert [pair.value for pair in values if pair.key == 'partly used, covariance of the pose is none'] == ['100']
+    assert talk.node.stderr.count('messages partly used: covariance of the pose is none') == 1
     talk.recover()
 
 
@@ -229,12 +229,12 @@ def test_several_publishers_and_frames_of_one_sensor(talk: Talk) -> None:
     with talk.graph.stranger('wheel_odometry') as other:
         other.create_publisher(String, 'odom', 10)
         talk.send()
-        talk.hear('odom', WARN, 'not heard is what /wheel_odometry sends there as std_msgs/msg/String')
+        talk.hear('odom', WARN, 'not read: /wheel_odometry sends there as std_msgs/msg/String')
     talk.send()
     talk.hear('odom', OK, 'Hz')
     frames = cycle(['odom', '/odom', 'map'])
     talk.send(odometry=lambda message: setattr(message.header, 'frame_id', next(frames)))
-    talk.hear('samples', WARN, "the base is located in the frames 'odom', 'map', which are taken for one")
+    talk.hear('samples', WARN, "the base is located in the frames 'odom', 'map', which count as one")
 
 
 # -- an estimate that nothing follows

@@ -105,7 +105,7 @@ def test_a_capture_told_to_a_live_estimator(graph: Graph, tmp_path: Path) -> Non
     assert answer.message == f'captured {BEGIN:.3f} s after the first sample'
     again = call(graph)
     assert not again.success
-    assert 'told before, at 3 s' in again.message
+    assert 'announced before, at 3 s' in again.message
 
     for topic, message in after:
         publishers[topic].publish(message)

@@ -103,9 +103,9 @@ def test_what_messages_say_of_themselves_stays_on_one_line(log: Log) -> None:
 
 def test_advice_is_told_once_for_each_joint_and_parameter(log: Log) -> None:
     narrator = RunLog(log)
-    for text in ('', 'joint7 tells most of ixx: 20 deg', '', 'joint7 tells most of ixx: 18 deg', 'joint6 tells most'):
+    for text in ('', 'joint7 improves ixx most: 20 deg', '', 'joint7 improves ixx most: 18 deg', 'joint6 improves'):
         narrator.advice(text)
-    assert log.at('info') == ['next: joint7 tells most of ixx: 20 deg', 'next: joint6 tells most']
+    assert log.at('info') == ['next: joint7 improves ixx most: 20 deg', 'next: joint6 improves']
 
 
 # -- What the estimator's diagnostics say of an estimate.

@@ -57,12 +57,12 @@ def test_a_robot_known_as_well_as_by_default_is_limited_by_that_and_no_warning_s
     assert shares[SENSOR_NOISE] < 0.2 * shares['link:base_link']
     assert 'All of the variance' not in html([made])
     assert re.fullmatch(
-        r'of single joints joint\d tells most of i[xyz]{2}: [\d.]+ deg there and back in 10 s bring it .* to .* %',
+        r'of single joints joint\d improves i[xyz]{2} most: [\d.]+ deg there and back in 10 s reduce it .* to .* %',
         made.advice,
     )
     assert f'next: {made.advice}\n' in f'{summary(made)}\n'
     assert as_json(made)['advice'] == made.advice
-    assert f'What motion would help most: {made.advice}.' in html([made])
+    assert f'The motion that would help most: {made.advice}.' in html([made])
 
 
 def test_the_json_has_stage_and_shares() -> None:
@@ -110,7 +110,7 @@ def test_the_report_has_a_bar_a_parameter_and_the_same_figures() -> None:
 
 
 def test_the_report_says_what_limits_and_what_more_data_cannot_improve() -> None:
-    told = [''.join(each.itertext()) for each in section(html([run(final())])).findall("p[@class='told']")]
+    told = [''.join(each.itertext()) for each in section(html([run(final())])).findall("p[@class='sentence']")]
     link, joint, more = told
     assert link.startswith('Mass: 71 % of the variance is how well link base_link is known: weigh it, or calibrate')
     assert joint == 'Centre of mass: 60 % of the variance is the zero of joint6: calibrate it (known_joints).'
@@ -150,8 +150,9 @@ def test_a_browser_shows_it_no_wider_than_the_window(tmp_path: Path, width: int)
     long = f'a_link_{"whose_name_has_no_end_" * 8}{PLAIN}'
     # The page tells its own width; a window is never narrower than 500 pixels, so the page is made so narrow.
     measure = (
-        f'<script>document.body.style.maxWidth = "{width}px"; const parts = document.querySelectorAll('
-        '".budget, .key, .told, .shares"); document.title = Math.max(...Array.from(parts, part => part.scrollWidth))'
+        f'<script>document.body.style.maxWidth = "{width}px"; const parts = document'
+        '.querySelectorAll(".budget, .key, .sentence, .shares"); '
+        'document.title = Math.max(...Array.from(parts, part => part.scrollWidth))'
         '</script>'
     )
     page.write_text(html([run(final(long))]).replace('</body>', f'{measure}</body>'), encoding='utf-8')

@@ -194,7 +194,7 @@ def test_a_chosen_part_of_the_bodies(place: Path, capsys: pytest.CaptureFixture[
     ('parameters', 'arguments', 'code', 'reason'),
     [
         ('prior.mass_relative_std: 0.0\n    prior.inertia_relative_std: 0.0', [], 2, 'nothing fixes the scale'),
-        ('prior.com_std: 0.0', [], 3, 'and no prior speaks of them; add prior.com_std'),
+        ('prior.com_std: 0.0', [], 3, 'data and prior do not determine'),
         ('prior.com_std: -1.0', [], 2, "parameter 'prior.com_std' is -1.0 m; accepted: a number >= 0 m"),
         ('prior.links.link2.com_std: big', [], 2, "parameter 'prior.links.link2.com_std' is 'big'"),
         ('prior.links.link2.colour: 1.0', [], 2, 'known: prior.links.<link>.com_std'),

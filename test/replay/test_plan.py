@@ -64,7 +64,7 @@ def test_a_motion_from_where_a_run_has_ended(result: Path, planned: dict[str, An
     for known in planned['relative_std'].values():
         assert known['after'] <= known['now']
     assert planned['notes'][0].startswith('of single joints joint')
-    assert planned['notes'][1].startswith('moved at the end of the run, and have to rest before')
+    assert planned['notes'][1].startswith('moved at the end of the run, and must rest before')
 
 
 def test_the_report_says_and_draws_it(result: Path, planned: dict[str, Any]) -> None:
@@ -129,7 +129,7 @@ def test_the_plan_in_words(result: Path, capsys: pytest.CaptureFixture[str]) -> 
         ({'status': None}, ['-p', 'target_link:=link1'], "parameter 'target_link' is 'link1', and '"),
         ({}, ['-p', 'plan.stuck:=[elbow]'], "names 'elbow'; accepted: joint1, joint2"),
         ({}, ['-p', 'plan.relative_std:=[0.0]'], 'accepted: numbers > 0, one or ten'),
-        ({}, ['-p', 'plan.relative_std:=[10.0]', '-p', 'plan.duration:=0.0'], 'known as well as is wanted already'),
+        ({}, ['-p', 'plan.relative_std:=[10.0]', '-p', 'plan.duration:=0.0'], 'has the wanted precision already'),
         ({}, ['--yaml', '/none/of/it.yaml'], "--yaml '/none/of/it.yaml' cannot be written"),
     ],
 )

@@ -90,7 +90,7 @@ def test_an_imu_that_is_not_asked_for_or_elsewhere_is_told() -> None:
     session, _ = taken(said, 'table1', KNOWN, on_the_arm)
     assert session.dropped[IMU_FRAME] > 100
     assert explain(session, [IMU_FRAME])[0].endswith(
-        "it is 'link2'; accepted: base_link; or imu.frame says which it is, also one that joints move"
+        "it is 'link2'; accepted: base_link; or name it by imu.frame, also one that joints move"
     )
 
 
@@ -255,7 +255,7 @@ def test_that_no_message_tells_it_is_told(covariance: float) -> None:
     said = messages('ets7', 2.0, 0, NOISE)
     session, found = taken(said, 'ets7', ORIENTED, untold)
     assert not found
-    assert any('no message on imu has told one; accepted: a unit quaternion' in each for each in obstacles(session))
+    assert any('no message on imu has one; accepted: a unit quaternion' in each for each in obstacles(session))
     assert obstacles(taken(said, 'ets7', ORIENTED)[0]) == []
 
 

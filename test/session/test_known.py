@@ -155,7 +155,7 @@ def moved_joint(distance: float = 1e-4) -> dict[str, Any]:
     ('found', 'parameters', 'reason'),
     [
         ('[1, 2', {}, 'is no calibration: Expecting'),
-        ('[]', {}, 'is no calibration: it is no object of JSON; accepted: what calibrate --json writes'),
+        ('[]', {}, 'is no calibration: it is no object of JSON; accepted: a file of calibrate --json'),
         ({'mass': 1.0}, {}, "is no calibration: it lacks 'links'"),
         ({'links': {}, 'joints': {}, 'covariance': None}, {}, 'is no calibration: '),
         ({**content(), 'joints': moved_joint()}, {}, "joint 'joint4' is elsewhere in the robot description than in"),
@@ -197,7 +197,7 @@ def test_a_file_that_is_not_there_or_no_text(tmp_path: Path) -> None:
     path.write_bytes(b'\xff\xfe\x00')
     for name, reason in (
         ('nowhere.json', r"cannot read calibration 'nowhere\.json': No such file"),
-        (str(path), r'not text in UTF-8; accepted: what calibrate --json writes$'),
+        (str(path), r'not text in UTF-8; accepted: a file of calibrate --json$'),
     ):
         config = build(EstimatorConfig, {'known_links.calibration': name}).known_links
         with pytest.raises(ParameterError, match=reason):

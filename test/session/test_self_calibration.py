@@ -205,7 +205,7 @@ def test_a_robot_that_did_nothing_before_is_said_to_be_uncalibrated() -> None:
         ({'calibration.weighed_links': ['moon']}, "'calibration.weighed_links' has 'moon'; accepted: links with an"),
         (
             {'known_links.link1.mass_relative_std': 0.01},
-            "with 'calibration.enabled', which finds how well all links are known",
+            "with 'calibration.enabled', which estimates all links",
         ),
         (
             {

@@ -27,7 +27,7 @@ _ENOUGH = 50  # redundant equations from which the tests can be trusted
 # Normalised innovation squared, of an equation: noise a fifth larger than declared is no contradiction.
 _LARGEST_MEAN = 1.5
 _NEAR = 1.0  # s, within which it is the same jump
-# Part of the information about a jump that is added to what is left of it: where nothing is left, none shows.
+# Part of the information about a jump that is added to its remainder: without a remainder, none shows.
 _FLOOR = 1e-9
 
 

@@ -37,7 +37,7 @@ _WORTH_TELLING = 0.5
 _CAUSE = 'thrust, contact, a slip of the grasp, or a force that lasts'
 
 
-# The noise's own information fluctuates: what is less than twice it is not signal.
+# The noise's own information fluctuates: anything below twice it is not signal.
 _NOISE_MARGIN = 2.0
 
 

@@ -1,4 +1,4 @@
-"""The hypothesis bank: one filter for each hypothesis of what acts or drifts, over the same linearised windows."""
+"""The hypothesis bank: one filter for each hypothesis of a force or drift, over the same linearised windows."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def _as_usual(after: SquareRootInformation) -> float:
 
 
 def far_better(other: HypothesisFilter, first: HypothesisFilter) -> bool:
-    """Tell whether a hypothesis explains the data far better than the first one, each linearised at its own solution.
+    """Return whether a hypothesis explains the data far better than the first one, each linearised at its own solution.
 
     It must gain by smaller innovations: any other gain comes from the point of linearisation.
     """

@@ -1,6 +1,6 @@
 """The batch iteration: all windows relinearised at one point, a hypothesis filtered over them, the point moved, again.
 
-Long computations are generators: they yield what each piece cost, in steps of the filter, and return their outcome.
+Long computations are generators: they yield the cost of each piece, in steps of the filter, and return their outcome.
 `BackgroundTask` runs a fixed number of steps a window, so that live and replayed runs take over at the same window.
 """
 
@@ -48,7 +48,7 @@ _DISPLACED = 0.25  # standard deviations by which a Newton step may move the bod
 
 
 def is_converged(step: Array, deviation: Array) -> bool:
-    """Tell whether a Gauss-Newton step is negligible beside the standard deviations: the one stopping rule."""
+    """Return whether a Gauss-Newton step is negligible beside the standard deviations: the one stopping rule."""
     return bool(np.all(np.abs(step) <= _CONVERGED * deviation))
 
 
@@ -140,7 +140,7 @@ class BatchResult:
         return not self.mass_held, self.filtered.gaussian.log_likelihood - (0.0 if self.converged else MARGIN)
 
     def is_rivalled_by(self, other: BatchResult) -> bool:
-        """Tell whether another result, at a distinct point, explains the windows about as well."""
+        """Return whether another result, at a distinct point, explains the windows about as well."""
         as_good = other.filtered.gaussian.log_likelihood > self.filtered.gaussian.log_likelihood - MARGIN
         apart = np.any(np.abs(other.point.parameters - self.point.parameters) > _APART * self.deviation)
         return bool(as_good and apart)

@@ -43,7 +43,7 @@ class WindowModel:
     pose_rows: Array  # (6,), (6, s), (6, 6): value = rows x + noise
     pose_covariance: Array  # (6,), (6, s), (6, 6): value = rows x + noise
     # twist_value, twist_rows, twist_covariance: the same of the twist; with an IMU its angular velocity after it, (9,),
-    # (9, s), (9, 9); NaN value of what is not measured
+    # (9, s), (9, 9); value NaN if not measured
     twist_value: Array
     twist_rows: Array
     twist_covariance: Array

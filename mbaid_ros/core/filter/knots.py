@@ -32,8 +32,8 @@ class Knots(ArrayRecord):
     base_twist: Array  # (J, 6) (v, w) in odometry axes; NaN where not measured
     spread: Array  # (J,) variance of the sample times in the knot over the square of the knots' spacing
     offset: Array  # (J,) mean of the sample times less the knot's centre, over the knots' spacing
-    impulse: Array  # (J, 6) what known thrust has changed (P, L) by, L about the run's origin
-    stored: Array  # (J, c) readings of what stores momentum inside bodies
+    impulse: Array  # (J, 6) change of (P, L) by known thrust, L about the run's origin
+    stored: Array  # (J, c) readings of the momentum stored inside bodies
     # tide, thrust: (J, 60 b), (J, 30 f) as in Samples, L about the run's origin
     tide: Array
     thrust: Array
@@ -196,7 +196,7 @@ class Midpoints(ArrayRecord):
     gyro_gain: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        """Fill in what is left out with arrays of no columns."""
+        """Replace omitted arrays by arrays of no columns."""
         for name in ('stored', 'tide', 'thrust', 'gyro', 'gyro_axes', 'gyro_gain'):
             if getattr(self, name).shape[: self.turn.ndim - 1] != self.turn.shape[:-1]:
                 object.__setattr__(self, name, np.zeros((*self.turn.shape[:-1], 0)))

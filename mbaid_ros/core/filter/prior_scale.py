@@ -1,4 +1,4 @@
-"""The scale of the unknowns' priors: what looks further off than declared."""
+"""The scale of the unknowns' priors: deviations beyond the declared ones."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _SURE = 0.9  # probability that something is further off than declared, from whi
 class PriorScaleFactors:
     """Variance components of the unknowns' priors (Koch 1999, section 3.6; trajectory.md, eq. 7).
 
-    Where what the windows see of a kind of unknowns is as far off as k times its declared deviation would make it, what
-    they do not see probably is as well. A single thing, or a part of one, may be mistaken where all others of its kind
-    are right. The estimate stays; the part of its errors that comes from the kind, thing or part is k times as large.
+    If the observed unknowns of a kind are k times as far off as declared, the unobserved ones probably are as well. A
+    single thing, or a part of one, may be mistaken where all others of its kind are right. The estimate stays; the part
+    of its errors that comes from the kind, thing or part is k times as large.
     """
 
     # by kind of cause ('zero', 'link', ...), by single cause ('zero:joint1'), and by part of one ('mass:link1')
     sizes: Mapping[str, LikelyScale]
-    distances: Mapping[str, Distance]  # by single cause, of what the data see of it
+    distances: Mapping[str, Distance]  # by single cause, of its observed part
     each: Array  # (e,) the factor of each of the unknowns' independent numbers
     covariance: Array  # (e, e) of these, of unit variance a priori, if all are as declared
     within: Mapping[str, Sequence[str]]  # the names that each of these names belongs to
@@ -99,7 +99,7 @@ class PriorScaleFactors:
 
     @property
     def sure(self) -> tuple[tuple[str, float], ...]:
-        """Names that are surely further off than declared, and than what they belong to, with the factor."""
+        """Names that are surely further off than declared, and than their group, with the factor."""
         factors = {cause: factor.factor for cause, factor in self.sizes.items() if factor.chance > _SURE}
         return tuple(
             (cause, factor)

@@ -86,7 +86,7 @@ class SquareRootInformation:
         return np.asarray(dtrtrs(self.root[:, :-2], self.root[:, -1])[0])
 
     def with_root(self, root: Array, carried: Array | None = None) -> SquareRootInformation:
-        """Return the same measurements with another root (v, v + 2), and what is carried."""
+        """Return the same measurements with another root (v, v + 2), and the carried rows."""
         return replace(self, root=root, carried=carried)
 
 
@@ -135,7 +135,7 @@ def update(gaussian: SquareRootInformation, window: WhitenedWindow) -> SquareRoo
 def advance(
     gaussian: SquareRootInformation, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis
 ) -> SquareRootInformation:
-    """Return the Gaussian at the next window's first knot, under a hypothesis of what acts and drifts."""
+    """Return the Gaussian at the next window's first knot, under a hypothesis of forces and drifts."""
     if window.carried is not None and gaussian.carried is not None:
         return _advanced_with_link(gaussian, gaussian.carried, window, window.carried, variables, hypothesis)
     root = gaussian.root
@@ -233,7 +233,7 @@ def pose_reset(gaussian: SquareRootInformation, variables: Variables) -> SquareR
 
 
 def new_motion(gaussian: SquareRootInformation, variables: Variables) -> SquareRootInformation:
-    """Return the Gaussian at the beginning of another motion: pose error, momentum and what each motion draws anew."""
+    """Return the Gaussian at the beginning of another motion: pose error, momentum and numbers drawn anew."""
     root, head = gaussian.root.copy(), variables.head
     root[:head] = 0.0
     root[:head, :head] = variables.prior()[1][:head, :head]

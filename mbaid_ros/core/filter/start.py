@@ -161,7 +161,7 @@ class MultiStart:
         return other.relinearised, bank, True
 
     def _is_hardly_shifted(self, result: BatchResult) -> bool:
-        """Tell whether the correction for noise in the rows is small."""
+        """Return whether the correction for noise in the rows is small."""
         shift = np.abs(result.moments.shift[self.batch.layout.parameters])
         return bool(np.all(shift <= _LARGEST_SHIFT * result.deviation))
 

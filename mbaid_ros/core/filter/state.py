@@ -70,7 +70,7 @@ class Layout:
         if known is None:
             known = UnknownsPrior.nothing(count)
         elif len(known.mean) != count or last != sorted(last):
-            raise ValueError(f'what is known of {len(known.mean)} numbers is not of the {count} unknown ones, in order')
+            raise ValueError(f'a posterior of {len(known.mean)} numbers does not match {count} unknowns, in order')
         return Layout(kernel, tuple(sorted(unknowns, key=lambda unknown: unknown.read)), known, plane)
 
     @cached_property
@@ -86,7 +86,7 @@ class Layout:
 
     @cached_property
     def readings(self) -> slice:
-        """The slice of what only the readings depend on."""
+        """The slice of the unknowns that affect the readings only."""
         return slice(self.parameters.stop, self.size)
 
     @cached_property
@@ -159,7 +159,7 @@ class Layout:
         return Point(values[self.parameters], values[self.readings], side)
 
     def settled(self, state: Array, deviation: Array | None = None) -> Array:
-        """Return what windows are linearised at (s,), of a state (s,) with standard deviations (s,)."""
+        """Return the linearisation point (s,) of windows, for a state (s,) with standard deviations (s,)."""
         values = state.copy()
         for unknown, place in zip(self.unknowns, self.places, strict=True):
             uncertain = np.zeros(unknown.count) if deviation is None else deviation[place]
@@ -203,7 +203,7 @@ def layout_of(kernel: MomentumKernel, uncertainty: Uncertainty, detector: PlaneD
     """Return the layout for the uncertainty of a robot that moves in a plane or in space."""
     unknowns, known = catalogue(kernel, uncertainty), uncertainty.carried
     if known is not None:
-        # How passive joints swung at the start of another run says nothing of this one.
+        # The swing of passive joints at the start of another run does not apply to this one.
         drawn = np.repeat([each.of_a_chain for each in unknowns], [each.count for each in unknowns]).astype(bool)
         known = known.drawn_anew(drawn)
     if detector.planar:

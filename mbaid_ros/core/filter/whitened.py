@@ -42,7 +42,7 @@ class WhitenedWindow:
     stepped: Array  # (p, f) as of `WindowModel`
     length: float  # s
     places: Integers  # (k,) of the values among the numbers that a window may measure, as of `Innovations`
-    carried: TwistLink | None = None  # where the twist is integrated, what links it to the windows before and after
+    carried: TwistLink | None = None  # for an integrated twist, the links to the windows before and after
 
     def push(self, axes: Axes) -> Array:
         """Return the change of the momentum by a constant force and torque in these axes, (p, f)."""
@@ -79,7 +79,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
     for moving, select, of_rates in _rates(alone, variables):
         parts = (windows.twist_value, windows.twist_rows, windows.twist_covariance)
         value, rows, covariance = (part[moving] for part in parts)
-        value = np.nan_to_num(value)  # of what is not among these
+        value = np.nan_to_num(value)  # of those outside this selection
         twist = _whitened(value, rows, covariance, variables, select)
         times = windows.joints_in_twist[moving, None, None]
         precision[moving] += times * twist.precision
@@ -125,7 +125,7 @@ class _White:
     rows: Array
     log_noise: Array
     whiten: Array  # (B, k, 6) the whitening matrix for the joints' noise in pose or twist
-    whiten_gyro: Array  # (B, k, 3) and for that which a gyro on a link has beside; (B, k, 0) without a gyro
+    whiten_gyro: Array  # (B, k, 3) and for the extra noise of a gyro on a link; (B, k, 0) without a gyro
 
     @property
     def precision(self) -> Array:

@@ -18,8 +18,8 @@ from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.core.samples import Samples
 
-# The covariance of what is not excited grows without limit: it is held at this many times the initial one. What is
-# excited, however weakly, stays below: differenced rows at 100 Hz bring Izz of the paper's case to 2e4 times.
+# The covariance of unexcited parameters grows without limit: it is held at this many times the initial one. Excited
+# parameters, however weakly, stay below: differenced rows at 100 Hz bring Izz of the paper's case to 2e4 times.
 _LARGEST_GROWTH = 1e6
 
 
@@ -64,9 +64,9 @@ class RecursiveLeastSquares:
         return self.estimate
 
 
-# An unknown counts as determined once the start, zero, makes less than this of its size. Its variance would not tell:
+# An unknown counts as determined once the start, zero, makes less than this of its size. Its variance would not decide:
 # differenced rows are small, and in the paper's case the variance of Izz stays above the initial one. A smaller share
-# holds back by a second what is right to 1 % already.
+# holds back by a second values that are right to 1 % already.
 _REMAINING = 0.02
 _SETTLED_WINDOWS = 10  # whose estimates have to agree for a run to be converged
 THRUST = 'thrust was commanded, which the methods of the paper do not account for: difference and trajectory do'

@@ -39,7 +39,7 @@ class Event:
     # linear, angular: (3,) N s, N m s about the odometry origin (N, N m for a ramp; zero for a target that has changed)
     linear: Array
     angular: Array
-    cause: str  # what it may have been
+    cause: str  # the likely cause
 
     def __str__(self) -> str:
         """Return it as a warning."""
@@ -98,7 +98,7 @@ class Estimate:
     time_offset: float = np.nan
     time_offset_std: float = np.nan
     consistency_correction: float = 0.0  # size of the projection on physical bodies in standard deviations; 0 is none
-    # (6,) what known thrust has changed the momentum by since the first sample
+    # (6,) change of the momentum by known thrust since the first sample
     impulse: Array = field(default_factory=lambda: np.zeros(6))
     # (k, 2) sum of the normalised innovations squared so far, and their number, under each hypothesis of the trajectory
     # filter that has a mechanism; empty where there is none
@@ -106,14 +106,14 @@ class Estimate:
     samples: int = 0  # number of samples used
     phase: CapturePhase = 'post_capture'
     stage: str = ''  # method of the stage that it is from, where the method has several
-    thrusters: tuple[Thruster, ...] = ()  # what has been found of each thruster that may be off its command
+    thrusters: tuple[Thruster, ...] = ()  # estimates of each thruster that may deviate from its command
     flexible: tuple[PassiveJoint, ...] = ()  # the passive joints as estimated
     noise: SensorLevels | None = None  # of the sensors as estimated; None where it is not
     budget: ErrorBudget | None = None  # where the parameters' variances come from; None where not available
-    # what may be wrong where the data contradict the model, the likeliest first, each with how much likelier the data
+    # candidate causes if the data contradict the model, the likeliest first, each with its gain in the data
     # would be without it (log-likelihood)
     causes: tuple[tuple[str, float], ...] = ()
-    events: tuple[Event, ...] = ()  # what disturbed the momentum
+    events: tuple[Event, ...] = ()  # disturbances of the momentum
     warnings: tuple[str, ...] = ()  # one line each
 
     @property
@@ -192,7 +192,7 @@ SYMPTOM = 'one of too many jumps for a pulse: something else is wrong'
 
 
 def constant_force(axes: Literal['inertial', 'body']) -> str:
-    """Return what a force and torque may be that are constant in inertial or in the base's axes."""
+    """Return the likely sources of a force and torque that are constant in inertial or in the base's axes."""
     inertial = 'inertial axes: a tilted table, drag, a leak or gravity in orbit'
     return f'a force or torque that is constant in {inertial if axes == "inertial" else "base axes: a leak or thrust"}'
 

@@ -71,7 +71,7 @@ def project(standard_parameters: Array, covariance: Array, scale: Array) -> tupl
 def project_planar(standard_parameters: Array, covariance: Array, scale: Array, plane: Plane) -> tuple[Array, float]:
     """Return the same as `project` for planar motion, in a plane in the link's frame, which leaves six directions open.
 
-    What a planar motion determines, (m, h in the plane, the moment about its normal), belongs to a real body exactly
+    The parameters of a planar motion, (m, h in the plane, the moment about its normal), belong to a real body exactly
     when mass and the moment about the CoM are positive. The open directions are filled in like a ball's.
     """
     basis, across = plane.basis, plane.across.T

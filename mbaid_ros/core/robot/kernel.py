@@ -23,7 +23,7 @@ from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about, of_bodies, of_link
 from mbaid_ros.core.robot.springs import Springs
 from mbaid_ros.core.samples import Index, Samples
 
-_PART = 16_000  # bodies times samples, of 240 bytes each: what a cache of some megabytes holds
+_PART = 16_000  # bodies times samples, of 240 bytes each: they fit a cache of some megabytes
 
 
 @dataclass(frozen=True)

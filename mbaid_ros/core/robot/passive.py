@@ -154,7 +154,7 @@ class PassiveMotion:
 
 
 def through_springs(kernel: MomentumKernel, axes: Array, gamma: Array) -> Array:
-    """Return Gamma H^-1 H_dq (N, 6, n): what the momenta along the passive joints, held, take off that of joint rates.
+    """Return Gamma H^-1 H_dq (N, 6, n): the part of the joint rates' momentum that held passive joints cancel.
 
     `axes` (N, n, 6) are the unit twists of all joints, `gamma` (N, 6, n) the momenta of their unit rates.
     """

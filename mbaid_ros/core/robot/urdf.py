@@ -141,8 +141,8 @@ def floating_link(links: Sequence[str], branches: Mapping[str, Branch], massive:
         return wanted
     if len(roots) != 1:
         refuse(
-            f'the robot description must have one root link, not {len(roots)}: {listing(roots)}; parameter base_link '
-            'says which floats'
+            f'the robot description must have one root link, not {len(roots)}: {listing(roots)}; name the one that '
+            'floats by parameter base_link'
         )
     return _off_the_ground(roots[0], branches, massive)
 
@@ -174,7 +174,7 @@ def _off_the_ground(root: str, branches: Mapping[str, Branch], massive: set[str]
     if branch.kind not in {'fixed', *_LOOSE}:
         refuse(
             f"joint '{branch.joint}' ties '{child}' to root link '{root}' by a {branch.kind} joint; accepted: a fixed "
-            'or floating one, or parameter base_link, which says what floats'
+            'or floating one, or parameter base_link with the link that floats'
         )
     return child
 
@@ -287,7 +287,7 @@ def _cut_off(robot: ET.Element, base: str, branches: dict[str, Branch]) -> tuple
     for element in (*links, *(joint for joint in robot.findall('joint') if joint.get('name', '') in names)):
         robot.remove(element)
     gone = listing(link.get('name', '') for link in links)
-    return (f"'{base}' floats; left out of the robot description is what it does not carry: {gone}",)
+    return (f"'{base}' floats; the robot description is used without the parts that it does not carry: {gone}",)
 
 
 def _inertials(robot: ET.Element, problems: list[str]) -> tuple[dict[str, Inertial], bool]:

@@ -13,7 +13,7 @@ from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array, exp, log, rotate
 from mbaid_ros.core.robot.model import RobotModel
 
-# Parts of a value's size that count as no change: what was written stays.
+# Parts of a value's size that count as no change: the old text stays.
 _SAME = 1e-12
 
 

@@ -43,7 +43,7 @@ class ChangedTarget:
     """A target that has changed in a run."""
 
     time: float  # s since the first sample
-    text: str  # what has happened, in words
+    text: str  # the event in words
     exchanged: bool  # whether it is another body, not the same elsewhere
     before: MeanAndCovariance | None  # state until then; None where unknown
 
@@ -58,7 +58,7 @@ class ChangedTarget:
 
 
 def _known(moments: MeanAndCovariance) -> bool:
-    """Tell whether the mass is known well enough for a centre of mass."""
+    """Return whether the mass is known well enough for a centre of mass."""
     return bool(moments.deviation[BODY.start] < _KNOWN * moments.mean[BODY.start])
 
 
@@ -156,7 +156,7 @@ class Solved:
     solution: Solution  # body and momentum
     instant: Instant  # when
     verdict: Verdict  # on the model
-    events: tuple[Event, ...]  # what has acted or changed
+    events: tuple[Event, ...]  # forces and changes
     budget: Callable[[Flags], ErrorBudget]  # returns the parts of the variance
     thrusters: tuple[Thruster, ...]  # how far they are off their commands
     flexible: tuple[PassiveJoint, ...]  # passive joints as estimated
@@ -278,7 +278,7 @@ _FAR = 3.0  # standard deviations of its declaration, beyond which a frequency i
 
 
 def implausible(moments: MeanAndCovariance, layout: Layout, joints: Sequence[PassiveJoint]) -> list[Reason]:
-    """Return why passive joints cannot be what they are declared to be."""
+    """Return why passive joints contradict their declaration."""
     model, springs = layout.kernel.model, layout.kernel.springs
     reasons = []
     away = {}

@@ -49,7 +49,7 @@ _SETTLING = 2  # windows that a changing target may take: the next run begins as
 
 
 class TargetRuns:
-    """The present run of the filter, its state layout, and what happened in the runs before.
+    """The present run of the filter, its state layout, and the events of the runs before.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class TargetRuns:
         """Warnings about the present run."""
         if not self._wrong_twist:
             return ()
-        return (f'the twist is left out, for it contradicts the poses: {self._wrong_twist}',)
+        return (f'the twist is not used, because it contradicts the poses: {self._wrong_twist}',)
 
     def used(self, window: Window) -> Window:
         """Return the part of a window that the run uses."""

@@ -1,4 +1,4 @@
-"""What an unknown of the nominal model declares: its prior, its words, and how momentum and readings depend on it."""
+"""The declaration of an unknown: its prior, its words, and how momentum and readings depend on it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mbaid_ros.core.samples import ArrayRecord, Samples
 
 @dataclass(frozen=True, eq=False)
 class NominalModel:
-    """The robot that a prediction is linearised at: its URDF, moved by what has been estimated of it."""
+    """The robot that a prediction is linearised at: its URDF, moved by the estimates."""
 
     kernel: MomentumKernel  # bodies and joint placements
     zeros: Array  # (n,) rad or m, added to the measured joint positions
@@ -51,7 +51,7 @@ class NominalModel:
 
 @dataclass(frozen=True)
 class JointMotion(ArrayRecord):
-    """What n joints do at N instants."""
+    """The motion of n joints at N instants."""
 
     position: Array  # (N, n) rad or m, and per s and s^2
     rate: Array  # (N, n) rad or m, and per s and s^2
@@ -78,7 +78,7 @@ class ImuMotion:
 
 @dataclass(frozen=True)
 class Reading:
-    """A window's motion, as what the sensors read depends on it; B windows, angular parts first, odometry axes."""
+    """A window's motion, for the derivatives of the readings; B windows, angular parts first, odometry axes."""
 
     # twist, slope: (B, 6) mean twist (w, v) of the base at the knots; weighted mean of (w', v' - w x v)
     twist: Array
@@ -96,7 +96,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Words:
-    """What users read of the causes of one kind: 'zero:elbow' is of the kind 'zero'."""
+    """The words for the causes of one kind: 'zero:elbow' is of the kind 'zero'."""
 
     every: str = ''  # all causes of the kind together
     parameter: str = ''  # where their standard deviation is declared
@@ -113,7 +113,7 @@ class Unknown:
     """
 
     factor: Array  # (k, e) of the prior covariance factor factor^T
-    labels: tuple[str, ...]  # k, what each number belongs to in the error budget
+    labels: tuple[str, ...]  # k, the cause of each number in the error budget
 
     # By the kind of its labels.
     words: ClassVar[Mapping[str, Words]] = {}

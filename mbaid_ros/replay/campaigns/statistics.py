@@ -63,7 +63,7 @@ def nees_band(freedom: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class SecondMotionStatistics:
-    """Medians over runs of what second motions improve."""
+    """Medians over runs of the improvement by second motions."""
 
     seconds: float  # length
     # before, after: largest relative standard deviation where it begins, and in the end; that of the runs in which
@@ -164,7 +164,7 @@ def _ten(values: Mapping[str, Any] | None) -> Array:
 
 
 def as_json(cases: Sequence[CaseStatistics], results: Sequence[Result]) -> dict[str, Any]:
-    """Return the statistics as scripts read them; None for what is not known."""
+    """Return the statistics as scripts read them; None for unknown values."""
     return {
         'runs': len(results),
         'inconsistent': _inconsistent(results),

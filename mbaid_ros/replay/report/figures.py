@@ -44,7 +44,7 @@ def convergence(run: Run, truth: Truth | None, name: str) -> str:
         axis.tick_params(labelbottom=True)
     for axis in axes[-2:]:  # the lowest of each column
         axis.set_xlabel(TIME, color=Colour.INK, fontsize=8)
-    return svg(chart, f'{name} convergence', 'Course of each parameter with its 95 % band')
+    return svg(chart, f'{name} convergence', 'Estimate of each parameter over time with its 95 % band')
 
 
 def comparison(runs: Sequence[Run], truth: Array | None) -> str:
@@ -102,7 +102,7 @@ def momentum(run: Run, truth: Truth | None, name: str) -> str:
         _residual(axes[-1], time, residual, run)
     axes[-1].set_xlim(0.0, max(time[-1], _SHORTEST))
     axes[-1].set_xlabel(TIME, color=Colour.INK, fontsize=8)
-    return svg(chart, f'{name} momentum', 'Course of the total momentum and of the residual')
+    return svg(chart, f'{name} momentum', 'Total momentum and residual over time')
 
 
 def _vector(axis: Axes, time: Array, values: Array, stds: Array) -> None:

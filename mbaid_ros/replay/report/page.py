@@ -72,9 +72,9 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
         listed([*run.all_warnings, problem] if problem else run.all_warnings, 'warnings'),
         '<h3>Estimate</h3>',
         _parameters(run, matching),
-        '' if run.holdout is None else paragraph(f'{run.holdout.sentence.capitalize()}.', 'told'),
+        '' if run.holdout is None else paragraph(f'{run.holdout.sentence.capitalize()}.', 'sentence'),
         '' if run.contradicted else error_budget(run.final),
-        paragraph(f'What motion would help most: {run.advice}.', 'told') if run.advice else '',
+        paragraph(f'The motion that would help most: {run.advice}.', 'sentence') if run.advice else '',
         captured_body(run),
         before_the_capture(run),
         *_curves(run, matching, name),
@@ -93,7 +93,7 @@ def _causes(run: Run) -> str:
     lines = [f'{line[0].upper()}{line[1:]}' for line in likely_causes(run)]
     if not lines:
         return ''
-    words = 'What may be wrong, the likeliest first. Each is tried alone, so that several may be faces of one mistake.'
+    words = 'Candidate causes, the likeliest first. Each is tried alone, so several may have one origin.'
     return paragraph(words) + listed(lines, 'causes')
 
 

@@ -1,4 +1,4 @@
-"""The data set: for each run a bag, a URDF, what a method may know, and the truth; a manifest with their SHA-256."""
+"""The data set: for each run a bag, a URDF, declared knowledge and the truth; a manifest with their SHA-256."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def make(runs: list[Run], folder: Path) -> dict[str, dict[str, str]]:
 
 
 def _complete(folder: Path, run: Run) -> bool:
-    """Return whether a run is there, which its truth, written last, says."""
+    """Return whether a run is there: its truth is written last."""
     file = folder / TRUTH
     return file.is_file() and json.loads(file.read_text(encoding='utf-8'))['seconds'] == run.seconds
 

@@ -135,7 +135,7 @@ def far(estimate: Estimate) -> float:
 def test_the_zero_of_the_last_joint_is_named_as_nothing_shows_that_it_is_wrong() -> None:
     wrong = identified(6, 0.05, **{**DECLARED, 'known_joints__zero_std': 5e-3})
     assert wrong.budget is not None
-    assert 'zero of joint7 (' in wrong.budget.resting()
+    assert 'zero of joint7 (' in wrong.budget.unobservable()
     assert wrong.status != 'inconsistent'  # ten times as far off as declared, and nothing contradicts it
     assert far(wrong) > 5.0
 
@@ -145,20 +145,20 @@ def test_what_the_data_see_is_not_named() -> None:
     assert right.budget is not None
     assert far(right) < 4.0
     # The first joint's zero turns the whole arm against the base: that shows.
-    assert 'joint1' not in right.budget.resting()
-    assert 'sensor noise' not in right.budget.resting()
+    assert 'joint1' not in right.budget.unobservable()
+    assert 'sensor noise' not in right.budget.unobservable()
 
 
 def test_an_estimate_of_a_robot_that_is_exact_rests_on_nothing() -> None:
     exact = identified(6, 0.0)
     assert exact.budget is not None
-    assert exact.budget.resting() == ''
+    assert exact.budget.unobservable() == ''
 
 
 @pytest.mark.parametrize('std', [1e-2, pytest.param(1e-4, marks=pytest.mark.long)])
 def test_what_is_declared_to_be_uncertain_enough_has_a_larger_share(std: float) -> None:
     told = some(identified(6, 0.0, **{**DECLARED, 'known_joints__zero_std': std}).budget)
-    assert ('zero of joint7' in told.resting()) == (std > 1e-3)
+    assert ('zero of joint7' in told.unobservable()) == (std > 1e-3)
 
 
 SEED = 2  # of a robot whose odometry is mounted two standard deviations off

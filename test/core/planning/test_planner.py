@@ -166,7 +166,7 @@ def test_what_is_out_of_reach_is_told_with_the_limit_that_makes_it_so(identified
 
 
 def test_what_is_known_well_enough_needs_no_motion(identified: Begun) -> None:
-    with pytest.raises(ParameterError, match='known as well as is wanted already'):
+    with pytest.raises(ParameterError, match='has the wanted precision already'):
         planner(identified, relative=np.full(10, 100.0)).plan()
 
 
@@ -176,7 +176,7 @@ def test_what_no_motion_improves_is_told_with_where_it_comes_from() -> None:
     assert not plan.reached
     single, beyond = plan.notes[:2]
     assert re.match(
-        r'of single joints joint\d tells most of \w+: [\d.]+ deg there and back in 10 s bring it from', single
+        r'of single joints joint\d improves \w+ most: [\d.]+ deg there and back in 10 s reduce it from', single
     )
     assert re.match(r'\d+ % of the variance that the motion leaves of \w+ comes from zero:joint6: better', beyond)
 

@@ -72,16 +72,17 @@ def test_what_is_not_determined_counts_nowhere() -> None:
         {SENSOR_NOISE: 0.6, 'link:base_link': 0.3, 'zero:joint6': 0.1}
     )
     nothing = ErrorBudget(CAUSES, np.full((10, 3), np.nan))
-    assert (nothing.told(STD), nothing.dominant(STD), nothing.grouped(STD)) == ('', {}, {})
+    assert (nothing.main_causes(STD), nothing.dominant(STD), nothing.grouped(STD)) == ('', {}, {})
 
 
 def test_the_main_causes_in_a_line() -> None:
-    told = budget().told(STD)
+    causes = budget().main_causes(STD)
     assert (
-        told == 'link base_link (90 % of mass), zero of joint6 (60 % of centre of mass), sensor noise (60 % of inertia)'
+        causes
+        == 'link base_link (90 % of mass), zero of joint6 (60 % of centre of mass), sensor noise (60 % of inertia)'
     )
     alone = ErrorBudget((SENSOR_NOISE,), np.ones((10, 1)))
-    assert alone.told(STD) == 'sensor noise (100 % of mass, 100 % of centre of mass, 100 % of inertia)'
+    assert alone.main_causes(STD) == 'sensor noise (100 % of mass, 100 % of centre of mass, 100 % of inertia)'
 
 
 def test_a_cause_dominates_from_half_of_a_group_on_and_sensor_noise_never() -> None:
@@ -125,10 +126,10 @@ def test_more_data_leave_at_least_what_is_said(times: float) -> None:
 def test_what_an_estimate_rests_on_comes_by_the_parameter_it_matters_most_for() -> None:
     shares = budget().shares
     unchecked = (shares > 0.2) & [False, True, True]
-    found = ErrorBudget(CAUSES, shares, unchecked).resting()
+    found = ErrorBudget(CAUSES, shares, unchecked).unobservable()
     link = 'link base_link (90 % of mass, 30 % of centre of mass, 30 % of inertia)'
     assert found == f'{link}, zero of joint6 (85 % of centre of mass)'
-    assert budget().resting() == ''
+    assert budget().unobservable() == ''
 
 
 BODY = np.array([0.28, 1e-3, -2e-3, 3e-3, 2.2e-4, 1e-5, -2e-5, 3.1e-4, 1.5e-5, 4e-4])

@@ -172,7 +172,7 @@ def test_warnings_say_what_is_wrong() -> None:
     estimate = report(solution(0.01, cost=600.0 * 9.0, restarted=True))
     assert estimate.warnings == (
         'residuals are 3.0 times what the noise parameters explain',
-        'the motion turned out not to be planar: what was learnt before was given up',
+        'the motion is not planar: the planar solution was dropped',
     )
 
 
