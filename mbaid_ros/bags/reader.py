@@ -16,11 +16,10 @@ from rosbags.typesys import TypesysError
 from rosbags.typesys.store import Typestore
 
 from mbaid_ros import limits
-from mbaid_ros.bags.chunks import Block, Raw, UnindexedError, in_blocks, of_length
+from mbaid_ros.bags.chunks import Block, Raw, Recorded, Timed, in_blocks, of_length
 from mbaid_ros.bags.compression import is_compressed, unpacked
-from mbaid_ros.bags.folder import Recorded, Timed
 from mbaid_ros.bags.opening import files_of, open_file, reason_of
-from mbaid_ros.bags.sources import DAMAGE, IndexedSource, Source, Topic, by_name
+from mbaid_ros.bags.sources import DAMAGE, Source, Topic, by_name
 from mbaid_ros.bags.sqlite import unread_log
 from mbaid_ros.bags.types import ADDED, defined, is_standard, message_types
 from mbaid_ros.cdr import packer
@@ -247,17 +246,8 @@ class BagReader:
             raise DataError(f"bag '{self.path}' does not exist")
         if not self.path.is_dir():
             return [open_file(self.path)]
-        # With its metadata; or else, where that or a file is incomplete, file by file.
-        reason = ''
-        try:
-            return [IndexedSource(self.path)]
-        except UnindexedError:
-            pass
-        except FileNotFoundError:
-            reason = 'it does not exist'
-        except (*DAMAGE, OSError) as error:
-            reason = reason_of(error)
-        sources = [open_file(file) for file in files_of(self.path, reason)]
+        files, reason = files_of(self.path)
+        sources = [open_file(file) for file in files]
         if reason and all(source.complete for source in sources):
             self.warnings.append(
                 f"metadata.yaml of bag '{self.path}' cannot be used ({reason}): its files are read in the order of "
