@@ -25,7 +25,7 @@ def true_robot(model: RobotModel, errors: ModelErrors, fixed: Sequence[str] = ()
 
     Parameters
     ----------
-    model : RobotModel, as its URDF says
+    model : RobotModel of its URDF
     fixed : links that are exact
     """
     if not any(np.any(block) for block in (errors.bodies, errors.origins, errors.tilts)):

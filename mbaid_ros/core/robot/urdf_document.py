@@ -33,8 +33,8 @@ def refuse(reason: str) -> NoReturn:
 def parse_document(text: str) -> ET.Element:
     """Return the <robot> of a URDF.
 
-    Raises ModelError: The document is not XML, not a robot, a xacro that has not been expanded, or larger than what is
-    taken.
+    Raises ModelError: The document is not XML, not a robot, a xacro that has not been expanded, or larger than the
+    limit.
     """
     if len(text) > limits.URDF_CHARACTERS:
         refuse(f'robot description of {len(text)} characters; at most {limits.URDF_CHARACTERS} are accepted')
