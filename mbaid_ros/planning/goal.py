@@ -22,8 +22,7 @@ class Wanted:
     ----------
     relative : (10,) relative standard deviations wanted
     asked : (10,) which of them count
-    criterion : the quantity minimised: the worst of the ratios to the wanted precision, their mean square, or their
-    volume
+    criterion : the cost: the worst of the ratios to the wanted precision, their mean square, or their volume
     """
 
     relative: Array
