@@ -121,8 +121,7 @@ class Structure:
     def base_parameters(self) -> tuple[BaseParameter, ...]:
         """Return a minimal set of combinations that momentum determines.
 
-        Bodies come from the base outwards: a combination that is inseparable from a parent's parameters is counted with
-        them.
+        Bodies come from the base outwards: combinations inseparable from a parent's parameters count with these.
         """
         chosen: list[int] = []
         basis: Array = np.zeros((len(self.regressor), 0))

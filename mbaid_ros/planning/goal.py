@@ -24,7 +24,7 @@ class Wanted:
 
     relative: Array  # (10,) relative standard deviations wanted
     asked: Flags  # (10,) which of them count
-    # the quantity minimised: the worst of the ratios to the wanted precision, their mean square, or their volume
+    # the cost: the worst of the ratios to the wanted precision, their mean square, or their volume
     criterion: Criterion = 'worst'
 
     def ratio(self, relative: Array) -> Array:

@@ -183,13 +183,7 @@ def _export_parser() -> ArgumentParser:
     add('--format', choices=FORMATS, default=FORMATS[0], help='default: %(default)s')
     add('--output', metavar='FILE', help='default: standard output')
     add('--model', metavar='URDF', help='the robot description, for the format urdf and for --fill')
-    add(
-        '--result',
-        type=_whole(1),
-        default=1,
-        metavar='N',
-        help='number of the result in a JSON of several bags (default: 1)',
-    )
+    add('--result', type=_whole(1), default=1, metavar='N', help='number of a result in a JSON of several (default: 1)')
     add('--topic', default='', metavar='TOPIC', help='topic of the estimates, if a bag has several estimators')
     add('--debris', action='store_true', help='write the captured body alone (a run with debris.report: true has it)')
     add('--principal', action='store_true', help='write the inertia in its principal axes')

@@ -20,7 +20,6 @@ from typing import Any, TypeVar
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.pictures import pictured
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import ArrayRecord, SensorNoise
 
@@ -133,6 +132,8 @@ class Frame:
     def write(self, **texts: str) -> None:
         """Replace the texts between the marks that the page has for their names, long tables by pictures."""
         if self.arguments.output is not None:
+            from benchmarks.pictures import pictured  # noqa: PLC0415 - matplotlib is large, and memory is measured
+
             page = self.arguments.output / self._page
             for name, text in texts.items():
                 replace_marked(page, name, pictured(text, page, name))

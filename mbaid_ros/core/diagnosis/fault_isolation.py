@@ -141,8 +141,7 @@ class FaultIsolation:
         inquired = {cause.text: (cause.gain, cause.physical) for cause in found.causes}
         leading = run.best.hypothesis if run.started else None
         if leading is not None and leading.disturbed:  # the run may have more windows by now
-            # Over all of the run, not its latest windows alone: a hypothesis that explains anything gains nothing by
-            # that.
+            # Over all of the run, not its latest windows alone: a hypothesis that fits anything gains nothing then.
             least = min((cause.gain for cause in found.causes), default=run.lead)
             lead = run.lead if leading.physical else min(run.lead, least)
             inquired.setdefault(leading.cause, (lead, leading.physical))

@@ -149,11 +149,8 @@ def noise(levels: SensorLevels | None) -> str:
         (name.replace('_', ' '), *('' if math.isnan(each) else f'{each:.2g}' for each in pair), unit)
         for name, *pair, unit in zip(CHANNELS, levels.declared, levels.found, CHANNEL_UNITS, strict=True)
     ]
-    return (
-        '<h3>Noise of a reading</h3>'
-        + table(('sensor', 'declared', 'found', 'unit'), rows)
-        + listed(levels.differences())
-    )
+    head = ('sensor', 'declared', 'estimated', 'unit')
+    return '<h3>Noise of a reading</h3>' + table(head, rows) + listed(levels.differences())
 
 
 def captured_body(run: Run) -> str:
