@@ -20,6 +20,7 @@ from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.filter.state import MOMENTUM
 from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.results.physical_consistency import project
+from mbaid_ros.core.results.status import widening
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -62,6 +63,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     gaussian = settled.passed.gaussian
     widened = normals.as_far_off()
     values, covariance = widened.blocks()
+    covariance = covariance * widening(gaussian.innovations, gaussian.nis / max(gaussian.measured, 1))
     values, corrections = _physical(values, covariance, kernel, [std.empty for std in settings.priors])
     size = len(prior.mean)
     gained = _gained(normals.links)

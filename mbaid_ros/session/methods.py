@@ -26,12 +26,14 @@ from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
 from mbaid_ros.core.trajectory.target_runs import TrajectorySettings
 from mbaid_ros.core.two_stage import TwoStageEstimator
+from mbaid_ros.core.unknowns.bodies import KnownTarget
 from mbaid_ros.core.unknowns.catalogue import catalogue, underestimated_text
 from mbaid_ros.session.posterior import KnownRobot, declared_errors, nominal_model
 from mbaid_ros.session.settings import declared_uncertainty
 
 START_WINDOWS = 10  # before the first estimate of trajectory: 5 s of motion, from which a batch start converges
 _RELINEARISED_WINDOWS = 120  # at most, before the linearisation of trajectory freezes: bounds the time of an update
+_DESCRIBED_WINDOWS = 600  # the same where the target has a prior: hours of a station, of which minutes lead nowhere
 _ADAPT = True  # whether trajectory tries hypotheses of disturbances that walk
 _SOLVED_WINDOWS = 40  # that difference solves again at each update; older ones are marginalised
 
@@ -96,7 +98,7 @@ def _trajectory(config: EstimatorConfig, known: KnownRobot, reporting: Reporting
         noise=config.noise.declared,
         window=config.window,
         start=START_WINDOWS,
-        kept=_RELINEARISED_WINDOWS,
+        kept=_DESCRIBED_WINDOWS if isinstance(known.uncertainty.target, KnownTarget) else _RELINEARISED_WINDOWS,
         uncertainty=known.uncertainty,
         adapt=_ADAPT,
         constant=cast("Literal['none', 'inertial', 'body']", config.disturbance.constant),

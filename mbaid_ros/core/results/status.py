@@ -159,7 +159,7 @@ def judge(evidence: Evidence) -> Verdict:
     far = [what for what, distance in evidence.distances.items() if _too_far(distance)]
     if far:
         reasons.append(f'the robot would have to be further off than declared: {", ".join(far)}')
-    return Verdict(not reasons, tuple(reasons), _causes(evidence), _widening(evidence))
+    return Verdict(not reasons, tuple(reasons), _causes(evidence), widening(innovations, evidence.nis))
 
 
 def _too_far(distance: Distance) -> bool:
@@ -167,17 +167,16 @@ def _too_far(distance: Distance) -> bool:
     return degrees > 0 and square > chi_square.limit(_NEVER, degrees) and twice > chi_square.limit(_NOT_TWICE, degrees)
 
 
-def _widening(evidence: Evidence) -> float:
+def widening(innovations: Innovations, nis: float) -> float:
     """Return by how much variances grow: innovations larger than declared, and correlated from window to window.
 
     The variance of a mean of correlated numbers is 1 + 2 (r_1 + r_2 + ...) times as large (Newey and West 1987); with
     r_k = r^k that is (1 + r) / (1 - r).
     """
-    innovations = evidence.innovations
     significant = innovations.correlation_significance > 0.5 * _SIGNIFICANT
     correlation = float(np.max(np.where(significant, innovations.correlation, 0.0)))
     correlation = min(max(correlation, 0.0), 0.9)
-    return max(1.0, evidence.nis) * (1.0 + correlation) / (1.0 - correlation)
+    return max(1.0, nis) * (1.0 + correlation) / (1.0 - correlation)
 
 
 def _causes(evidence: Evidence) -> tuple[Cause, ...]:
