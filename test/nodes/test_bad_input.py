@@ -15,7 +15,6 @@ from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from graph import Graph, graph
 from mbaid_ros.nodes.diagnostics import clock_problems
@@ -164,10 +163,6 @@ def lose_track(message: Odometry) -> None:
     message.pose.pose.position.x = NAN
 
 
-def spoil_covariance(message: Odometry) -> None:
-    message.pose.covariance[0] = -1.0
-
-
 def test_messages_that_cannot_be_used(talk: Talk) -> None:
     for change in (rename, shorten, spoil):
         talk.send(change)
@@ -183,37 +178,6 @@ def test_messages_that_cannot_be_used(talk: Talk) -> None:
     talk.hear('samples', ERROR, *causes)
     log = talk.node.stderr
     assert [log.count(cause) for cause in causes] == [1] * len(causes)
-    talk.recover()
-
-
-def test_a_stamp_that_jumps_back(talk: Talk) -> None:
-    talk.recover()
-    talk.send(turn_back)
-    talk.hear('samples', ERROR, 'ahead of those of joint_states: joint_states has stopped, or their clocks')
-    assert 'stamps on joint_states jumped back by 99.98 s' in talk.node.stderr
-    talk.hear('odom', STALE, 'no messages on /odom for')
-    assert talk.made()
-    assert talk.graph.call('/estimator/reset', Trigger, Trigger.Request()).success
-    talk.recover()
-
-
-def test_covariances_that_are_none(talk: Talk) -> None:
-    talk.recover()
-    talk.send(odometry=spoil_covariance, samples=100)
-    talk.hear('samples', WARN, ' not used wholly since the last report: covariance of the pose is none')
-    talk.graph.wait(lambda: talk.diagnostics, 'a report')
-    values = [pair for status in talk.diagnostics[-1].status for pair in status.values]
-    assert [pair.value for pair in values if pair.key == 'not used wholly, covariance of the pose is none'] == ['100']
-    assert talk.node.stderr.count('messages not used wholly: covariance of the pose is none') == 1
-    talk.recover()
-
-
-def test_bytes_that_are_no_message(talk: Talk) -> None:
-    text = 'a message on /joint_states is not a sensor_msgs/msg/JointState: it is not used'
-    for data in (b'\0\1\0\0', b'\0\1\0\0' + b'\xff' * 60):
-        talk.send_bytes(data)
-    talk.graph.wait(lambda: text in talk.node.stderr, text)
-    assert talk.node.stderr.count('is not a sensor_msgs') == 1
     talk.recover()
 
 

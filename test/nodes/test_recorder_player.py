@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import resource
 import signal
-import sys
 import time
 from collections.abc import Iterable, Iterator
-from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -26,10 +23,7 @@ import recorded
 from graph import Graph, graph
 from made_runs import estimate
 from mbaid_ros.bags import BagReader, BagWriter, deserialize, message_class, serialize
-from mbaid_ros.config.recorder import RecorderConfig
 from mbaid_ros.nodes import player, recorder
-from mbaid_ros.nodes.recorder import RecorderNode, record
-from mbaid_ros.nodes.runner import Interrupt
 from mbaid_ros.nodes.subscriptions import LATCHED, qos
 from mbaid_ros.replay.start import replay
 from older_bags import TOPIC, older_estimates
@@ -201,28 +195,6 @@ def test_a_choice_of_topics_with_a_clock_and_latched_topics_in_a_loop(live: Grap
 # -- what cannot be played or recorded
 
 
-@pytest.fixture(scope='module', name='odd')
-def bag_of_odd_names(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp('bags') / 'odd'
-    with BagWriter(path) as made:
-        for topic in ('/robot_description', *ODD_NAMES):
-            made.add_topic(topic, STRING, latched=True)
-            made.write(topic, message_class(STRING)(data='<robot/>'), 0)
-    return path
-
-
-def test_topics_that_cannot_be_played_are_left_out(live: Graph, odd: Path, tmp_path: Path) -> None:
-    left_out = live.start('player', older_estimates(tmp_path / 'older.mcap', estimate()))
-    descriptions = live.collect('/robot_description', String, LATCHED)
-    rest = live.start('player', odd, '--wait-for-subscribers', 30)
-    live.wait(lambda: descriptions, 'the other topic')
-    assert (rest.wait(), left_out.wait()) == (0, 0)
-    for name in ODD_NAMES:
-        assert f"topic '{name}' cannot be played: topic name " in rest.stdout + rest.stderr
-    fields = 'budget_causes, budget_shares, events, phase, stage, stale, standard_deviation'
-    assert f'without {fields}' in left_out.stdout + left_out.stderr
-
-
 @pytest.mark.parametrize(
     ('node', 'arguments', 'text'),
     [
@@ -260,50 +232,6 @@ def test_a_users_error_is_one_line(  # noqa: PLR0917 - three of a case, four fix
     assert captured.err.startswith(f'mbaid_ros {node.NAME}: ')
     assert captured.err.count('\n') == 1
     assert captured.out == ''
-
-
-class Endless:
-    """An executor whose node receives another message at every turn."""
-
-    turns = 0
-
-    def add_node(self, node: RecorderNode) -> None:
-        """Take the node that receives the messages."""
-        self._take = partial(node._take, '/joint_states', bytes(8))
-
-    def spin_once(self, timeout_sec: float) -> None:
-        """Hand it one that has just been received."""
-        self.turns += 1
-        assert self.turns < 1_000_000, f'goes on, with {timeout_sec} s a turn'
-        self._take({'received_timestamp': time.time_ns()})
-
-
-def without_graph(**attributes: Any) -> RecorderNode:
-    node = RecorderNode.__new__(RecorderNode)
-    vars(node).update(_offers={}, **attributes)
-    return node
-
-
-def test_a_stream_without_a_pause_does_not_keep_a_recorder_from_ending(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr('mbaid_ros.nodes.recorder.SingleThreadedExecutor', Endless)
-    writer = BagWriter(tmp_path / 'run')
-    writer.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
-    node = without_graph(_config=RecorderConfig(), _begin=None, _until=sys.maxsize, _writer=writer)
-    interrupt = Interrupt.__new__(Interrupt)  # without a handler of signals
-    interrupt.requested = True
-    record(node, interrupt)
-    assert 0 < node.messages < 1_000_000
-    node.close()
-
-
-def test_a_topic_of_a_type_that_is_none_is_named_and_left_out() -> None:
-    warnings: list[str] = []
-    refused: set[str] = set()
-    without_graph(_log=SimpleNamespace(warning=warnings.append), _refused=refused)._follow('/odd', 'odd', [])
-    assert warnings == ["topic '/odd' is not recorded: its type odd is not installed"]
-    assert refused == {'/odd'}
 
 
 # -- a bag played into the live estimator

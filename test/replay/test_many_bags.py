@@ -63,20 +63,6 @@ def without_origin(text: str) -> str:
     return json.dumps(result)
 
 
-@pytest.mark.long
-def test_the_first_bag_that_fails_is_the_one_told_of(capsys: pytest.CaptureFixture[str], bags: list[str]) -> None:
-    assert main([bags[0], '/absent', '/missing', '--model', MODEL, '--processes', '2', '--method', 'difference']) == 2
-    many = capsys.readouterr()
-    assert main(['/absent', '--model', MODEL]) == 2
-    assert many == capsys.readouterr()
-
-
-@pytest.mark.parametrize('value', ['0', '-1', '2.0', 'all'])
-def test_a_number_of_processes_is_a_whole_one(capsys: pytest.CaptureFixture[str], value: str) -> None:
-    assert main(['bag', '--model', MODEL, f'--processes={value}']) == 2
-    assert f"argument --processes: '{value}' is not accepted; accepted: a whole number >= 1" in capsys.readouterr().err
-
-
 @contextmanager
 def on_a_terminal(*arguments: str) -> Iterator[tuple[subprocess.Popen[bytes], Iterator[str]]]:
     """Run `replay` with a terminal; give the process, and what it shows until it and all that it started have ended."""
@@ -127,12 +113,3 @@ def test_an_interrupt_ends_all_processes_without_a_word(bags: list[str]) -> None
         assert process.wait() == 130
     assert 'Traceback' not in text
     assert len(set(re.findall(r'/(\d+) bags', text))) == 1
-
-
-@pytest.mark.long
-def test_no_process_is_left_when_replay_is_killed(bags: list[str]) -> None:
-    with on_a_terminal(*bags * 200, '--model', MODEL, '--processes', '2') as (process, shown):
-        at_work(shown)
-        process.kill()
-        for _ in shown:  # comes to an end when the last one has let go of the terminal
-            pass

@@ -149,16 +149,6 @@ def test_what_cannot_be_planned_from_is_told_in_a_line(
     assert error.count('\n') == 1
 
 
-def test_what_is_to_know_of_a_bag_is_told(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    cut = tmp_path / 'cut.mcap'
-    content = (result.parent / 'bag' / 'bag.mcap').read_bytes()
-    cut.write_bytes(content[: len(content) * 9 // 10])
-    params = ['--params', str(CONFIG / 'servicer7_estimator.yaml')]
-    assert main([str(cut), *MODEL, *params, *QUICK]) in {0, 3}
-    error = capsys.readouterr().err
-    assert error.startswith(f"mbaid_ros plan: warning: bag '{cut}' was cut off while it was written")
-
-
 def test_a_contradicted_run_is_not_planned_from(
     result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -160,26 +160,6 @@ def test_no_orbit_is_none() -> None:
     assert not last.causes
 
 
-def test_the_known_bodies_may_be_uncertain() -> None:
-    around = given(declared('inertial', FAST))
-    run = simulated(SECONDS, initial__base_position=AWAY, model_errors__links_relative_std=0.01, **around)
-    last = identify(run, session(known_links__relative_std=0.01, **around))
-    assert last.status in {'estimating', 'converged'}
-    assert nees(last, run.target_inertia) < LIMIT
-
-
-def test_how_the_calls_are_spread_makes_no_difference() -> None:
-    around = given(declared('hill', FAST))
-    whole = identify(simulated(8.0, **around), session(method='difference', **around))
-    into, estimates = session(method='difference', **around), []
-    for timed in simulated(8.0, **around).read(8.0):
-        if (into.add_joint_state if timed.topic == 'joint_states' else into.add_odometry)(timed.message):
-            estimates += into.process()
-    estimates += into.process()
-    assert np.array_equal(estimates[-1].parameters, whole.parameters)
-    assert np.array_equal(estimates[-1].momentum, whole.momentum)
-
-
 @LONG
 def test_the_epoch_is_a_stamp() -> None:
     """Ten seconds after the directions were as given, they have turned by a twentieth."""

@@ -12,7 +12,7 @@ import pytest
 from mbaid_ros.core import geometry
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.model import RobotModel, express, load_model, parse
+from mbaid_ros.core.robot.model import RobotModel, load_model, parse
 from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.core.robot.urdf import Mimic, transmission
 from random_robots import random_inertial, random_urdf
@@ -57,16 +57,6 @@ def test_joints_are_those_of_pinocchio(seed: int) -> None:
     assert np.linalg.norm(model.axes, axis=1) == pytest.approx(np.ones(model.joints), abs=1e-15)
 
 
-@pytest.mark.parametrize('seed', SEEDS)
-def test_without_a_link_its_own_parameters_are_missing(seed: int) -> None:
-    model = random_tree(seed)
-    for link in model.links:
-        missing = model.body_parameters() - model.body_parameters(without=link.name)
-        expected = np.zeros_like(missing)
-        expected[link.body] = express(link.parameters, link.rotation, link.position)
-        assert missing == pytest.approx(expected, abs=ROUNDING * float(np.abs(model.body_parameters()).max()))
-
-
 def test_an_unknown_link_is_refused_with_those_there_are() -> None:
     model = robot('table1')
     with pytest.raises(
@@ -108,14 +98,6 @@ def test_the_last_link_is_the_furthest_with_a_mass(name: str, last: str) -> None
     assert load_model(urdf).last_link == last
 
 
-def test_a_robot_without_joints_is_a_model_too() -> None:
-    model = load_model('<robot name="r"><link name="base"/></robot>')
-    assert (model.joints, model.last_link) == (0, 'base')
-    assert model.axes.shape == model.positions.shape == (0, 3)
-    assert model.rotations.shape == (0, 3, 3)
-    assert not model.body_parameters().any()
-
-
 @pytest.mark.parametrize(
     ('before', 'after', 'told'),
     [
@@ -152,11 +134,6 @@ def test_followers_are_where_their_driver_puts_them() -> None:
     change = (moved.positions(positions + step) - moved.positions(positions)) / step
     assert moved.rates(np.ones(3)) == pytest.approx(change, abs=1e-9)
     assert not moved.direct
-
-
-def test_joints_that_follow_none_stay_the_very_same() -> None:
-    values = np.array([0.1, 0.2])
-    assert transmission(('a', 'b'), {}).positions(values) is values
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import express, load_model
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
-from mbaid_ros.core.robot.sensitivity import force_cross, motion_cross, sensitivity, sensitivity_to_joints
+from mbaid_ros.core.robot.sensitivity import sensitivity
 from peer import Motion, Peer
 from random_robots import random_state, random_storage, random_urdf
 
@@ -160,23 +160,3 @@ def test_sensitivities_are_derivatives_of_known_momentum_and_regressors(seed: in
     unknown = np.swapaxes(central_difference(regressors, zero, STEP), 1, 2)  # (6, z, 10 k)
     for value, expected in ((found.known[0], known), (found.target[0], unknown)):
         assert value == pytest.approx(expected, abs=TOLERANCE * np.abs(expected).max())
-
-
-def test_products_of_twists_and_momenta() -> None:
-    rng = np.random.default_rng(0)
-    left, right, momentum = (rng.normal(size=(20, 6)) for _ in range(3))
-    assert motion_cross(left, right) == pytest.approx(-motion_cross(right, left), abs=1e-14)
-    assert motion_cross(left, left) == pytest.approx(np.zeros((20, 6)), abs=1e-14)
-    # Power does not depend on the frame: (S x V) . h + V . (S x* h) = 0.
-    power = np.sum(motion_cross(left, right) * momentum, axis=1) + np.sum(right * force_cross(left, momentum), axis=1)
-    assert power == pytest.approx(np.zeros(20), abs=1e-13)
-
-
-@pytest.mark.parametrize('seed', SEEDS)
-def test_the_joints_alone_are_as_among_all(seed: int) -> None:
-    measured = Measured(seed)
-    states = measured.states(np.zeros(measured.sources))
-    known = sensitivity(measured.kernel, states).known
-    positions, velocities = sensitivity_to_joints(measured.kernel, states)
-    assert positions == pytest.approx(known[..., : measured.joints], rel=1e-10, abs=1e-10)
-    assert velocities == pytest.approx(known[..., measured.joints : 2 * measured.joints], rel=1e-10, abs=1e-10)

@@ -128,13 +128,6 @@ def test_turning_out_of_the_plane_is_spatial_for_good(axis: Array) -> None:
     assert np.array_equal(detector.rows(), np.eye(6))
 
 
-def test_a_rate_that_is_not_measured_says_nothing() -> None:
-    samples = turning_about(Z)
-    detector = PlaneDetector(robot('table1'))
-    detector.update(replace(samples, base_angular_velocity=np.full((25, 3), np.nan)))
-    assert detector.planar
-
-
 def test_the_unknowns_of_a_plane(planar: Truth) -> None:
     servicer = kernel('table1')
     part = windows(observe(planar, MID))[:3]

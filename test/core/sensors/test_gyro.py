@@ -27,23 +27,8 @@ def even(times: Array) -> Array:
     return np.array([0.3, -0.2, 0.1]) + 1e-3 * times[:, None] * np.array([0.5, 0.4, -0.6])
 
 
-def integral(times: Array) -> Array:
-    seconds = 1e-3 * times[:, None]
-    return seconds * np.array([0.3, -0.2, 0.1]) + 0.5 * seconds**2 * np.array([0.5, 0.4, -0.6])
-
-
 def at(times: Array) -> Stamps:
     return np.round(times * MILLISECOND).astype(np.int64)
-
-
-def test_it_is_exact_where_the_rate_changes_evenly() -> None:
-    rng = np.random.default_rng(0)
-    times = np.sort(rng.choice(2000, 400, replace=False)).astype(float)
-    gyro = Gyro(GAP)
-    gyro.push(stream(times, even(times)))
-    asked = np.linspace(times[0], times[-1], 777)
-    expected = integral(asked) - integral(times[:1])
-    assert gyro.sampled(at(asked)) == pytest.approx(expected, abs=1e-8)
 
 
 @pytest.mark.parametrize('size', [1, 7, 64])

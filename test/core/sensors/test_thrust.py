@@ -58,11 +58,6 @@ def make_pulsed(frame: str = 'base_link') -> Thrust:
     return thrust
 
 
-def test_windows_make_no_difference() -> None:
-    parts, whole = windows(samples()), [samples()]
-    assert impulses(make_pulsed('link3'), parts) == pytest.approx(impulses(make_pulsed('link3'), whole), abs=1e-13)
-
-
 def test_the_odometry_frame_is_fixed() -> None:
     found = impulses(make_pulsed('odom'), [samples()])
     assert found[-1] == pytest.approx((OFF - ON) * FORCE_TORQUE)
@@ -129,17 +124,6 @@ def test_commands_that_cannot_be_used_are_counted() -> None:
     unknown.odometry_frame = 'odom'
     assert np.all(impulses(unknown, [samples()]) == 0.0)
     assert unknown.dropped == {UNKNOWN_FRAME: 1}
-
-
-def test_only_news_are_news() -> None:
-    thrust = make()
-    assert not thrust.changes('odom', ns(1.0), ZERO, ns(1.0))
-    assert thrust.changes('odom', ns(1.0), FORCE_TORQUE, ns(1.0))
-    thrust.command('odom', ns(1.0), FORCE_TORQUE, ns(1.0))
-    assert not thrust.changes('odom', ns(1.1), FORCE_TORQUE, ns(1.1))
-    assert thrust.changes('odom', ns(2.1), FORCE_TORQUE, ns(2.1))  # it had run out
-    assert thrust.changes('odom', ns(0.9), FORCE_TORQUE, ns(1.1))
-    assert thrust.changes('odom', ns(1.1), ZERO, ns(1.1))
 
 
 def test_memory_is_bounded() -> None:

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import itertools
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from checked import same
-from mbaid_ros.core.errors import DataError, ModelError, ParameterError
+from mbaid_ros.core.errors import ModelError, ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.simulation.dynamics import Dynamics, State
 from mbaid_ros.simulation.hermite import HermiteSpline
 from mbaid_ros.simulation.motion import Passive, Sinusoids, random_sinusoids, sinusoids
-from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum, without_linear_momentum
+from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from random_robots import random_urdf
 from simulated import relative_drift, robot, state, table1
 
@@ -56,36 +55,6 @@ def test_the_run_does_not_depend_on_the_sampling() -> None:
     cuts = [0, 1, 1, 50, 51, 120, 173]
     parts = [run.advance(instants[first:last]) for first, last in itertools.pairwise(cuts)]
     assert same(Truth.concatenate(parts), whole)
-
-
-def test_a_run_far_from_the_origin_is_the_same_run() -> None:
-    near = moving_arm('ets7')[0]
-    model, start = near.model, near._states[0]
-    offset = np.array([7e6, -3e6, 1e5])
-    far = Simulation(model, near.motion, replace(start, base_position=offset), STEP)
-    instants = np.linspace(0.0, 5.0, 101)
-    here, there = near.advance(instants), far.advance(instants)
-    assert np.array_equal(here.base_linear_velocity, there.base_linear_velocity)
-    assert there.base_position - offset == pytest.approx(here.base_position, abs=1e-8)
-
-
-def test_a_past_instant_is_refused() -> None:
-    run, _ = moving_arm('ets7')
-    run.advance(np.array([1.0]))
-    with pytest.raises(DataError, match='in order'):
-        run.advance(np.array([0.5]))
-    with pytest.raises(DataError, match='in order'):
-        run.advance(np.array([2.0, 1.9]))
-
-
-def test_without_linear_momentum_turns_with_the_base() -> None:
-    model = robot('servicer7')
-    turned = state(np.full(7, 0.3), np.full(7, 0.1), (0.1, -0.2, 0.3))
-    turned = replace(turned, base_orientation=np.array([0.5, -0.5, 0.5, 0.5]), base_position=np.array([1.0, 2.0, 3.0]))
-    start = without_linear_momentum(model, turned)
-    total = total_momentum(model, Simulation(model, Passive(), start, STEP).advance(np.zeros(1)))[0]
-    assert total[:3] == pytest.approx(np.zeros(3), abs=1e-12)
-    assert np.array_equal(start.velocity[3:], turned.velocity[3:])
 
 
 def test_sinusoids_are_read_joint_by_joint() -> None:
@@ -186,15 +155,6 @@ def test_a_single_body_tumbles_as_euler_says() -> None:
     angular, moments = np.array([0.3, -0.2, 0.5]), np.array([1.0, 2.0, 2.5])
     turning = dynamics.acceleration(state(np.zeros(0), np.zeros(0), tuple(angular)), free(0))
     assert turning[3:] == pytest.approx(-np.cross(angular, moments * angular) / moments, abs=1e-15)
-
-
-def test_a_continuous_joint_counts_its_turns() -> None:
-    model, start = table1()
-    turned = State(start.base_position, start.base_orientation, start.joint_position + 4.0 * np.pi, start.velocity)
-    dynamics = Dynamics(model)
-    assert dynamics.acceleration(turned, free(4)) == pytest.approx(dynamics.acceleration(start, free(4)), abs=1e-15)
-    run = Simulation(model, Passive(), turned, 0.02)
-    assert run.advance(np.array([0.0])).joint_position[0] == pytest.approx(turned.joint_position)
 
 
 TAIL = '<joint name="tail" type="continuous"><parent link="base_link"/><child link="leaf"/><axis xyz="0 0 1"/></joint>'
