@@ -13,7 +13,7 @@ from benchmarks.data import motion
 from benchmarks.honesty import readings, robots
 from benchmarks.honesty.disturbed import CATALOGUE
 from benchmarks.honesty.paths import sinusoids
-from benchmarks.honesty.runs import Outcome, jointly, judged, rank, run
+from benchmarks.honesty.runs import Outcome, jointly, judged, run
 from benchmarks.honesty.worlds import World, float_freely, swing
 from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate
@@ -111,9 +111,3 @@ def test_a_run_of_a_condition_says_what_it_ends_with() -> None:
     assert told.error.shape == told.std.shape == (10,)
     assert told.status in {'estimating', 'not_identifiable'}
     assert 0.0 <= max(told.worst, told.young) < 5.0
-
-
-def test_the_true_cause_is_found_at_its_rank() -> None:
-    told = ['noise.base_position is 2 times too small', 'the zero of joint4 is off by 8.0 mrad']
-    assert rank("a joint's zero 30 mrad off", told) == 2
-    assert rank("a joint's axis 30 mrad off", told) == 0

@@ -117,20 +117,6 @@ def test_the_page_has_every_key_of_the_json() -> None:
     assert {key for row in rows for key in re.findall(r'`(\w+)`', row)} == set(as_json(run()))
 
 
-def test_the_dependencies_are_those_of_the_project() -> None:
-    text = (ROOT / 'docs' / 'reference' / 'dependencies.md').read_text(encoding='utf-8')
-    rows = dict(re.findall(r'^\| `([\w-]+)` \| ([\d., ]+) \|', text, re.MULTILINE))
-    requirements = re.findall(r'^([\w-]+)', (ROOT / 'requirements.txt').read_text(encoding='utf-8'), re.MULTILINE)
-    assert sorted(rows) == sorted(requirements)
-    pins = re.findall(r'^([\w-]+)==([\w.]+)', (ROOT / 'constraints.txt').read_text(encoding='utf-8'), re.MULTILINE)
-    for name, versions in rows.items():
-        key = re.sub('[-_.]+', '-', name).lower()
-        assert versions.split(', ') == [version for other, version in pins if other == key]
-    manifest = (ROOT / 'package.xml').read_text(encoding='utf-8')
-    for key in re.findall(r'<(?:exec|test)_depend>([\w-]+)<', manifest):
-        assert f'`{key}`' in text
-
-
 # -- text
 
 
@@ -154,14 +140,6 @@ def test_pages_that_code_names_exist(folder: str) -> None:
     for path in (ROOT / folder).rglob('*.py'):
         for page in re.findall(r'\bdocs/[\w/-]+\.md\b', path.read_text(encoding='utf-8')):
             assert (ROOT / page).is_file(), f'{path}: {page}'
-
-
-@pytest.mark.parametrize('document', names(DOCUMENTS))
-def test_files_that_are_named_exist(document: str) -> None:
-    text = (ROOT / document).read_text(encoding='utf-8')
-    for path in re.findall(r'`((?:mbaid_ros|config|scripts|docs|bags|test|msg_defs|core)/[\w./-]+)`', text):
-        place = ROOT / 'mbaid_ros' / path if path.startswith('core/') else ROOT / path
-        assert place.exists(), path
 
 
 def test_the_readme_is_short_and_pages_for_people_are_in_plain_words() -> None:
@@ -196,6 +174,7 @@ def test_no_text_names_the_machine_it_was_written_on() -> None:
 
 
 # -- The container's and pixi's recipes: what package.xml asks for is in them, and what they name is there.
+
 
 def test_the_versions_agree() -> None:
     version = ET.parse(ROOT / 'package.xml').getroot().findtext('version')

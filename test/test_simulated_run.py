@@ -164,20 +164,3 @@ def test_a_drawn_robot_captures_and_fires_thrusters(what: str) -> None:
         total = total_momentum(made.robot, truth)
         assert total[1] == pytest.approx(total[0], abs=1e-9)
         assert np.linalg.norm((total[3] - total[0])[:3]) == pytest.approx(0.3, rel=1e-3)
-
-
-# Links without mass between joints whose axes line up in the pose it begins in, so that nothing there has inertia.
-WRIST = """
-<joint name="a" type="continuous"><parent link="link7"/><child link="x"/><axis xyz="0 0 1"/></joint><link name="x"/>
-<joint name="b" type="continuous"><parent link="x"/><child link="y"/><axis xyz="1 0 0"/></joint><link name="y"/>
-<joint name="c" type="continuous"><parent link="y"/><child link="z"/><axis xyz="0 0 1"/></joint>
-<link name="z"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
-</robot>"""
-
-
-@pytest.mark.parametrize('kind', ['passive', 'random'])
-def test_links_without_mass_between_joints_in_line_are_refused(kind: str) -> None:
-    urdf = (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8').replace('</robot>', WRIST)
-    config = build(SimulatorConfig, {'motion.kind': kind})
-    with np.errstate(all='ignore'), pytest.raises(ModelError, match=r'singular|not finite|inertia'):
-        SimulatedRun(config, urdf, BAG_TYPES).read(3.0)

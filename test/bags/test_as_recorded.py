@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
 from backports import zstd
 from mcap.reader import make_reader
 from mcap.writer import IndexType, Writer
 
 from mbaid_ros.bags import BagReader
-from mbaid_ros.core.errors import DataError
 
 
 def copied(source: Path, target: Path, *, compressed: bool = False) -> Path:
@@ -46,17 +44,3 @@ def test_compressed_parts_without_metadata(mcap: Path, tmp_path: Path) -> None:
         (folder / f'part_{part}.mcap.zstd').write_bytes(zstd.compress(mcap.read_bytes()))
     assert read(folder) == 3 * read(mcap)
     assert read(folder / 'part_1.mcap.zstd') == read(mcap)
-
-
-def test_a_compressed_part_that_is_damaged(mcap: Path, tmp_path: Path) -> None:
-    part = tmp_path / 'part.mcap.zstd'
-    part.write_bytes(zstd.compress(mcap.read_bytes())[:-20])
-    with pytest.raises(DataError, match=r'part\.mcap\.zstd. cannot be decompressed'):
-        read(part)
-
-
-def test_a_bag_of_ros_1_is_named(tmp_path: Path) -> None:
-    bag = tmp_path / 'old.bag'
-    bag.write_bytes(b'#ROSBAG V2.0\n' + bytes(100))
-    with pytest.raises(DataError, match=r'ROS 1; accepted: .* rosbags-convert --src old\.bag'):
-        read(bag)

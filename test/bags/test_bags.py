@@ -71,18 +71,6 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
             bag.add_topic('/thing', 'no_msgs/msg/Thing')
 
 
-def test_an_error_while_writing_leaves_a_complete_bag(tmp_path: Path) -> None:
-    def interrupted() -> None:
-        with BagWriter(tmp_path / 'bag') as bag:
-            bag.add_topic('/a', STRING)
-            bag.write('/a', string('x'), 1)
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert len(everything(tmp_path / 'bag')[0]) == 1
-
-
 def test_parts_of_a_folder_are_read_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     for number in (10, 9):
         with BagWriter(tmp_path / f'part_{number}') as bag:

@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, ReaderError, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 
-from mbaid_ros.bags import BagReader, Recorded, Timed, message_types
+from mbaid_ros.bags import BagReader, message_types
 from mbaid_ros.bags.chunks import (
     Block,
     Raw,
     in_blocks,
 )
 from mbaid_ros.bags.types import definition
-from mbaid_ros.cdr import JOINT_STATE_TYPE, Packet, packer
-from mbaid_ros.core.samples import Stamps
+from mbaid_ros.cdr import JOINT_STATE_TYPE, Packet
 from mbaid_ros.messages import joint_state_shape
 from small_bags import COUNT, everything
 from wire import as_bytes, joint_state
@@ -90,40 +86,6 @@ def test_compressed_folders_come_as_from_rosbags(
     assert everything(path) == (expected, [])
 
 
-@pytest.mark.parametrize('seed', range(40))
-def test_a_damaged_chunk_ends_the_reading_with_a_warning(tmp_path: Path, seed: int) -> None:
-    """No checksum helps here: what lies in the chunk itself has to be found out."""
-    random = np.random.default_rng(seed)
-    path = tmp_path / 'bag.mcap'
-    with path.open('wb') as stream:
-        writer = McapWriter(stream, chunk_size=2_000, compression=CompressionType.NONE, enable_crcs=False)
-        writer.start(profile='ros2')
-        schema = writer.register_schema(JOINT_STATE_TYPE, 'ros2msg', definition(JOINT_STATE_TYPE)[0].encode())
-        channel = writer.register_channel('/a', 'cdr', schema)
-        for time in range(60):
-            data = as_bytes(joint_state(['x'], ONE, ONE, stamp=time))
-            writer.add_message(channel, time, data, time, time)
-        writer.finish()  # type: ignore[no-untyped-call]
-    content = bytearray(path.read_bytes())
-    record = content.index(as_bytes(joint_state(['x'], ONE, ONE, stamp=30))) - 31
-    assert content[record] == 5
-    content[record + 1 + random.integers(8)] ^= 1 << int(random.integers(8))  # the length of a message's record
-    path.write_bytes(content)
-    expected = list(until_damage(path))
-    read, warnings = everything(path)
-    assert read == expected
-    assert 0 < len(read) < 60
-    assert len(warnings) == 1
-    assert f'is damaged: read {len(read)} of 60 messages' in warnings[0]
-
-
-def until_damage(path: Path) -> Iterator[tuple[str, bytes, int]]:
-    """Yield what rosbags reads of a file before it finds damage."""
-    with Reader(path) as reader, suppress(ReaderError, struct.error):
-        for connection, time, data in reader.messages():
-            yield connection.topic, data, time
-
-
 @pytest.mark.parametrize('at_once', [1, 7, COUNT, 10 * COUNT])
 def test_packets_are_the_messages(recorded: Path, at_once: int) -> None:
     topics = ['/joint_states', '/robot_description']
@@ -188,32 +150,3 @@ def test_blocks_hold_the_messages(count: int) -> None:
 
 
 # -- Messages of several topics that are read together.
-
-
-def topics_together(names: str) -> tuple[list[Timed], Recorded]:
-    """Return messages of topics with names of a letter; those of `p` are packets that are together."""
-    pack = packer(JOINT_STATE_TYPE)
-    assert pack is not None
-    data = [as_bytes(joint_state(['x'], np.ones(1), np.ones(1), stamp=k)) for k in range(len(names))]
-    messages: dict[str, Sequence[Any]] = {}
-    times: dict[str, Stamps] = {}
-    for name in dict.fromkeys(names):
-        places = [k for k, each in enumerate(names) if each == name]
-        together = pack.many([data[k] for k in places]) if name == 'p' else None
-        messages[name] = places if together is None else together
-        times[name] = 7 * np.array(places)
-    expected = [(name, k, 7 * k) for k, name in enumerate(names)]
-    return expected, Recorded(names, messages, times)
-
-
-def content_of(messages: Recorded) -> list[Timed]:
-    return [(name, message.stamp if name == 'p' else message, time) for name, message, time in messages]
-
-
-@pytest.mark.parametrize('names', ['', 'a', 'p', 'papbp', 'aab', 'tpapttbpat', 'ppppt'])
-def test_messages_come_in_the_order_they_were_recorded(names: str) -> None:
-    expected, found = topics_together(names)
-    assert len(found) == len(names)
-    assert content_of(found) == expected
-    for name in 'abpt':
-        assert len(found.of(name)) == names.count(name)

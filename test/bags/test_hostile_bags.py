@@ -14,7 +14,7 @@ from hostile_bags import DAMAGED, REFUSED, many_bombs
 from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.replay.start import replay as main
-from small_bags import COUNT, JOINT_STATE, STRING, everything, joint_state, string
+from small_bags import COUNT, JOINT_STATE, everything, joint_state
 
 
 def cuts(size: int) -> Iterator[int]:
@@ -47,27 +47,6 @@ def test_a_bag_cut_off_anywhere_is_read_up_to_the_cut(mcap: Path, tmp_path: Path
     assert sorted(numbers[:-5]) == numbers[:-5]
     assert numbers[-1] == COUNT + 1
     assert len(set(numbers)) > 6  # more than there are chunks: parts of chunks are read, too
-
-
-def test_a_writer_that_is_killed_loses_only_what_it_did_not_flush(tmp_path: Path) -> None:
-    bag = BagWriter(tmp_path / 'bag')
-    bag.add_topic('/a', STRING)
-    for index in range(100):
-        bag.write('/a', string(str(index)), index)
-        if index == 49:
-            bag.flush()
-    read, warnings = everything(tmp_path / 'bag')
-    assert len(read) == 50
-    assert 'cut off' in warnings[0]
-    bag.close()
-    assert len(everything(tmp_path / 'bag')[0]) == 100
-
-
-@pytest.mark.parametrize('content', [b'', b'\x89MCAP'])
-def test_a_file_that_had_no_time_to_begin(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / 'bag.mcap').write_bytes(content)
-    with pytest.raises(DataError, match='holds no messages: it was cut off before the first one'):
-        everything(tmp_path)
 
 
 @pytest.mark.parametrize('metadata', ['', ': [', 'rosbag2_bagfile_information: {version: 99}', 'a: 1'])

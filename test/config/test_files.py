@@ -109,14 +109,6 @@ def test_what_is_no_parameter_file_is_refused_in_one_line(tmp_path: Path, text: 
     assert '\n' not in str(caught.value)
 
 
-def test_a_file_that_is_not_there_or_not_text(tmp_path: Path) -> None:
-    with pytest.raises(ParameterError, match='No such file'):
-        load_parameter_file(tmp_path / 'absent.yaml', 'estimator')
-    (tmp_path / 'binary.yaml').write_bytes(b'\xff\xfe\x00')
-    with pytest.raises(ParameterError, match='not text'):
-        load_parameter_file(tmp_path / 'binary.yaml', 'estimator')
-
-
 @pytest.mark.parametrize(
     ('text', 'expected'),
     [

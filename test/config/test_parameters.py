@@ -89,15 +89,6 @@ def test_what_is_refused_is_named_in_one_line(values: dict[str, object], text: s
     assert '\n' not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ('name', 'value'), [('length', 1e308), ('length', -1e16), ('length', 1e-31), ('axis', [0.0, 0.0, 1e300])]
-)
-def test_a_number_that_cannot_be_squared_is_refused(name: str, value: object) -> None:
-    with pytest.raises(ParameterError, match=f"'{name}' is "):
-        build(Outer, {name: value})
-    assert build(Outer, {'length': -1e15, 'axis': [0.0, 1e-30, 0.0]}).length == -1e15
-
-
 # -- The estimator's parameters: the names and defaults that scripts rely on.
 
 

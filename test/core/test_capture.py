@@ -161,12 +161,3 @@ def test_a_wrong_known_model_is_doubted_before_and_after() -> None:
     assert doubts[0].status == 'inconsistent'
     assert doubts[0].time < BEGIN
     assert made[-1] is doubts[-1]
-
-
-def test_a_capture_in_the_first_window_tells_nothing_of_the_chaser() -> None:
-    run = make()
-    run.time = 0.1
-    run.update(pieces()[int(BEGIN / 0.5) + 2 :], 0)
-    found = some(run.capture(None))
-    assert found.chaser is None
-    assert np.all(np.isnan(found.momentum))

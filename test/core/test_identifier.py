@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from checked import same
 from made_runs import estimate
-from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, TWIST_DERIVED, Identifier
+from mbaid_ros.core.identifier import Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples, Stamps
 from mbaid_ros.core.trajectory.posterior import Posterior
@@ -67,25 +67,6 @@ def test_pieces_do_not_matter(cuts: int) -> None:
     assert [x.warnings for x in found] == [x.warnings for x in expected]
     assert (one.used, one.dropped, one.end_of_window) == (together.used, together.dropped, together.end_of_window)
     assert pieces.origins == {START}
-
-
-@pytest.mark.parametrize('missing', ['joints', 'base'])
-def test_missing_velocities_are_told(missing: str) -> None:
-    joints, base = joint_stream(every(10.0, 120)), base_stream(every(10.0, 120))
-    if missing == 'joints':
-        joints = replace(joints, velocity=np.full_like(joints.velocity, np.nan))
-    else:
-        base = replace(base, angular_velocity=np.full_like(base.angular_velocity, np.nan))
-    recorder = Recorder()
-    estimates = Identifier(recorder, 0.5, 0.1).push(joints, base)
-    assert {x.warnings for x in estimates} == {(JOINT_RATES_DERIVED if missing == 'joints' else TWIST_DERIVED,)}
-    for window in recorder.windows:
-        assert np.isfinite(window.joint_velocity).all()
-        assert np.isfinite(window.base_angular_velocity).all()
-    bare = Recorder(needs_rates=False)
-    Identifier(bare, 0.5, 0.1).push(joints, base)
-    velocity = bare.windows[0].joint_velocity if missing == 'joints' else bare.windows[0].base_angular_velocity
-    assert np.isnan(velocity).all()
 
 
 MASS, INERTIA = slice(0, 1), slice(4, 10)

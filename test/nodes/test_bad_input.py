@@ -61,10 +61,6 @@ class Talk:
                 odometry(message)
                 self._odometry.publish(message)
 
-    def send_bytes(self, data: bytes) -> None:
-        """Publish bytes as a JointState."""
-        self._joints.publish(data)
-
     def hear(self, part: str, level: bytes, *texts: str) -> None:
         """Wait until diagnostic statuses hold each of some texts; forget the statuses up to then."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Iterator
@@ -68,12 +67,6 @@ def test_a_complete_estimate_has_com_region_axes_and_ellipsoid() -> None:
     a, b, c = semi**2
     uniform = turn @ np.diag(BODY[0] / 5.0 * np.array([b + c, a + c, a + b])) @ turn.T
     assert uniform == pytest.approx(tensor, rel=1e-9, abs=1e-9)
-
-
-def test_a_planar_estimate_has_no_ellipsoid() -> None:
-    made = by_id(markers(planar(), 'link7'))
-    assert [made[number].action for number in range(4)] == [Marker.ADD, Marker.ADD, Marker.DELETE, Marker.DELETE]
-    assert place(made[0])[2] == 0.0
 
 
 def joint_state(names: list[str], positions: list[float], nanoseconds: int = 0) -> JointState:
@@ -199,30 +192,6 @@ def test_rviz_shows_topics_that_exist(topics: dict[str, str]) -> None:
             assert topic['Durability Policy'] == 'Transient Local'  # the estimator latches them
             seen += 1
     assert seen == 3
-
-
-def test_foxglove_shows_topics_and_fields_that_exist(topics: dict[str, str]) -> None:
-    layout = json.loads(FOXGLOVE.read_text(encoding='utf-8'))
-    panels = layout['configById']
-    assert sorted(leaves(layout['layout'])) == sorted(panels)
-    paths = [path['value'] for panel in panels.values() for path in panel.get('paths', [])]
-    paths += [panel['topicPath'] for panel in panels.values() if 'topicPath' in panel]
-    assert len(paths) == 18
-    for path in paths:
-        topic, _, field = path.partition('.')
-        assert has_field(topics[topic], field), path
-    assert panels['DiagnosticSummary!all']['topicToRender'] in topics
-    scene = panels['3D!robot']
-    assert set(scene['topics']) <= set(topics)
-    assert scene['layers']['robot']['topic'] in topics
-
-
-def leaves(layout: Any) -> Iterator[str]:
-    if isinstance(layout, str):
-        yield layout
-    else:
-        yield from leaves(layout['first'])
-        yield from leaves(layout['second'])
 
 
 def test_plotjuggler_shows_topics_and_fields_that_exist(topics: dict[str, str]) -> None:

@@ -15,7 +15,6 @@ from xml.etree import ElementTree as ET
 
 import pytest
 import rclpy
-from ament_index_python.packages import get_package_share_directory, get_packages_with_prefixes
 from mbaid_msgs.msg import InertiaEstimate
 from rclpy.node import Node
 
@@ -35,13 +34,6 @@ TABLE1 = f'robot_description_file:={CONFIG / "table1.urdf"}'
 
 def assigned(*texts: str) -> list[str]:
     return ['--ros-args', *(word for text in texts for word in ('-p', text))]
-
-
-def test_the_package_is_in_the_index() -> None:
-    assert 'mbaid_ros' in get_packages_with_prefixes()
-    share = Path(get_package_share_directory('mbaid_ros'))
-    assert (share / 'package.xml').is_file()
-    assert (share / 'config' / 'table1.urdf').is_file()
 
 
 def test_every_executable_is_installed_and_an_unknown_argument_is_one_line() -> None:

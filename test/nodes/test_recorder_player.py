@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import signal
 import time
 from collections.abc import Iterable, Iterator
@@ -21,12 +20,10 @@ from std_msgs.msg import String
 
 import recorded
 from graph import Graph, graph
-from made_runs import estimate
 from mbaid_ros.bags import BagReader, BagWriter, deserialize, message_class, serialize
 from mbaid_ros.nodes import player, recorder
 from mbaid_ros.nodes.subscriptions import LATCHED, qos
 from mbaid_ros.replay.start import replay
-from older_bags import TOPIC, older_estimates
 from recorded import papers_case
 from simulated import CONFIG
 from streams import TABLE1_MOMENTUM, methods
@@ -130,27 +127,6 @@ def test_everything_a_reliable_publisher_sends_is_in_the_bag_whatever_ends_it(li
     assert all(abs(when - begin) < 60_000_000_000 for _, when in read)
 
 
-def test_a_kill_and_a_full_disk_leave_a_bag_that_can_be_read(live: Graph, tmp_path: Path) -> None:
-    killed, full = (start_recorder(live, tmp_path / name) for name in ('killed', 'full'))
-    states = live.publisher('/joint_states', JointState)
-    live.wait(lambda: states.get_subscription_count() == 2, 'both recorders')
-    states.publish(joint_state(0))
-    files = {name: tmp_path / name / f'{name}.mcap' for name in ('killed', 'full')}
-    live.wait(lambda: all(file.stat().st_size > 500 for file in files.values()), 'the message on the disk')
-    killed.stop(signal.SIGKILL)
-    limit = files['full'].stat().st_size + 50
-    resource.prlimit(full.pid, resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
-    states.publish(joint_state(1))
-    assert full.wait() == 2
-    (line,) = [line for line in full.stderr.splitlines() if not line.startswith('[')]
-    assert "full' cannot be written: File too large; it holds 1 of 2 messages" in line
-    assert full.stdout == ''
-    for name in files:
-        with BagReader(tmp_path / name) as reader:
-            assert reader.messages == 1
-            assert 'cut off' in reader.warnings[0]
-
-
 def test_the_player_publishes_the_bag_and_the_recorder_records_the_same_bytes(
     live: Graph, bag: Path, tmp_path: Path
 ) -> None:
@@ -203,9 +179,6 @@ def test_a_choice_of_topics_with_a_clock_and_latched_topics_in_a_loop(live: Grap
         (player, ['{bag}', '--topics', '/pose'], "no topic '/pose'; topics: /robot_description, /joint_states"),
         (player, ['{bag}', '--ros-args', '-p', 'rate:=2.0'], "unknown parameter 'rate'; known: none"),
         (player, ['{bag}', '--speed', '2'], "unknown argument '--speed'"),
-        (player, ['{odd}', '--topics', ODD_NAMES[0]], "topic 'joint states' cannot be played: topic name "),
-        (player, ['{odd}', '--topics', ODD_NAMES[1]], "topic '/arm/1st' cannot be played: topic name "),
-        (player, ['{older}', '--topics', TOPIC], 'are older than the installed'),
         (recorder, ['run1'], 'run1'),
         (recorder, ['--ros-args', '-p', 'outputs:=x'], "unknown parameter 'outputs'; known: output, "),
         (recorder, ['--ros-args', '-p', 'output:={bag}'], 'exists already'),
@@ -220,13 +193,10 @@ def test_a_choice_of_topics_with_a_clock_and_latched_topics_in_a_loop(live: Grap
     ],
 )
 @pytest.mark.usefixtures('_domain')
-def test_a_users_error_is_one_line(  # noqa: PLR0917 - three of a case, four fixtures
-    bag: Path, odd: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], node: Any, arguments: list[str], text: str
+def test_a_users_error_is_one_line(
+    bag: Path, capfd: pytest.CaptureFixture[str], node: Any, arguments: list[str], text: str
 ) -> None:
-    files = {'{bag}': bag, '{odd}': odd, '{older}': older_estimates(tmp_path / 'older.mcap', estimate())}
-    for name, path in files.items():
-        arguments = [argument.replace(name, str(path)) for argument in arguments]
-    assert node.main(arguments) == 2
+    assert node.main([argument.replace('{bag}', str(bag)) for argument in arguments]) == 2
     captured = capfd.readouterr()
     assert text in captured.err
     assert captured.err.startswith(f'mbaid_ros {node.NAME}: ')

@@ -16,7 +16,6 @@ from graph import PATIENCE, Graph, executable
 from made_runs import BODY, HOSTILE, budget, estimate, planar
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES
 from mbaid_ros.nodes.watch import (
-    WatchNode,
     drawn,
     line,
     screen,
@@ -39,13 +38,6 @@ def test_a_screen_of_eighty_columns() -> None:
     assert lines[-1] == '! the base drifts'
 
 
-def test_what_is_not_determined_has_no_number() -> None:
-    lines = screen(message(planar()), '/estimate', 60)
-    assert next(text for text in lines if text.startswith('com_z')).split() == ['com_z', '-']
-    assert 'com_z' not in line(message(planar()))
-    assert 'nan' not in '\n'.join([*lines, line(message(planar()))])
-
-
 def test_one_line_has_everything() -> None:
     text = line(message(warnings=('one', 'two')))
     assert text.startswith('10.0 s, converged, mass 162.000 ±0.059 kg, com_x 0.33000 ±0.00020 m')
@@ -53,20 +45,6 @@ def test_one_line_has_everything() -> None:
     advice = 'of single joints joint7 tells most of ixx'
     assert screen(message(warnings=('one',)), '/estimate', 80, advice=advice)[-2:] == [f'next: {advice}', '! one']
     assert line(message(warnings=('one',)), advice=advice).endswith(f', next: {advice}, ! one')
-
-
-def test_the_main_causes_and_the_stage_are_told() -> None:
-    told = message(estimate(method='trajectory', stage='difference', budget=budget()))
-    main = 'link base_link (71 % of mass), zero of joint6 (60 % of centre of mass), sensor noise (80 % of inertia)'
-    lines = screen(told, '/estimate', 60)
-    assert lines[2] == '10.0 s, 1000 samples, trajectory (stage difference)'
-    assert ' '.join(part.strip() for part in lines[-3:]).endswith(f'main causes of the variance: {main}')
-    assert line(told).endswith(f', main causes of the variance: {main}')
-    assert 'main causes' not in '\n'.join((*screen(message(), '/estimate', 60), line(message())))
-    # Of another size than its causes it is left out.
-    odd = message(estimate(budget=budget()))
-    odd.budget_causes = ['sensor noise']
-    assert 'main causes' not in line(odd)
 
 
 def test_hostile_names_are_text() -> None:
@@ -93,22 +71,6 @@ def test_piped_it_writes_a_line_an_update_of_any_or_a_named_namespace(graph: Gra
     graph.wait(lambda: not once.running, 'the end')
     assert 'mass 324.000' in once.stdout
     assert once.stdout.count('\n') == 1
-
-
-def test_two_estimators_are_listed_and_a_captured_body_is_none(graph: Graph) -> None:
-    made = [
-        graph.node.create_publisher(InertiaEstimate, f'/{name}', LATCHED)
-        for name in ('a/debris', 'a/estimate', 'b/estimate')
-    ]
-    for publisher in made:
-        publisher.publish(message(link=publisher.topic_name))
-    shown: list[str] = []
-    hints: list[str] = []
-    watch = WatchNode('', lambda _, topic, *__: shown.append(topic), hints.append, context=graph.node.context)
-    graph.add(watch)
-    graph.wait(lambda: shown, 'an estimate')
-    assert shown == ['/a/estimate']
-    assert hints == ['2 estimators: /a/estimate, /b/estimate; shown is /a/estimate, NAME chooses another']
 
 
 def test_a_terminal_shows_the_screen(graph: Graph, tmp_path: Path) -> None:

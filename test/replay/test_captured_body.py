@@ -66,19 +66,6 @@ def test_it_is_exported_from_json_and_bag_alike(capsys: pytest.CaptureFixture[st
 
 
 @pytest.mark.parametrize(
-    ('options', 'text'),
-    [
-        (['--format', 'urdf', '--model', 'robot.urdf'], '--debris is not for --format urdf'),
-        (['--fill', '--model', 'robot.urdf'], '--debris is not for --fill'),
-    ],
-)
-def test_a_captured_body_is_no_link(
-    capsys: pytest.CaptureFixture[str], folder: Path, options: list[str], text: str
-) -> None:
-    assert text in exported(capsys, str(folder / 'result.json'), '--debris', *options, code=2)
-
-
-@pytest.mark.parametrize(
     ('frame', 'text'),
     [
         ('gras', "link 'gras' is not in the robot description; accepted: link7, grasp, or principal"),

@@ -109,15 +109,6 @@ def test_a_simulated_robot_follows_it(result: Path, tmp_path: Path) -> None:
     assert truth['parameters']['motion.trajectory_begin'] == 0.5
 
 
-def test_the_plan_in_words(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    wanted = ['-p', 'plan.relative_std:=[1.0e-6]']
-    assert main([str(result), *MODEL, *QUICK, *wanted]) == 3
-    out = capsys.readouterr().out
-    assert out.startswith('4.0 s of motion bring ')
-    assert 'not to the 0.0001 % that is wanted' in out
-    assert '  base turned by ' in out
-
-
 @pytest.mark.parametrize(
     ('change', 'arguments', 'words'),
     [

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import recorded
-from chromium import Chromium
 from made_runs import BODY, HOSTILE, STD, estimate, event, hostile_urdf, planar, pose, run
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
@@ -155,33 +154,6 @@ def test_events_are_marked_and_listed() -> None:
     assert text.count('>step<') >= 3
 
 
-def test_nothing_estimated_shows_why() -> None:
-    text = html([nothing()])
-    assert 'the data hold no complete window' in text
-    assert 'no joint of the robot in the bag' in text
-    assert 'Not drawn: the bag holds no pose that can be read.' in text
-
-
-def test_the_methods_of_the_paper_have_no_bands() -> None:
-    final = estimate(
-        covariance=np.full((10, 10), np.nan), momentum=np.full(6, np.nan),
-        momentum_covariance=np.full((6, 6), np.nan), residual=np.nan,
-    )  # fmt: skip
-    text = html([run(final)], [truth()])
-    assert cells(text, 'mass')[:2] == ['162', '\N{EN DASH}']
-    assert 'Total momentum' not in text
-
-
-def test_a_robot_without_shapes_is_drawn_as_its_skeleton() -> None:
-    bare = re.sub(r'<visual>.*?</visual>', '', run().urdf, flags=re.DOTALL)
-    mesh = run().urdf.replace('<box size="1.2 1.1 1.3"/>', '<mesh filename="package://a/b.stl"/>')
-    odd = run().urdf.replace('<box size="1.2 1.1 1.3"/>', '<box size="1 nan"/>')
-    assert 'meshes are left out' in html([brief(urdf=bare)])
-    drawings = len(svgs(html([brief()])))
-    for urdf in (mesh, odd):
-        assert len(svgs(html([brief(urdf=urdf)]))) == drawings
-
-
 def test_several_bags_are_compared() -> None:
     other = brief(final=estimate(parameters=BODY + 0.3 * STD), bag='another/bag')
     text = html([brief(), other], [truth(), truth()])
@@ -230,11 +202,6 @@ def test_hostile_names_are_shown_as_text() -> None:
         assert character not in text
     assert '\\x1b[2J' in text
     assert svgs(text)
-
-
-@pytest.fixture(scope='module', name='chromium')
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Chromium:
-    return Chromium(tmp_path_factory.mktemp('chromium'))
 
 
 def test_a_momentum_is_not_shown_where_nothing_is_determined() -> None:

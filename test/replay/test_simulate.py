@@ -176,32 +176,6 @@ def test_thrust_from_simulate_to_replay(tmp_path: Path, capsys: pytest.CaptureFi
     assert events['false'] != []
 
 
-@pytest.mark.parametrize(
-    ('changed', 'reason'),
-    [
-        ({'motion.kind': 'passive'}, "'capture.time' is 8 s with motion.kind 'passive'"),
-        ({'capture.mass': '0.0'}, "'capture.mass' 0 kg"),
-        ({'capture.inertia': '[1.0, 0.0, 0.0, 1.0, 0.0, 9.0]'}, 'make no body'),
-        ({'capture.inertia': '[1.0]'}, "parameter 'capture.inertia'"),
-        ({**THRUST, 'capture.time': '3.0'}, "'thrust.duration' is 1.3 s with capture.time 3 s"),
-        ({**THRUST, 'capture.time': '0.0', 'thrust.link': 'jet'}, "link 'jet' is not in the robot description"),
-        (
-            {**THRUST, 'capture.time': '0.0', 'thrust.duration': '-1.0'},
-            "parameter 'thrust.duration' is -1.0 s; accepted: a number >= 0 and <= 1e+06 s",
-        ),
-    ],
-)
-def test_captures_and_thrust_that_cannot_be(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], changed: dict[str, str], reason: str
-) -> None:
-    model = ['--model', str(CONFIG / 'servicer7.urdf')]
-    given = assigned({**CAPTURE, **changed})
-    assert main([*model, *SERVICER, *given, '--output', str(tmp_path / 'bag')]) == 2
-    error = capsys.readouterr().err
-    assert error.count('\n') == 1
-    assert reason in error
-
-
 # -- Recorded thrust in replay and calibrate: taken from the bag, or from the topic that is named.
 
 TYPES = {'/joint_states': recorded.JOINT_STATE, '/odom': recorded.ODOMETRY}

@@ -190,11 +190,6 @@ def test_orbits_that_cannot_be(parameters: dict[str, object], named: str) -> Non
         SimulatedRun(build(SimulatorConfig, parameters), urdf(), BAG_TYPES)
 
 
-def test_the_methods_of_the_paper_refuse_it() -> None:
-    with pytest.raises(ParameterError, match='method paper_difference'):
-        session(method='paper_difference', **given(declared()))
-
-
 @LONG
 def test_a_capture() -> None:
     """What the captured body had before, in a run that the orbit changes the momentum of all the time."""

@@ -85,18 +85,3 @@ def test_what_is_no_mesh_is_refused_in_a_line(
     with pytest.raises(ModelError, match=r"mesh '.*hand\.stl' cannot be read: [^\n]+$"):
         mesh_points(str(tmp_path / 'hand.stl'))
     assert capfd.readouterr() == ('', '')
-
-
-def test_what_is_not_there_too_large_or_relative_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    large = tmp_path / 'large.stl'
-    large.write_bytes(bytes(100))
-    monkeypatch.setattr('mbaid_ros.limits.MESH_BYTES', 99)
-    for name, reason in (
-        (str(tmp_path / 'none.stl'), 'No such file'),
-        (str(tmp_path), 'accepted: a regular file'),
-        (str(large), 'more than 99 bytes'),
-        ('meshes/hand.stl', 'is relative'),
-        ('package://none/hand.stl', 'AMENT_PREFIX_PATH has no package'),
-    ):
-        with pytest.raises(ModelError, match=reason):
-            mesh_points(name)

@@ -12,7 +12,6 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.paper.estimator import THRUST
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.sensors.external_momentum import LATE_THRUST
 from mbaid_ros.session import Session
@@ -89,11 +88,6 @@ def test_a_command_that_comes_late_is_told_and_not_lost() -> None:
     assert session.thrust.brought == pytest.approx(truth[-1] - truth[0], abs=0.1)
     # The windows that were solved without it have seen a momentum that jumps.
     assert last.status == 'inconsistent'
-
-
-def test_the_methods_of_the_paper_say_that_they_do_not_know_of_it() -> None:
-    last = identify(make('paper_difference'), messages(0, *pulse()))[-1]
-    assert THRUST in last.warnings
 
 
 def test_reset_forgets_it() -> None:

@@ -12,12 +12,10 @@ from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.calibration.result import Calibration
 from mbaid_ros.calibration.unknowns import LinkPrior
 from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.momentum import physical, standard
 from mbaid_ros.session import methods
 from mbaid_ros.simulation.motion import Sinusoids, random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
@@ -212,12 +210,3 @@ def test_every_body_can_exist_even_where_data_and_prior_say_little() -> None:
         assert all(is_physical(part) for part in found.theta.reshape(-1, 10))
         bent = max(bent, float(found.corrections.max()))
     assert bent > 0.0
-
-
-def test_an_inertia_that_no_body_has_is_no_prior() -> None:
-    model = free_model()
-    values = physical(model.links[2].parameters)
-    values[9] = 5.0 * values[4]
-    links = tuple(replace(x, parameters=standard(values)) if x.name == 'link2' else x for x in model.links)
-    with pytest.raises(ModelError, match="link 'link2' has an inertia that no body has"):
-        calibrated(replace(model, links=links), free_motion(1, 60.0)[:100], 0)

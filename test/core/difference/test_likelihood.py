@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from linear_problems import (
     TRUE,
     UNKNOWNS,
     exact_blocks,
-    linear_blocks,
     noise_information,
     noisy_blocks,
     with_errors,
@@ -113,34 +111,8 @@ def test_the_compensated_form_is_right_on_average_wherever_its_weights_are_taken
     assert close(costs, float(np.einsum('krs,krz,ksz->', weights, own_noise, own_noise)))
 
 
-def test_a_singular_covariance_is_told() -> None:
-    blocks = noisy_blocks(3, 9)
-    flat = replace(blocks, noise=np.zeros_like(blocks.noise))
-    zero = np.zeros(UNKNOWNS)
-    assert eiv.cost(flat, zero) == np.inf
-    spread = np.zeros((UNKNOWNS, 1))
-    with pytest.raises(FloatingPointError, match='not positive definite'):
-        eiv.compensated(flat, zero, spread)
-    with pytest.raises(FloatingPointError, match='not positive definite'):
-        eiv.uncertain_share(flat, zero, spread)
-    for function in (eiv.maximum_likelihood, noise_information):
-        with pytest.raises(FloatingPointError, match='not positive definite'):
-            function(flat, zero)
-    with pytest.raises(FloatingPointError, match='not positive definite'):
-        Sums(flat, zero).weighted(compensate=True)
-
-
 NOWHERE = np.zeros(UNKNOWNS)
 NOTHING = 1e-12 * np.eye(UNKNOWNS)
-
-
-def test_first_solutions_of_exact_coefficients() -> None:
-    """And what is known besides enters as it does there."""
-    blocks, known = linear_blocks(12, 1), np.diag([1.0, 4.0, 2.0, 3.0])
-    right_side = known @ np.array([1.0, 2.0, 3.0, 4.0])
-    information, right = Sums(blocks, TRUE).weighted(compensate=False)
-    expected = np.linalg.solve(information + known, right + right_side)
-    assert Sums(blocks, TRUE).total_least_squares(known, right_side) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize('seed', range(5))

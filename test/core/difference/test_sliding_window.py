@@ -171,11 +171,3 @@ def test_innovations_that_noise_does_not_explain() -> None:
     assert test.mean == pytest.approx(4.0, abs=1.0)
     # Louder everywhere is no jump.
     assert test.jump is None
-
-
-def test_what_consider_parameters_may_do_is_no_jump() -> None:
-    """An uncertain parameter whose column is the momentum's own from half-way on."""
-    blocks = jumped(linear_blocks(60, 4), 30, JUMP)
-    after = (np.arange(60) >= 30)[:, None, None] * blocks.rows[..., MOMENTUM]
-    assert after_tests(blocks, 40)[1].jump is not None
-    assert after_tests(blocks, 40, after)[1].jump is None

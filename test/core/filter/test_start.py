@@ -74,18 +74,6 @@ def spied(monkeypatch: pytest.MonkeyPatch, *, failing: bool) -> list[int]:
     return lengths
 
 
-def test_searches_go_on_after_any_number_that_failed(monkeypatch: pytest.MonkeyPatch, servicer: Truth) -> None:
-    taken = windows(observe(servicer, MID, 1))
-    lengths = spied(monkeypatch, failing=True)
-    following = make(kernel('servicer7'), MID)
-    for _ in range(5):
-        for window in taken:
-            following.update([window], 0)
-    # As often in the second hundred windows as in the first, over no more than are kept.
-    assert len(lengths) > 60
-    assert max(lengths) <= following._runs._settings.kept + 1
-
-
 def test_a_run_that_is_given_up_is_searched_again_from_as_many_windows_as_the_first(
     monkeypatch: pytest.MonkeyPatch, servicer: Truth
 ) -> None:

@@ -143,14 +143,6 @@ def drawn_covariance(rng: np.random.Generator, size: float) -> Array:
     return root @ root.T
 
 
-def test_two_point_masses() -> None:
-    # A link of 1 kg at x = 0 and a body of 3 kg at x = 1: together 4 kg at 0.75 with m1 m2 / (m1 + m2) = 0.75 kg m^2.
-    together = np.array([4.0, 0.75, 0.0, 0.0, *vec(np.diag([0.0, 0.75, 0.75]))])
-    link = standard(np.array([1.0, *(0.0,) * 9]))
-    found = some(debris(replace(estimated(np.eye(10)), parameters=together), link, SAME))
-    assert found.parameters == pytest.approx(np.array([3.0, 1.0, *(0.0,) * 8]), abs=1e-12)
-
-
 @pytest.mark.parametrize('frame', [SAME, GRASP], ids=['link', 'grasp'])
 def test_the_covariance_is_that_of_a_monte_carlo(frame: Frame) -> None:
     rng = np.random.default_rng(1)
@@ -209,9 +201,3 @@ def test_nothing_where_a_parameter_is_not_determined(missing: int) -> None:
     identifiable = estimate.identifiable.copy()
     identifiable[missing] = False
     assert debris(replace(estimate, identifiable=identifiable), LINK, SAME) is None
-
-
-def test_nothing_without_a_covariance_or_a_mass_left() -> None:
-    assert debris(estimated(np.diag([90.0**2, *(1.0,) * 9])), LINK, SAME) is None
-    assert debris(estimated(np.full((10, 10), np.nan)), LINK, SAME) is None
-    assert debris(estimated(np.eye(10)), standard(BODY) + LINK, SAME) is None

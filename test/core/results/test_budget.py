@@ -15,11 +15,9 @@ from mbaid_ros.core.results.parameters import (
     DeferredBudget,
     ErrorBudget,
     rounded,
-    short,
 )
 from mbaid_ros.core.results.physical_consistency import inertia_ratios
 from mbaid_ros.core.results.reporting import Curvature
-from mbaid_ros.core.unknowns.catalogue import remedy_text
 
 CAUSES = (SENSOR_NOISE, 'link:base_link', 'zero:joint6')
 STD = np.array([0.5, 1e-3, 2e-3, 1e-3, *[0.1] * 6])
@@ -73,36 +71,6 @@ def test_what_is_not_determined_counts_nowhere() -> None:
     )
     nothing = ErrorBudget(CAUSES, np.full((10, 3), np.nan))
     assert (nothing.told(STD), nothing.dominant(STD), nothing.grouped(STD)) == ('', {}, {})
-
-
-def test_the_main_causes_in_a_line() -> None:
-    told = budget().told(STD)
-    assert (
-        told == 'link base_link (90 % of mass), zero of joint6 (60 % of centre of mass), sensor noise (60 % of inertia)'
-    )
-    alone = ErrorBudget((SENSOR_NOISE,), np.ones((10, 1)))
-    assert alone.told(STD) == 'sensor noise (100 % of mass, 100 % of centre of mass, 100 % of inertia)'
-
-
-def test_a_cause_dominates_from_half_of_a_group_on_and_sensor_noise_never() -> None:
-    found = budget().dominant(STD)
-    assert list(found) == ['link:base_link', 'zero:joint6']
-    assert found['link:base_link'] == {'mass': 0.9}
-    assert found['zero:joint6'] == pytest.approx({'centre of mass': 0.6})
-
-
-@pytest.mark.parametrize(
-    ('cause', 'few', 'help_'),
-    [
-        ('link:a:b', 'link a:b', 'how well link a:b is known: weigh it, or calibrate before the capture (known_links)'),
-        ('zero:joint6', 'zero of joint6', 'the zero of joint6: calibrate it (known_joints)'),
-        ('mount', 'mount', 'where the odometry is mounted: measure it (odometry_mount)'),
-        ('time offset', 'time offset', 'the offset between the stamps: more motion determines it'),
-        ('something else', 'something else', 'something else'),
-    ],
-)
-def test_causes_in_words(cause: str, few: str, help_: str) -> None:
-    assert (short(cause), remedy_text(cause)) == (few, help_)
 
 
 @pytest.mark.parametrize('times', [2.0, 10.0, 1e3])

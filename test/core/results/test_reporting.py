@@ -9,14 +9,11 @@ import pytest
 
 from checked import some
 from made_runs import BODY as MADE_BODY
-from made_runs import STD, estimate, planar
+from made_runs import estimate, planar
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import Estimate, Event
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.results.published_inertia import (
-    Debris,
-    DebrisPublication,
-    Frame,
     InertiaPublication,
     is_complete,
     is_usable,
@@ -200,18 +197,6 @@ def test_a_link_is_complete_with_all_ten_numbers_alone() -> None:
     assert not is_complete(CONTRADICTED)
 
 
-def test_the_loss_of_the_captured_body_is_told_once() -> None:
-    course = DebrisPublication()
-    assert course.follow(None) is None
-    body = Debris(Frame('grasp', np.eye(3), np.zeros(3)), MADE_BODY, np.diag(STD**2))
-    assert course.follow(body) is body
-    lost = some(course.follow(None))
-    assert lost.frame is body.frame
-    assert np.all(np.isnan(lost.parameters))
-    assert np.all(np.isnan(lost.covariance))
-    assert course.follow(None) is None
-
-
 def moved(time: float, by: float) -> Estimate:
     """Return an estimate whose mass is so many of its standard deviations further on."""
     made = estimate()
@@ -235,12 +220,3 @@ def test_it_is_so_for_some_seconds() -> None:
     steadiness.judged(moved(20.0, 0.0), early=False)
     found = [steadiness.judged(moved(time, 8.0), early=False).status for time in (25.0, 29.0, 31.0)]
     assert found == ['inconsistent', 'inconsistent', estimate().status]
-
-
-def test_first_estimates_and_those_of_another_target_are_not_compared() -> None:
-    steadiness = IntervalConsistency()
-    steadiness.judged(moved(3.0, 0.0), early=True)
-    assert steadiness.judged(moved(5.0, 8.0), early=False).status == estimate().status
-    changed = Event(5.5, 'target_changed', np.zeros(3), np.zeros(3), 'another body')
-    other = replace(moved(6.0, 0.0), events=(changed,))
-    assert steadiness.judged(other, early=False).status == estimate().status

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.robot.kernel import MomentumKernel, momentum_rows
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import express, load_model
@@ -16,15 +15,9 @@ from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from mbaid_ros.core.samples import Samples
 from peer import Motion, Peer
 from random_robots import random_state, random_storage, random_urdf
-from simulated import robot
 
 SEEDS = range(4)
 COUNT = 67
-
-
-def test_an_unknown_target_is_refused() -> None:
-    with pytest.raises(ModelError, match="link 'moon' is not in the robot description"):
-        MomentumKernel(robot('table1'), 'moon')
 
 
 def rows_case(seed: int, count: int = COUNT) -> tuple[MomentumKernel, Samples]:

@@ -71,25 +71,6 @@ def test_known_bodies_and_target_together_have_the_momentum_of_the_robot(seed: i
 
 
 @pytest.mark.parametrize('seed', SEEDS)
-def test_the_hinge_moves_as_its_position_changes(seed: int) -> None:
-    kernel, motion = random_case(seed)
-    states = kernel.states_of(motion.base_rotation, motion.joint_position, motion.joint_velocity, motion.base_twist)
-    step = 1e-6
-    places = []
-    for sign in (-1.0, 1.0):
-        turn = geometry.exp(sign * step * motion.base_twist[:, 3:])
-        moved = kernel.states_of(
-            turn @ motion.base_rotation,
-            motion.joint_position + sign * step * motion.joint_velocity,
-            motion.joint_velocity,
-            motion.base_twist,
-        )
-        places.append(moved.position + sign * step * motion.base_twist[:, :3])
-    # Central differences: an error of the order step^2 = 1e-12, and 1e-16 / step of rounding.
-    assert (places[1] - places[0]) / (2.0 * step) == pytest.approx(states.hinge_velocity, abs=1e-8)
-
-
-@pytest.mark.parametrize('seed', SEEDS)
 def test_the_target_own_inertial_never_enters(seed: int) -> None:
     kernel, motion = random_case(seed)
     target = kernel.target.name

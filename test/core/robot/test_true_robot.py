@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from checked import some
-from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.results.physical_consistency import are_physical, is_physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.model_errors import changing_link, declared, displaced, with_bodies
+from mbaid_ros.core.robot.model_errors import declared, displaced, with_bodies
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
 from random_robots import random_urdf
 from simulated import drawn, robot
@@ -54,20 +52,6 @@ def test_a_joint_without_origin_and_one_whose_angles_are_singular() -> None:
     errors, true = drawn(model, origin_std=0.01, axis_std=1e-3)
     assert differences(true, displaced(model, errors.origins, errors.tilts)) < 1e-12
     assert np.any(true.positions[0] != 0.0)
-
-
-def test_the_heaviest_link_of_a_body_takes_the_change() -> None:
-    bracket = f'<link name="bracket"><inertial><mass value="1e-3"/>{INERTIA}'.replace('="1"', '="1e-6"')
-    fixed = '<joint name="fix" type="fixed"><parent link="base"/><child link="bracket"/>'
-    text = CORNER.replace('  <link name="base">', f'{bracket}<link name="base">')
-    text = text.replace('</robot>', f'{fixed}<origin xyz="1 2 3" rpy="1 1 1"/></joint></robot>')
-    model = load_model(text)
-    link = some(changing_link(model, 0))
-    assert link.name == 'base'
-    assert changing_link(model, 2, ('hand',)) is None
-    errors, true = drawn(model, links_relative_std=0.1)
-    assert np.array_equal(true.link('bracket').parameters, model.link('bracket').parameters)
-    assert true.body_parameters() - model.body_parameters() == pytest.approx(errors.bodies, abs=1e-12)
 
 
 SIZES = ErrorSizes(0.01, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3)
@@ -115,15 +99,3 @@ def test_bodies_that_cannot_exist_are_drawn_again() -> None:
     prior = declared(known, 0.4).factor
     plain = prior @ np.random.default_rng(0).standard_normal((len(prior), 50))
     assert np.mean(are_physical((plain.T.reshape(50, -1, 10) + known[:7]).reshape(-1, 10))) < 0.7
-
-
-def test_a_body_that_hardly_exists_is_told() -> None:
-    flat = (
-        '<robot name="flat"><link name="sheet"><inertial><mass value="5"/>'
-        '<inertia ixx="1" ixy="0" ixz="0" iyy="0" iyz="0" izz="1"/></inertial></link>'
-        '<link name="arm"><inertial><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
-        '</inertial></link><joint name="hinge" type="continuous"><parent link="sheet"/><child link="arm"/>'
-        '<axis xyz="0 0 1"/></joint></robot>'
-    )
-    with pytest.raises(ModelError, match="of link 'sheet' none is a body that can exist; accepted: a smaller"):
-        drawn(load_model(flat.replace('iyy="0"', 'iyy="-1"')), links_relative_std=0.01)

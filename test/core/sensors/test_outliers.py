@@ -139,9 +139,3 @@ def test_a_base_that_stands_still_goes_on() -> None:
     # The one of five and the one of three, and the second at rest from its begin on.
     np.testing.assert_array_equal(stamps, base.stamp[[0, *range(5, 107)]])
     assert dropped == 4  # the last two are not known yet to be repeated or at rest
-
-
-def test_a_pose_that_lasts_nearly_a_second_is_repeated() -> None:
-    base, first = told_again([100, 100, 1])
-    stamps, _ = without_repeats(base, [])
-    np.testing.assert_array_equal(stamps, base.stamp[first])

@@ -13,7 +13,7 @@ from checked import some
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import JointStream
 from mbaid_ros.core.sensors.joints import NO_PARTNER, OFTEN, PARTNER_GAP, REDUNDANT, JointMerge, Joints
-from mbaid_ros.core.sensors.streams import LATE, REPEATED, STRAY_STAMP, ZERO_STAMP, Gate, Reorder
+from mbaid_ros.core.sensors.streams import STRAY_STAMP, ZERO_STAMP, Gate, Reorder
 
 SECOND = 1_000_000_000
 
@@ -109,19 +109,6 @@ def test_the_result_is_increasing_and_the_same_however_it_is_cut(stamps: list[in
     assert hold <= LIMIT
     assert len(whole) + sum(dropped.values()) <= len(stamps)
     assert released(stamps, cuts) == (whole, dropped, hold)
-
-
-def test_after_the_first_late_one_others_as_late_are_waited_for() -> None:
-    stamps = [10, 20, 30, 15, 40, 50, 60, 70, 55, 80, 90, 100, 92, 110, 120, 130, 140]
-    result, dropped, hold = released(stamps, [])
-    assert dropped == {LATE: 1}
-    assert hold == round(1.5 * 15)
-    assert result == [stamp for stamp in sorted(stamps) if stamp != 15 and stamp <= 140 - hold]
-
-
-@pytest.mark.parametrize('cuts', [[], [1], [1, 2, 3, 4]])
-def test_repeated_stamps_count_once(cuts: list[int]) -> None:
-    assert released([10, 10, 20, 20, 30], cuts) == ([10, 20, 30], {REPEATED: 2}, 0)
 
 
 GAP = SECOND // 10

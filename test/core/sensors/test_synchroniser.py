@@ -62,19 +62,6 @@ def test_pieces_do_not_matter(seed: int, cuts: int) -> None:
     assert pieces.origin == whole.origin
 
 
-def test_equal_stamps_pass_through_bit_by_bit() -> None:
-    stamps = every(10.0, 50)
-    joints, base = joint_stream(stamps), base_stream(stamps)
-    samples = synchronise(joints, base)
-    for name in ('position', 'rotation', 'linear_velocity', 'angular_velocity'):
-        assert np.array_equal(getattr(samples, f'base_{name}'), getattr(base, name)), name
-    for name in ('pose_covariance', 'twist_covariance'):
-        assert np.array_equal(getattr(samples, name), getattr(base, name)), name
-    for name in ('position', 'velocity'):
-        assert np.array_equal(getattr(samples, f'joint_{name}'), getattr(joints, name)), name
-    assert np.array_equal(samples.time, (stamps - START) * 1e-9)
-
-
 def interpolation_errors(spacing: float) -> Array:
     """Return the largest errors of position, orientation, linear and angular velocity between readings (ms) apart."""
     times = every(spacing, round(2000.0 / spacing) + 1)
@@ -154,13 +141,6 @@ def test_joints_that_arrive_long_after_their_odometry_are_used() -> None:
     assert not +samples.dropped
 
 
-def test_a_late_stamp_is_told_by_those_that_were_used_up() -> None:
-    samples = Synchroniser(1.0)
-    samples.push(joint_stream(every(10.0, 20)), base_stream(every(10.0, 40)))
-    assert samples.push(joint_stream(every(10.0, 3, first=100.0)), None) is None
-    assert samples.dropped[OUT_OF_ORDER] == 3
-
-
 def test_what_waits_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(synchroniser, 'LARGEST_BACKLOG', 100)
     samples = Synchroniser(1.0)
@@ -220,11 +200,3 @@ def test_a_sample_at_a_limit_opens_the_next_window(length: float) -> None:
     per_window = round(length / 0.1)
     assert [len(window) for window in cut] == [per_window] * (140 // per_window)
     assert [round(window.time[0] / length, 6) for window in cut] == list(range(len(cut)))
-
-
-def test_a_window_is_released_by_the_first_sample_after_it() -> None:
-    cutter = Windows(1.0)
-    assert cutter.push(samples_at(np.array([0.0, 0.4, 0.9]))) == []
-    closed = cutter.push(samples_at(np.array([1.0])))
-    assert [window.time.tolist() for window in closed] == [[0.0, 0.4, 0.9]]
-    assert cutter.push(samples_at(np.array([1.5]))) == []

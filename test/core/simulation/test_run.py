@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 
 import numpy as np
 import pytest
 
-from checked import same
 from mbaid_ros.core.errors import ModelError, ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.simulation.dynamics import Dynamics, State
 from mbaid_ros.simulation.hermite import HermiteSpline
 from mbaid_ros.simulation.motion import Passive, Sinusoids, random_sinusoids, sinusoids
-from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
+from mbaid_ros.simulation.simulation import Simulation, total_momentum
 from random_robots import random_urdf
 from simulated import relative_drift, robot, state, table1
 
@@ -48,15 +46,6 @@ def test_a_moving_arm_conserves_momentum_and_follows_its_trajectory(name: str) -
     assert np.abs(truth.joint_effort).max() > 0.01
 
 
-def test_the_run_does_not_depend_on_the_sampling() -> None:
-    instants = np.linspace(0.0, 2.0, 173)
-    whole = moving_arm('ets7')[0].advance(instants)
-    run = moving_arm('ets7')[0]
-    cuts = [0, 1, 1, 50, 51, 120, 173]
-    parts = [run.advance(instants[first:last]) for first, last in itertools.pairwise(cuts)]
-    assert same(Truth.concatenate(parts), whole)
-
-
 def test_sinusoids_are_read_joint_by_joint() -> None:
     motion = sinusoids(
         np.array([1.0, 2.0]), np.array([0.1, 0.2, 0.3, 0.4]), np.array([1.0, 2.0, 3.0, 4.0]), np.zeros(0)
@@ -73,19 +62,6 @@ def test_sinusoids_are_read_joint_by_joint() -> None:
 def test_sinusoids_of_the_wrong_size_are_refused(amplitudes: list[float], frequencies: list[float]) -> None:
     with pytest.raises(ParameterError, match=r'motion\.amplitudes'):
         sinusoids(np.zeros(2), np.array(amplitudes), np.array(frequencies), np.zeros(0))
-
-
-def test_random_motion_is_that_of_its_seed_and_within_its_ranges() -> None:
-    motion = random_sinusoids(np.zeros(3), 5, 2, 0.4, 10.0, 20.0)
-    again = random_sinusoids(np.zeros(3), 5, 2, 0.4, 10.0, 20.0)
-    other = random_sinusoids(np.zeros(3), 6, 2, 0.4, 10.0, 20.0)
-    assert np.array_equal(motion.frequency, again.frequency)
-    assert np.array_equal(motion.phase, again.phase)
-    assert not np.array_equal(motion.frequency, other.frequency)
-    assert np.all((motion.frequency >= 1.0 / 20.0) & (motion.frequency <= 1.0 / 10.0))
-    assert motion.amplitude.sum(axis=1).max() <= 0.4
-    with pytest.raises(ParameterError, match='period_max 5 s'):
-        random_sinusoids(np.zeros(3), 5, 2, 0.4, 10.0, 5.0)
 
 
 SEEDS = range(6)

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.precapture import free_model
 from captured import LINK, alone, servicer_motion
-from mbaid_ros.core.geometry import Array, log, rotate_back, rotation_from_quaternion
+from mbaid_ros.core.geometry import Array, log, rotation_from_quaternion
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
@@ -17,14 +17,13 @@ from mbaid_ros.core.sensors.external_momentum import Thrust
 from mbaid_ros.simulation.capture import CaptureSimulation, Target
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Motion, Passive
-from mbaid_ros.simulation.sensors import SensedSimulation, Sensors
+from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
 from observed import LOW, observe
-from simulated import robot, state, table1
+from simulated import robot, state
 
 NOISE = SensorNoise(1e-4, 2e-3, 3e-3, 4e-4, 5e-3, 6e-4)
-NONE = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 COUNT = 20000
 
 
@@ -33,11 +32,6 @@ def still(count: int = COUNT) -> Truth:
     orientation = np.tile(quaternion / np.linalg.norm(quaternion), (count, 1))
     three, four = np.ones((count, 3)), np.ones((count, 4))
     return Truth(np.linspace(0.0, 1.0, count), four, four, four, three, orientation, three, three)
-
-
-def run(seed: int = 0, noise: SensorNoise = NOISE, rates: tuple[float, float] = (100.0, 30.0)) -> SensedSimulation:
-    model, start = table1()
-    return SensedSimulation(Simulation(model, Passive(), start, 0.02), Sensors(noise, seed), *rates)
 
 
 def test_every_channel_has_its_own_deviation() -> None:
@@ -68,30 +62,6 @@ def test_the_covariances_are_those_of_the_noise() -> None:
     base = Sensors(NOISE, 1).base(still(1))
     assert np.diag(base.pose_covariance) == pytest.approx([9e-6] * 3 + [16e-8] * 3)
     assert np.diag(base.twist_covariance) == pytest.approx([25e-6] * 3 + [36e-8] * 3)
-
-
-def test_without_noise_the_readings_are_the_truth() -> None:
-    truth, sensors = still(10), Sensors(NONE, 1)
-    assert np.array_equal(sensors.joints(truth).position, truth.joint_position)
-    base = sensors.base(truth)
-    assert np.array_equal(base.orientation, truth.base_orientation)
-    assert np.array_equal(base.linear_velocity, truth.base_linear_velocity)
-    assert not base.pose_covariance.any()
-
-
-def test_the_noise_is_that_of_its_seed() -> None:
-    first, again, other = (run(seed).read(1.0)[:2] for seed in (3, 3, 4))
-    for kind in (0, 1):
-        assert np.array_equal(first[kind].position, again[kind].position)
-        assert not np.array_equal(first[kind].position, other[kind].position)
-
-
-def test_sensors_of_different_rates_see_one_motion() -> None:
-    joints, base = run(noise=NONE, rates=(50.0, 200.0)).read(1.0)[:2]
-    both, alone = run(noise=NONE, rates=(200.0, 200.0)).read(1.0)[:2]
-    assert np.array_equal(joints.position, both.position[::4])
-    velocity = rotate_back(rotation_from_quaternion(base.orientation), base.linear_velocity)
-    assert np.array_equal(velocity, rotate_back(rotation_from_quaternion(alone.orientation), alone.linear_velocity))
 
 
 TIME = 3.33  # s, between two steps
