@@ -129,6 +129,7 @@ def ask(place: Graph, words: list[str]) -> None:
         raise AssertionError(f'not known here: {words}')
 
 
+@pytest.mark.long
 def test_the_tutorial_leads_to_a_live_estimate_and_to_one_from_a_recording(tmp_path: Path) -> None:
     recorder, estimator, watch, simulator = blocks(TUTORIAL, 'live')
     record, show = blocks(TUTORIAL, 'run with stand-ins')

@@ -200,6 +200,7 @@ def test_several_publishers_and_frames_of_one_sensor(talk: Talk) -> None:
 # -- an estimate that nothing follows
 
 
+@pytest.mark.long
 def test_data_that_cannot_be_used_leave_a_stale_estimate_and_another_source_does_not(graph: Graph) -> None:
     talk = Talk(graph, 'time_jump:=error')
     talk.describe(urdf('table1'))

@@ -32,7 +32,6 @@ COUNT = 300
 DEEP = qos(10_000)
 SECONDS = Duration(seconds=20)
 STRING = 'std_msgs/msg/String'
-ODD_NAMES = ('joint states', '/arm/1st')
 
 
 @pytest.fixture
