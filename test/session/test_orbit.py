@@ -17,7 +17,7 @@ from mbaid_ros.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
 from mbaid_ros.simulation.simulation import total_momentum
-from orbiting import AWAY, declared, history, identify, nees, session, simulated, urdf
+from sessions import AWAY, URDF, declared, history, identify, nees, session, simulated
 
 SECONDS = 30.0
 LIMIT = float(chi2.isf(1e-3, 10))
@@ -185,9 +185,9 @@ def test_the_epoch_is_a_stamp() -> None:
 )
 def test_orbits_that_cannot_be(parameters: dict[str, object], named: str) -> None:
     with pytest.raises(ParameterError, match=named):
-        Session(build(EstimatorConfig, parameters), urdf())
+        Session(build(EstimatorConfig, parameters), URDF)
     with pytest.raises(ParameterError, match=named):
-        SimulatedRun(build(SimulatorConfig, parameters), urdf(), BAG_TYPES)
+        SimulatedRun(build(SimulatorConfig, parameters), URDF, BAG_TYPES)
 
 
 @LONG

@@ -23,8 +23,8 @@ from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.simulation import Truth, seen_from_orbit, total_momentum
 from observed import MID, configured_motion, observe
-from orbiting import MEAN_MOTION, NADIR, NORMAL, declared, orbit
 from random_robots import random_state, random_urdf
+from sessions import MEAN_MOTION, NADIR, NORMAL, declared, orbit
 from simulated import CONFIG, robot
 
 SECOND = 1_000_000_000

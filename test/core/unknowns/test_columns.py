@@ -23,8 +23,8 @@ from mbaid_ros.core.unknowns.declaration import Reading, Unknown
 from mbaid_ros.core.unknowns.environment import Circle, OrbitShape, gravity, orbit_shape, rate_of
 from mbaid_ros.core.unknowns.joints import JointPlacements, joint_placements
 from observed import kernel
-from orbiting import orbit
 from random_robots import random_state, random_storage, random_urdf
+from sessions import orbit
 
 SEEDS = range(6)
 STEP = 1e-5
