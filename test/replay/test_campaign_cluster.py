@@ -1,7 +1,4 @@
-"""`campaign` on a Dask cluster of this machine: a scheduler and two workers on loopback, as in the document.
-
-They die on the way: one of the workers in the first test, the scheduler in the second.
-"""
+"""`campaign` on a Dask cluster of this machine: a scheduler and two workers on loopback, as in the document."""
 
 from __future__ import annotations
 
