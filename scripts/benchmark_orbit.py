@@ -105,7 +105,9 @@ def moved(pace: str, frame: str, place: str) -> Truth:
 
 def _orbit(row: Row) -> dict[str, object]:
     """Return the parameters of the estimator."""
-    exact = {name: value for name, value in EXACT.items() if row.part == 'grid' or not name.startswith('orbit')}
+    exact: dict[str, object] = {
+        name: value for name, value in EXACT.items() if row.part == 'grid' or not name.startswith('orbit')
+    }
     if not row.frame or row.part == 'undeclared':
         return exact
     given: dict[str, object] = {'orbit.mean_motion': MEAN_MOTION, 'orbit.frame': row.frame}

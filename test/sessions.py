@@ -42,16 +42,16 @@ def _dotted(parameters: dict[str, object]) -> dict[str, object]:
     return {name.replace('__', '.'): value for name, value in parameters.items()}
 
 
-def simulated(seconds: float, urdf: str = URDF, rate: float = 20.0, **parameters: object) -> SimulatedRun:
-    """Return a noisy run at so many samples a second; in names of parameters, two underlines are a dot."""
+def simulated(seconds: float, **parameters: object) -> SimulatedRun:
+    """Return a noisy run at 20 Hz; in names of parameters, two underlines are a dot."""
     values = load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator')
-    values |= {'duration': seconds, 'joint_rate': rate, 'odometry_rate': rate, 'step': 0.05, **NOISE}
-    return SimulatedRun(build(SimulatorConfig, {**values, **_dotted(parameters)}), urdf, BAG_TYPES)
+    values |= {'duration': seconds, 'joint_rate': 20.0, 'odometry_rate': 20.0, 'step': 0.05, **NOISE}
+    return SimulatedRun(build(SimulatorConfig, {**values, **_dotted(parameters)}), URDF, BAG_TYPES)
 
 
-def session(urdf: str = URDF, **parameters: object) -> Session:
+def session(**parameters: object) -> Session:
     """Return a session of an estimator that takes the robot as exact."""
-    return Session(build(EstimatorConfig, {**EXACT, **NOISE, 'target_link': 'link7', **_dotted(parameters)}), urdf)
+    return Session(build(EstimatorConfig, {**EXACT, **NOISE, 'target_link': 'link7', **_dotted(parameters)}), URDF)
 
 
 def feed(messages: Iterable[TimedMessage], into: Session) -> list[Estimate]:

@@ -32,7 +32,7 @@ LIMIT = float(chi2.isf(1e-3, 10))
 def spinning(seconds: float = SECONDS, **wheels: object) -> tuple[SimulatedRun, tuple[TimedMessage, ...]]:
     """Return the servicer's run with wheels that store up to 5 N m s each, and its messages."""
     own = {f'wheels.{name}': each for name, each in wheels.items()}
-    run = simulated(SECONDS, rate=50.0, step=0.02, **{**WHEELS, **RAMP, **own})
+    run = simulated(SECONDS, joint_rate=50.0, odometry_rate=50.0, step=0.02, **{**WHEELS, **RAMP, **own})
     return run, tuple(run.read(seconds))
 
 
