@@ -31,13 +31,13 @@ class Method:
 
     def runs(self, seeds: int, *, plain: bool) -> int:
         """Return for how many seeds it runs; cases that are not plain have few, and run all."""
-        if not plain and not self.papers:
+        if not plain:
             return seeds
         return max(round(self.share * seeds), min(self.fewest, seeds))
 
     def takes(self, case: Case) -> bool:
         """Return whether it runs for a case."""
-        return case.plain or not (self.finds_noise or (self.papers and not case.moved))
+        return case.plain or not (self.finds_noise or self.papers)
 
 
 METHODS = {

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import difflib
 import json
-import os
-import re
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +28,7 @@ from mbaid_ros.simulation.simulation import Simulation, Truth, without_linear_mo
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 from observed import configured_motion, kernel, true_body
 from servicing import LINKS, PRIORS, free_motion
-from simulated import CONFIG, state
+from simulated import state
 
 PARAMETERS = """
 /**:
@@ -121,15 +118,6 @@ def test_the_estimates_are_right_within_their_covariance(result: Any) -> None:
     assert result['residual'] == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.usefixtures('result')
-def test_only_inertials_and_the_origins_of_joints_differ_in_the_urdf(place: Path) -> None:
-    before, after = ((place / name).read_text(encoding='utf-8').splitlines() for name in ('cad.urdf', 'out.urdf'))
-    assert len(before) == len(after)
-    lines = [line for line in difflib.unified_diff(before, after, n=0) if line[:1] in '+-'][2:]
-    assert len(lines) == 2 * (3 * len(LINKS) + 7)
-    assert all(re.match(r'[+-]\s*<(origin|mass|inertia) ', line) for line in lines)
-
-
 def test_other_programs_read_the_calibrated_values(place: Path, result: Any) -> None:
     path = str(place / 'out.urdf')
     model = pinocchio.buildModelFromUrdf(path, pinocchio.JointModelFreeFlyer())
@@ -148,25 +136,6 @@ def test_other_programs_read_the_calibrated_values(place: Path, result: Any) -> 
         assert other.body(name).inertia.sum() == pytest.approx(inertia.sum(), rel=1e-6)
 
 
-@pytest.mark.usefixtures('result')
-def test_the_report_tells_of_every_body(place: Path) -> None:
-    page = (place / 'out.html').read_text(encoding='utf-8')
-    assert all(f'<summary>{name}</summary>' in page for name in LINKS)
-    assert 'mass between base_link and link1: on the axis of joint1' in page
-    assert 'nan' not in page
-
-
-def test_the_text_tells_what_moved_and_what_fixes_the_scale(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*(str(place / name) for name in ('before', 'again')), '--model', str(place / 'cad.urdf')]) == 0
-    out = capsys.readouterr().out
-    model, _, rest = out.partition('\n\n')
-    assert model == "robot 'servicer7': 'base_link' floats, 7 joints, 638.632 kg"
-    assert rest.startswith('8 bodies calibrated from ')
-    assert 'momentum can determine 59 combinations of 80 parameters' in out
-    assert 'warning: the scale is known to' in out  # no body was weighed
-    assert re.search(r'^  link3 +\d+[.\d]* -> ', out, re.MULTILINE)
-
-
 def test_data_that_contradict_the_model_end_with_4_and_no_urdf(
     place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -180,14 +149,6 @@ def test_data_that_contradict_the_model_end_with_4_and_no_urdf(
     assert json.loads(files['json'].read_text())['status'] == 'inconsistent'
     assert '<p class="verdict wrong">the data contradict the model' in files['html'].read_text()
     assert not files['urdf'].exists()
-
-
-def test_a_chosen_part_of_the_bodies(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run(place, '--unknown', 'base_link', 'link7', '--json', '-')
-    found = json.loads(capsys.readouterr().out)
-    assert list(found['links']) == ['base_link', 'link7']
-    # The other links, known, hold the factor.
-    assert any(each['name'] == 'the known bodies' for each in found['scale']['fixed_by'])
 
 
 @pytest.mark.parametrize(
@@ -223,33 +184,6 @@ def test_bad_input_is_one_line_that_says_what_to_add(  # noqa: PLR0917 - four of
     assert captured.err.startswith('mbaid_ros calibrate: ')
     assert captured.err.count('\n') == 1
     assert reason in captured.err
-
-
-def test_a_bag_of_another_robot_is_refused(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([str(place / 'before'), '--model', str(CONFIG / 'table1.urdf'), '--joint-states', '/joints']) == 2
-    assert '/joints' in capsys.readouterr().err
-    other = (place / 'cad.urdf').read_text(encoding='utf-8').replace('"joint7"', '"wrist"')
-    (place / 'other.urdf').write_text(other, encoding='utf-8')
-    assert main([str(place / 'before'), '--model', str(place / 'other.urdf')]) == 2
-    error = capsys.readouterr().err
-    assert 'holds no complete window; ' in error
-    assert 'wrist' in error
-
-
-def test_names_of_files_that_are_no_text_read_back_the_same(
-    place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    odd = os.fsdecode(os.fsencode(tmp_path) + b'/\xff\n')
-    Path(odd).symlink_to(place / 'before')
-    files = {name: f'{odd}.{name}' for name in ('json', 'html', 'urdf')}
-    outputs = ['--json', files['json'], '--report', files['html'], '--output', files['urdf']]
-    assert main([odd, '--model', str(place / 'cad.urdf'), *outputs]) == 0
-    assert json.loads(Path(files['json']).read_text(encoding='utf-8'))['bags'] == [odd]
-    last = capsys.readouterr().out.splitlines()[-1]
-    assert last.startswith('replay and estimator go on from it: ')
-    assert last.count('\\udcff .') == 2
-    assert main([odd, '--model', str(place / 'cad.urdf'), '--json', '-']) == 0
-    assert json.loads(capsys.readouterr().out)['bags'] == [odd]
 
 
 def test_a_model_that_would_be_overwritten_or_has_an_unphysical_prior_is_refused(

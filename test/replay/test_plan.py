@@ -109,15 +109,6 @@ def test_a_simulated_robot_follows_it(result: Path, tmp_path: Path) -> None:
     assert truth['parameters']['motion.trajectory_begin'] == 0.5
 
 
-def test_the_plan_in_words(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    wanted = ['-p', 'plan.relative_std:=[1.0e-6]']
-    assert main([str(result), *MODEL, *QUICK, *wanted]) == 3
-    out = capsys.readouterr().out
-    assert out.startswith('4.0 s of motion bring ')
-    assert 'not to the 0.0001 % that is wanted' in out
-    assert '  base turned by ' in out
-
-
 @pytest.mark.parametrize(
     ('change', 'arguments', 'words'),
     [
@@ -147,16 +138,6 @@ def test_what_cannot_be_planned_from_is_told_in_a_line(
     error = capsys.readouterr().err
     assert words in error
     assert error.count('\n') == 1
-
-
-def test_what_is_to_know_of_a_bag_is_told(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    cut = tmp_path / 'cut.mcap'
-    content = (result.parent / 'bag' / 'bag.mcap').read_bytes()
-    cut.write_bytes(content[: len(content) * 9 // 10])
-    params = ['--params', str(CONFIG / 'servicer7_estimator.yaml')]
-    assert main([str(cut), *MODEL, *params, *QUICK]) in {0, 3}
-    error = capsys.readouterr().err
-    assert error.startswith(f"mbaid_ros plan: warning: bag '{cut}' was cut off while it was written")
 
 
 def test_a_contradicted_run_is_not_planned_from(

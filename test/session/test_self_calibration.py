@@ -176,19 +176,6 @@ def test_the_numbers_are_those_of_calibrate() -> None:
     assert written.rotations == pytest.approx(moved.rotations, abs=1e-10)
 
 
-def test_one_message_after_the_other_leads_to_the_same_and_reset_forgets_it() -> None:
-    (at_once, expected), session, found = calibrated('trajectory'), make(method='trajectory'), []
-    for topic, message, _ in messages():
-        if (session.add_joint_state if topic == '/joint_states' else session.add_odometry)(message):
-            found += session.process()
-    assert np.array_equal(found[-1].parameters, expected[len(found) - 1].parameters)
-    assert session.robot.calibrated == at_once.robot.calibrated
-    session.reset()
-    assert session.robot.calibrated == ''
-    assert session.robot.urdf == cad()
-    assert session.robot.kernel is session.robot.described
-
-
 def test_a_robot_that_did_nothing_before_is_said_to_be_uncalibrated() -> None:
     session = make(**{'capture.time': 0.4})
     last = feed(session, 5.0)[-1]

@@ -110,20 +110,6 @@ def test_zeros_further_off_than_declared_are_told_and_widen_what_goes_on() -> No
     assert not dict(declared.further_off)
 
 
-def test_the_order_of_motions_makes_no_difference_and_two_tell_more_than_one() -> None:
-    unknown = all_unknown(perturbed(free_model(), PRIORS, 1))
-    runs, settings = [data(1, 21, 20.0), data(1, 22, 20.0)], CalibrationSettings(MID, PRIORS, SERVICER)
-    both, other, one = (calibrate(unknown, each, settings) for each in (runs, runs[::-1], runs[:1]))
-    assert np.all(np.abs(both.values - other.values) < 0.05 * both.stds)
-    assert both.stds == pytest.approx(other.stds, rel=2e-2)
-    assert both.momentum == pytest.approx(other.momentum[::-1], abs=0.05 * both.momentum_covariance.max() ** 0.5)
-    size = np.sqrt(np.diagonal(both.momentum_covariance, axis1=1, axis2=2))
-    again = np.sqrt(np.diagonal(other.momentum_covariance[::-1], axis1=1, axis2=2))
-    assert size == pytest.approx(again, rel=2e-2)
-    assert np.all(both.stds < 1.02 * one.stds)
-    assert np.mean(both.stds[:80] / one.stds[:80]) < 0.95
-
-
 @pytest.mark.parametrize('seed', [3, 4])
 def test_a_planar_robot(seed: int) -> None:
     """CAD has its bodies' centres of mass off across the plane, too, which its motion knows nothing of."""
@@ -150,26 +136,6 @@ def test_a_planar_robot(seed: int) -> None:
     # What lies across the plane is as well known as before: origins' heights and the mount's tilt.
     assert found.stds[[53, 59]] == pytest.approx(1e-3, rel=1e-6)
     assert found.stds[-6:-4] == pytest.approx(2e-3, rel=1e-6)
-
-
-def test_what_goes_on_is_what_was_found() -> None:
-    """The unknowns that the filter goes on with, put together, are the other links, joints and mount."""
-    cad = perturbed(free_model(), PRIORS, 2)
-    kernel = MomentumKernel(cad, 'link7', *(link.name for link in cad.links if link.name != 'link7'))
-    priors = (PRIORS[-1], *PRIORS[:-1])
-    found = calibrate(kernel, [data(2, 12, 20.0)], CalibrationSettings(MID, priors, SERVICER))
-    carried = found.carried
-    assert carried.mean.shape == (70 + 42 + 6 + 1,)
-    covariance = carried.factor @ carried.factor.T
-    roots = found.prior.roots[1:]
-    spread = np.zeros((118, 118))
-    for index, root in enumerate(roots):
-        spread[10 * index : 10 * index + 10, 10 * index : 10 * index + 10] = root
-    spread[70:, 70:] = np.diag([1e-3] * 42 + [2e-3] * 6)
-    wanted, size = found.block_covariance[10:, 10:], found.stds[10:]
-    assert spread @ covariance[:118, :118] @ spread.T / np.outer(size, size) == pytest.approx(
-        wanted / np.outer(size, size), abs=1e-9
-    )
 
 
 SEEDS = range(2)

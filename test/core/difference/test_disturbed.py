@@ -25,7 +25,7 @@ from mbaid_ros.simulated_run import SimulatedRun
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import MID, configured_motion, estimator, identify, kernel, nees, observe, true_body, windows
-from orbiting import AWAY, MEAN_MOTION, declared, session, simulated
+from sessions import AWAY, MEAN_MOTION, declared, session, simulated
 from simulated import CONFIG
 
 SECONDS = 16.0

@@ -140,21 +140,6 @@ def test_the_zero_of_the_last_joint_is_named_as_nothing_shows_that_it_is_wrong()
     assert far(wrong) > 5.0
 
 
-def test_what_the_data_see_is_not_named() -> None:
-    right = identified(6, 0.0, **DECLARED)
-    assert right.budget is not None
-    assert far(right) < 4.0
-    # The first joint's zero turns the whole arm against the base: that shows.
-    assert 'joint1' not in right.budget.unobservable()
-    assert 'sensor noise' not in right.budget.unobservable()
-
-
-def test_an_estimate_of_a_robot_that_is_exact_rests_on_nothing() -> None:
-    exact = identified(6, 0.0)
-    assert exact.budget is not None
-    assert exact.budget.unobservable() == ''
-
-
 @pytest.mark.parametrize('std', [1e-2, pytest.param(1e-4, marks=pytest.mark.long)])
 def test_what_is_declared_to_be_uncertain_enough_has_a_larger_share(std: float) -> None:
     told = some(identified(6, 0.0, **{**DECLARED, 'known_joints__zero_std': std}).budget)

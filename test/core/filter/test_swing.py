@@ -109,7 +109,7 @@ class Case:
         return np.concatenate(twists), np.concatenate(derivatives), np.concatenate(deflections)
 
 
-@pytest.mark.parametrize('name', ROBOTS)
+@pytest.mark.parametrize('name', ['panels', *(pytest.param(each, marks=pytest.mark.long) for each in list(ROBOTS)[1:])])
 def test_derivatives_by_the_parameters(name: str) -> None:
     case = Case(name)
     parameters = case.state[case.layout.parameters]

@@ -88,21 +88,6 @@ def test_the_momentum_is_that_of_wheels_that_are_joints(run: Truth) -> None:
     assert np.ptp(without[:, 3:], axis=0).max() > 5.0
 
 
-@pytest.mark.parametrize(
-    ('method', 'seeds'), [('difference', 3), ('trajectory', 1), pytest.param('trajectory', 3, marks=pytest.mark.long)]
-)
-def test_they_are_read_as_well_as_joints(run: Truth, method: str, seeds: int) -> None:
-    ratios = []
-    for seed in range(seeds):
-        found = estimator(reading(), MID, method=method).update(windows(inside(run, seed)), 0)[-1]
-        as_joints = identify(wheeled(), run, MID, seed, method=method)[-1]
-        assert max(normalised(found, reading()), normalised(as_joints, wheeled())) < LIMIT
-        assert found.status in {'estimating', 'converged'}
-        assert not found.events
-        ratios.append(found.std / as_joints.std)
-    assert np.mean(ratios) < 1.05
-
-
 def test_a_momentum_that_is_told_serves_as_well(run: Truth) -> None:
     kernel = bare().storing(Storage.published(bare().model.link('base_link'), 0.0))
     samples = inside(run, 2)

@@ -21,8 +21,8 @@ from mbaid_ros.simulation.motion import Passive
 from mbaid_ros.simulation.simulation import Simulation, Truth
 from mbaid_ros.simulation.true_robot import misread
 from observed import MID, observe
-from orbiting import orbit
 from random_robots import random_urdf
+from sessions import orbit
 from simulated import drawn, relative_drift, robot, state, table1
 
 BLOCKS = {

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import itertools
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from checked import same
-from mbaid_ros.core.errors import DataError, ModelError, ParameterError
+from mbaid_ros.core.errors import ModelError, ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.simulation.dynamics import Dynamics, State
 from mbaid_ros.simulation.motion import Passive, Sinusoids, random_sinusoids, sinusoids
-from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum, without_linear_momentum
+from mbaid_ros.simulation.simulation import Simulation, total_momentum
 from random_robots import random_urdf
 from simulated import relative_drift, robot, state, table1
 
@@ -47,46 +44,6 @@ def test_a_moving_arm_conserves_momentum_and_follows_its_trajectory(name: str) -
     assert np.abs(truth.joint_effort).max() > 0.01
 
 
-def test_the_run_does_not_depend_on_the_sampling() -> None:
-    instants = np.linspace(0.0, 2.0, 173)
-    whole = moving_arm('ets7')[0].advance(instants)
-    run = moving_arm('ets7')[0]
-    cuts = [0, 1, 1, 50, 51, 120, 173]
-    parts = [run.advance(instants[first:last]) for first, last in itertools.pairwise(cuts)]
-    assert same(Truth.concatenate(parts), whole)
-
-
-def test_a_run_far_from_the_origin_is_the_same_run() -> None:
-    near, motion = moving_arm('ets7')
-    model = near.model
-    start = state(motion.start, motion.reference(0.0)[1], (0.02, -0.05, 0.03))
-    offset = np.array([7e6, -3e6, 1e5])
-    far = Simulation(model, motion, replace(start, base_position=offset))
-    instants = np.linspace(0.0, 5.0, 101)
-    here, there = near.advance(instants), far.advance(instants)
-    assert np.array_equal(here.base_linear_velocity, there.base_linear_velocity)
-    assert there.base_position - offset == pytest.approx(here.base_position, abs=1e-8)
-
-
-def test_a_past_instant_is_refused() -> None:
-    run, _ = moving_arm('ets7')
-    run.advance(np.array([1.0]))
-    with pytest.raises(DataError, match='in order'):
-        run.advance(np.array([0.5]))
-    with pytest.raises(DataError, match='in order'):
-        run.advance(np.array([2.0, 1.9]))
-
-
-def test_without_linear_momentum_turns_with_the_base() -> None:
-    model = robot('servicer7')
-    turned = state(np.full(7, 0.3), np.full(7, 0.1), (0.1, -0.2, 0.3))
-    turned = replace(turned, base_orientation=np.array([0.5, -0.5, 0.5, 0.5]), base_position=np.array([1.0, 2.0, 3.0]))
-    start = without_linear_momentum(model, turned)
-    total = total_momentum(model, Simulation(model, Passive(), start).advance(np.zeros(1)))[0]
-    assert total[:3] == pytest.approx(np.zeros(3), abs=1e-12)
-    assert np.array_equal(start.velocity[3:], turned.velocity[3:])
-
-
 def test_sinusoids_are_read_joint_by_joint() -> None:
     motion = sinusoids(
         np.array([1.0, 2.0]), np.array([0.1, 0.2, 0.3, 0.4]), np.array([1.0, 2.0, 3.0, 4.0]), np.zeros(0)
@@ -103,19 +60,6 @@ def test_sinusoids_are_read_joint_by_joint() -> None:
 def test_sinusoids_of_the_wrong_size_are_refused(amplitudes: list[float], frequencies: list[float]) -> None:
     with pytest.raises(ParameterError, match=r'motion\.amplitudes'):
         sinusoids(np.zeros(2), np.array(amplitudes), np.array(frequencies), np.zeros(0))
-
-
-def test_random_motion_is_that_of_its_seed_and_within_its_ranges() -> None:
-    motion = random_sinusoids(np.zeros(3), 5, 2, 0.4, 10.0, 20.0)
-    again = random_sinusoids(np.zeros(3), 5, 2, 0.4, 10.0, 20.0)
-    other = random_sinusoids(np.zeros(3), 6, 2, 0.4, 10.0, 20.0)
-    assert np.array_equal(motion.frequency, again.frequency)
-    assert np.array_equal(motion.phase, again.phase)
-    assert not np.array_equal(motion.frequency, other.frequency)
-    assert np.all((motion.frequency >= 1.0 / 20.0) & (motion.frequency <= 1.0 / 10.0))
-    assert motion.amplitude.sum(axis=1).max() <= 0.4
-    with pytest.raises(ParameterError, match='period_max 5 s'):
-        random_sinusoids(np.zeros(3), 5, 2, 0.4, 10.0, 5.0)
 
 
 SEEDS = range(6)
@@ -189,15 +133,6 @@ def test_a_single_body_tumbles_as_euler_says() -> None:
     angular, moments = np.array([0.3, -0.2, 0.5]), np.array([1.0, 2.0, 2.5])
     turning = dynamics.acceleration(state(np.zeros(0), np.zeros(0), tuple(angular)), free(0))
     assert turning[3:] == pytest.approx(-np.cross(angular, moments * angular) / moments, abs=1e-15)
-
-
-def test_a_continuous_joint_counts_its_turns() -> None:
-    model, start = table1()
-    turned = State(start.base_position, start.base_orientation, start.joint_position + 4.0 * np.pi, start.velocity)
-    dynamics = Dynamics(model)
-    assert dynamics.acceleration(turned, free(4)) == pytest.approx(dynamics.acceleration(start, free(4)), abs=1e-15)
-    run = Simulation(model, Passive(), turned)
-    assert run.advance(np.array([0.0])).joint_position[0] == pytest.approx(turned.joint_position)
 
 
 TAIL = '<joint name="tail" type="continuous"><parent link="base_link"/><child link="leaf"/><axis xyz="0 0 1"/></joint>'

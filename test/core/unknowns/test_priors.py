@@ -48,13 +48,6 @@ def test_nothing_is_known_of_it_where_no_mass_is_known(servicer7: MomentumKernel
     assert covariance[0, 0] > np.sum(servicer7.known[:, 0]) ** 2
 
 
-def test_a_mass_that_is_known(servicer7: MomentumKernel) -> None:
-    mean, covariance = prior(servicer7, TargetPrior(MASS, MASS_STD))
-    assert mean == pytest.approx([MASS, *[0.0] * 9])
-    assert covariance[0, 0] == pytest.approx(MASS_STD**2)
-    assert covariance[1:, 1:] == pytest.approx(prior(servicer7, TargetPrior())[1][1:, 1:])
-
-
 def test_a_mass_and_a_centre_of_mass_that_are_known(servicer7: MomentumKernel) -> None:
     mean, covariance = prior(servicer7, TargetPrior(MASS, MASS_STD, COM, COM_STD))
     assert mean[:4] == pytest.approx([MASS, *(MASS * np.array(COM))])
