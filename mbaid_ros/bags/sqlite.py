@@ -66,13 +66,6 @@ class SqliteReader(Sqlite3Reader):
                 raise ReaderError(f'Cannot open database {path}: {error}') from error
             raise
 
-    @classmethod
-    def require_whole(cls, path: Path) -> None:
-        """Open and close a file: a ReaderError if it is no bag."""
-        reader = cls(path)
-        reader.open()
-        reader.close()
-
     def blocks(self, connections: Collection[Connection]) -> Iterator[Block]:
         """Yield the messages of connections in the order of their times."""
         yield from in_blocks(self._rows({connection.id: connection.topic for connection in connections}))
@@ -177,7 +170,7 @@ def unread_log(file: Path) -> str:
     if not log.is_file() or not log.stat().st_size:
         return ''
     command = shlex.join(['sqlite3', str(file), 'PRAGMA wal_checkpoint(TRUNCATE)'])
-    return f"'{log}' holds what has not been written into its bag, and is not read: {command} writes it there"
+    return f"'{log}' holds messages not yet written into its bag, and is not read: {command} writes them there"
 
 
 def _authorize(action: int, first: str | None, second: str | None, database: str | None, origin: str | None) -> int:

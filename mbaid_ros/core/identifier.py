@@ -73,8 +73,8 @@ def knowledge_of(method: object) -> Posterior | None:
 class Identifier:
     """One identification, from its first measurement on.
 
-    What comes out does not depend on how the measurements are cut into calls: the live node hands over a few at a time,
-    a replay thousands, and both get the same numbers.
+    The estimates do not depend on the partition of the measurements into calls: the live node hands over a few at a
+    time, a replay thousands, and both get the same numbers.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ class Identifier:
         return with_rates(window)
 
     def _reasons(self, time: float) -> list[Reason]:
-        """Return what was known of the data by the end of a window, s: nothing of later ones in the same call."""
+        """Return the notes on the data up to the end of a window, s: none of later windows in the same call."""
         levels = self._levels.get(time)
         texts = [levels.warning] if levels is not None and levels.warning else []
         reasons = notes([*texts, *(text for text, since in self._notes.items() if since <= time)])

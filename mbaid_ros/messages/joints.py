@@ -43,7 +43,7 @@ class JointReader:
     Parameters
     ----------
     joint_names, wheels : names
-    passive : those of joints that nobody reports; what messages hold of them is ignored, and they are read as zero
+    passive : those of unreported joints; their values in messages are ignored, and they are read as zero
     """
 
     def __init__(self, joint_names: Sequence[str], wheels: Sequence[str] = (), passive: Sequence[str] = ()) -> None:
@@ -59,7 +59,7 @@ class JointReader:
         self.heard: dict[str, None] = {}  # every name that a message has had, in order; a bounded number
 
     def read(self, messages: Sequence[Any]) -> tuple[dict[Joints, JointStream], Counter[str]]:
-        """Return the measurements by the joints they are of, and how many messages were dropped for what.
+        """Return the measurements by their joints, and the numbers of dropped messages by cause.
 
         A velocity that is not given is NaN. Packets may be together.
         """
@@ -181,10 +181,7 @@ def _finite_joints(
 def trajectory_of(message: Any) -> JointTrajectory:
     """Return the motion in a trajectory_msgs/JointTrajectory, without efforts.
 
-    Raises
-    ------
-    DataError
-        It is no motion.
+    Raises DataError: It is no motion.
     """
     joints, points = tuple(str(name) for name in message.joint_names), list(message.points)
     time = np.array([point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in points])

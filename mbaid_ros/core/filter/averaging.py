@@ -14,14 +14,13 @@ from mbaid_ros.core.samples import Samples, SensorNoise
 
 _KNOT = 0.05  # s, wanted spacing of knots: errors of the fourth-order formulas are then below the noise
 _FEWEST_KNOTS = 5  # of a window: the window before it needs four of them
-_MOVED = (
-    10.0  # deviations of one sample that a joint's knots range over once it has moved: noise reaches nine in an hour
-)
+# Range of a joint's knots from which it has moved, in deviations of one sample: noise reaches nine in an hour.
+_MOVED = 10.0
 
 
 @dataclass(frozen=True)
 class Averaged:
-    """What a window adds: the one before it with all its neighbours, and itself without the later ones, if unbroken.
+    """The windows that a new one completes: the one before it with all its neighbours, itself without later ones.
 
     `moved`: whether a joint has moved by more than its noise by then.
     """
@@ -66,7 +65,7 @@ class KnotAveraging:
         self._moved = False
 
     def take(self, windows: list[Samples]) -> list[Averaged]:
-        """Return what closed windows add to the chain."""
+        """Return the windows that closed ones complete."""
         if not self._knots_a_window:
             self.origin = windows[0].base_position[0].copy()
             self._knots_a_window = knots_a_window(windows[0], self._length)

@@ -28,24 +28,14 @@ def on_link(middle: Midpoints, kinematics: Kinematics, link: Link) -> Midpoints:
 
 @dataclass(frozen=True)
 class WindowNoise:
-    """Noise of the means of a window's measurements.
+    """Noise of the means of a window's measurements."""
 
-    Attributes
-    ----------
-    samples : number in the window
-    joint_position : standard deviation of one sample, rad or m; (n,) where joints differ
-    pose : (6, 6) mean covariance of one sample, (orientation, position), odometry axes
-    twist : (6, 6) of one sample, (angular, linear), base axes
-    gyro : rad/s/sqrt(Hz), density of the gyro's noise; 0 where there is none
-    correlation_time : s, of the errors of the poses; 0 for independent ones
-    """
-
-    samples: int
-    joint_position: float | Array
-    pose: Array
-    twist: Array
-    gyro: float = 0.0
-    correlation_time: float = 0.0
+    samples: int  # number in the window
+    joint_position: float | Array  # standard deviation of one sample, rad or m; (n,) where joints differ
+    pose: Array  # (6, 6) mean covariance of one sample, (orientation, position), odometry axes
+    twist: Array  # (6, 6) of one sample, (angular, linear), base axes
+    gyro: float = 0.0  # rad/s/sqrt(Hz), density of the gyro's noise; 0 where there is none
+    correlation_time: float = 0.0  # s, of the errors of the poses; 0 for independent ones
 
 
 def window_noises(windows: Sequence[Samples], noise: SensorNoise, gyro: float = 0.0) -> list[WindowNoise]:
@@ -93,26 +83,15 @@ STACK = 10  # windows linearised at a time: one piece of work, of some milliseco
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """A window's knots, with the neighbours that its formulas need.
+    """A window's knots, with the neighbours that its formulas need."""
 
-    Attributes
-    ----------
-    knots : Knots
-    inside : the window's own intervals among theirs; each begins at a knot of the window
-    spacing : s, between knots
-    noise : WindowNoise
-    start : s since the first sample of the run
-    fresh : whether a gap (or the start) comes before it
-    origin : (3,) m, of the run in the odometry frame
-    """
-
-    knots: Knots
-    inside: slice
-    spacing: float
-    noise: WindowNoise
-    start: float
-    fresh: bool
-    origin: Array = field(default_factory=lambda: np.zeros(3))
+    knots: Knots  # Knots
+    inside: slice  # the window's own intervals among theirs; each begins at a knot of the window
+    spacing: float  # s, between knots
+    noise: WindowNoise  # WindowNoise
+    start: float  # s since the first sample of the run
+    fresh: bool  # whether a gap (or the start) comes before it
+    origin: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, of the run in the odometry frame
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -134,16 +113,10 @@ def without_twist(window: Window) -> Window:
 
 @dataclass(frozen=True)
 class Stack:
-    """Windows of one shape, side by side.
+    """Windows of one shape, side by side."""
 
-    Attributes
-    ----------
-    windows : B of them
-    places : where they are in the list that was stacked
-    """
-
-    windows: tuple[Window, ...]
-    places: tuple[int, ...]
+    windows: tuple[Window, ...]  # B of them
+    places: tuple[int, ...]  # where they are in the list that was stacked
 
     @cached_property
     def knots(self) -> Knots:

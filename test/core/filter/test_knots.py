@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -96,43 +94,6 @@ def test_ends_follow_the_line_of_their_neighbours_corrections() -> None:
     assert order(error) > 3.3
 
 
-def test_joint_rates_telescope() -> None:
-    knots = knots_of(0.05, 5)
-    noise = np.random.default_rng(0).normal(size=knots.joint_position.shape)
-    noisy = midpoints(replace(knots, joint_position=knots.joint_position + noise), 0.05)
-    change = np.sum(noisy.joint_velocity - midpoints(knots, 0.05).joint_velocity, axis=0) * 0.05
-    # What noise adds to the integral of the rates depends on the knots at both ends alone, on no knot between.
-    middle = noise.copy()
-    middle[6:8] = 0.0
-    other = midpoints(replace(knots, joint_position=knots.joint_position + middle), 0.05)
-    assert np.sum(other.joint_velocity - midpoints(knots, 0.05).joint_velocity, axis=0) * 0.05 == pytest.approx(change)
-
-
-def test_irregular_samples_count_with_their_own_times() -> None:
-    samples = sampled(np.array([0.01, 0.02, 0.09, 0.11, 0.16, 0.17, 0.18]))
-    knots = averaged(samples, 0.0, 0.1, 2, np.array([1.0, 2.0, 3.0]))
-    assert knots.joint_position == pytest.approx(
-        np.stack((samples.joint_position[:3].mean(0), samples.joint_position[3:].mean(0)))
-    )
-    assert knots.base_position[0] == pytest.approx(samples.base_position[:3].mean(axis=0) - [1.0, 2.0, 3.0])
-    times = (samples.time[:3], samples.time[3:])
-    assert knots.spread == pytest.approx([np.var(time) / 0.01 for time in times])
-
-
-def test_a_knot_without_a_sample_is_empty() -> None:
-    time = np.array([0.01, 0.02, 0.31, 0.32, 0.41])
-    assert averaged(sampled(time), 0.0, 0.1, 5, np.zeros(3)).empty.tolist() == [False, True, True, False, False]
-    assert not np.any(averaged(sampled(time), 0.0, 0.25, 2, np.zeros(3)).empty)
-
-
-def test_one_sample_is_a_knot_as_it_is() -> None:
-    samples = sampled(np.array([0.05, 0.15]))
-    knots = averaged(samples, 0.0, 0.1, 2, np.zeros(3))
-    assert np.array_equal(knots.joint_position, samples.joint_position)
-    assert knots.base_rotation == pytest.approx(samples.base_rotation, abs=1e-15)
-    assert np.array_equal(knots.spread, np.zeros(2))
-
-
 @pytest.mark.parametrize('place', [1, 5, COUNT - 2])
 def test_a_knot_without_samples_is_bridged(place: int) -> None:
     sizes = []
@@ -164,20 +125,3 @@ def test_a_step_is_as_long_as_changes_the_body_by_half_of_its_size() -> None:
     assert near_part(POINT, step) == pytest.approx(0.25)
     assert near_part(POINT, -step) == pytest.approx(0.25)
     assert near_part(POINT, 0.2 * step) == 1.0
-
-
-def test_momentum_and_unknowns_may_change_by_anything() -> None:
-    step = np.full_like(POINT, 1e6)
-    step[6:16] = 0.0
-    assert near_part(POINT, step) == 1.0
-
-
-def test_a_body_without_any_inertia_is_not_left() -> None:
-    point, step = np.zeros(16), np.zeros(16)
-    step[6] = 1.0
-    assert near_part(point, step) == 1.0  # without a mass there is nothing to stay near to
-    point[6] = 3.0
-    step[6] = 0.03
-    assert near_part(point, step) == 1.0
-    step[10] = 1e-9
-    assert near_part(point, step) == 0.0
