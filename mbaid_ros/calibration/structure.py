@@ -165,7 +165,7 @@ def _independent(spanned: Array, direction: Array) -> bool:
 
 
 def _unexplained(mechanism: Mechanism, structure: Structure, spanned: Array) -> Iterator[Exchange]:
-    """Yield what of the null space is left; in a plane everything out of it, as one."""
+    """Yield the rest of the null space; in a plane everything out of it, as one."""
     null = structure.null_space / structure.scale[:, None]
     if spanned.shape[1]:
         null = null - spanned @ np.linalg.lstsq(spanned, null, rcond=None)[0]
@@ -272,7 +272,7 @@ class Structure:
         basis: Array = np.zeros((len(self.regressor), 0))
         for column in range(self.unknowns):
             rest = self.regressor[:, column]
-            for _ in range(2):  # once more, for what rounding leaves
+            for _ in range(2):  # twice, against rounding
                 rest = rest - basis @ (basis.T @ rest)
             length = float(np.linalg.norm(rest))
             if length > 1e2 * _ROUNDING * max(float(np.linalg.norm(self.regressor[:, column])), 1e-300):

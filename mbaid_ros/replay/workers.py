@@ -65,7 +65,7 @@ class Workers:
         return self._threads.submit(self._called, function, *arguments)
 
     def _called(self, function: Callable[..., T], *arguments: object) -> T:
-        """Return what a function leads to in a process that is idle: there are as many of them as threads."""
+        """Return the result of a function in an idle process: there are as many of them as threads."""
         pipe = self._idle.get()
         try:
             pipe.send((function, arguments))
@@ -97,7 +97,7 @@ class Workers:
 
 
 def _work(pipe: Connection, common: object) -> None:
-    """Call what comes through a pipe until it is closed."""
+    """Call the functions that come through a pipe until it is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     while True:
@@ -123,7 +123,7 @@ _LOOK = 0.2  # s between two looks at how far the processes are
 
 @dataclass(frozen=True)
 class _Task:
-    """What every process gets at its start; `done` is shared memory: the part of each bag that is done, 0 to 1."""
+    """The data of every process; `done` is shared memory: the part of each bag that is done, 0 to 1."""
 
     config: EstimatorConfig
     urdf: str

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 
-# Quintic Hermite polynomials on [0, 1] in rising powers: what multiplies y1 - y0, y0', y0'', y1'', y1'.
+# Quintic Hermite polynomials on [0, 1] in rising powers: factors of y1 - y0, y0', y0'', y1'', y1'.
 _BASIS = np.array(
     [
         [0.0, 0.0, 0.0, 10.0, -15.0, 6.0],

@@ -147,7 +147,7 @@ def test_a_campaign_that_loses_its_scheduler_keeps_what_it_has_and_says_so(
     captured = capfd.readouterr()
     assert captured.out == ''
     assert captured.err.startswith(f"mbaid_ros campaign: the cluster of scheduler '{two.address}' fails: ")
-    assert captured.err.endswith('what it made is kept, and the same command goes on from there\n')
+    assert captured.err.endswith('its results are kept, and the same command goes on from there\n')
     assert captured.err.count('\n') == 1
     assert (output / 'runs.jsonl').read_text().count('\n') >= 2
 

@@ -171,7 +171,7 @@ def test_the_momentum_is_given_about_the_origin_of_the_odometry() -> None:
 def test_warnings_say_what_is_wrong() -> None:
     estimate = report(solution(0.01, cost=600.0 * 9.0, restarted=True))
     assert estimate.warnings == (
-        'residuals are 3.0 times what the noise parameters explain',
+        'residuals are 3.0 times as large as the noise parameters explain',
         'the motion is not planar: the planar solution was dropped',
     )
 
