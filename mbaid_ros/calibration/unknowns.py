@@ -252,7 +252,7 @@ def physical_std(link: Link, std: LinkPrior) -> Array:
 def _covariance(link: Link, std: LinkPrior, scale: Array) -> Array:
     """Return the (10, 10) covariance of a link's standard parameters."""
     _require_a_body(link)
-    # Rows of what nothing is known of vanish; the wide prior keeps the matrix regular.
+    # Rows of unknowns without a prior vanish; the wide prior keeps the matrix regular.
     rows = physical_jacobian(link.parameters)
     if std.mass > 0.0:
         rows[4:] -= np.outer(physical(link.parameters)[4:] / link.parameters[0], rows[0])

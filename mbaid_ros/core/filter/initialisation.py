@@ -190,7 +190,7 @@ class Initialisation:
         return self._displacement is not None and self._displacement.anywhere
 
     def _is_linear(self, gaussian: SquareRootInformation) -> bool:
-        """Return whether what the windows leave open at second order is small, wherever they are linearised."""
+        """Return whether the remainder of second order is small, wherever the windows are linearised."""
         if self._curvature is None or self._curvature.anywhere or self._displaced:
             return False
         moments = MeanAndCovariance.of(gaussian, self._batch.variables)

@@ -288,7 +288,7 @@ def _centre(values: Array, knots: Knots) -> Array:
 
 
 def _mean(values: Array, knots: Knots) -> Array:
-    """Return the means of both knots, each at its centre, of what may begin and end at once: to first order only."""
+    """Return the means of both knots, each at its centre, of quantities that may jump: to first order only."""
     centred = values - knots.offset[..., None] * gradient(values)
     return np.asarray(0.5 * (centred[1:] + centred[:-1]))
 

@@ -114,7 +114,7 @@ class MultiStart:
         return Start(bank, relinearised.point, accepted, covariance, curvature)
 
     def _from_guesses(self, stacks: list[list[Stack]]) -> Work[list[BatchResult]]:
-        """Return what the windows lead to with each guessed mass held, and from the best of these with any mass.
+        """Return the solutions with each guessed mass held, and from the best of these with any mass.
 
         Where the rows are as noisy as the motion is large, an iteration may converge with narrow intervals although
         bodies of quite another mass explain the windows as well: the results with the mass held show those.
