@@ -63,7 +63,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     gaussian = settled.passed.gaussian
     widened = normals.as_far_off()
     values, covariance = widened.blocks()
-    covariance = covariance * widening(gaussian.innovations, gaussian.nis / max(gaussian.measured, 1))
+    covariance = covariance * widening(gaussian.innovations, 1.0)
     values, corrections = _physical(values, covariance, kernel, [std.empty for std in settings.priors])
     size = len(prior.mean)
     gained = _gained(normals.links)
