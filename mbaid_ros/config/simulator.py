@@ -158,6 +158,12 @@ class SimulatedModelErrorsConfig:
     mount_orientation_std: float = parameter(
         0.0, 'Error of how that frame is turned, about each of its axes.', 'rad', minimum=0.0, maximum=1.0
     )
+    frequency_relative_std: float = parameter(
+        0.0,
+        'Relative error of the natural frequency of each joint in `flexible.joints`.',
+        minimum=0.0,
+        maximum=0.5,
+    )
     seed: int = parameter(0, 'The same seed gives the same robot.', minimum=0)
 
 
