@@ -18,15 +18,13 @@ _SOME = 30  # of readings further apart, that tell whether it grows
 _INDEPENDENT = 0.3  # of the differences: as many independent ones tell as much, as neighbours share readings
 _NO_FIT = 25.0  # mean normalised square of what a correlation leaves of the variances, from which none explains them
 _SHORTEST = 3  # strides over which noise has to grow to count as correlated, where motion shows beyond
-_NO_NOISE, _DOUBT = (
-    2.3,
-    3.0,
-)  # times the variance grows from one stride to the next by more than any noise, motion; standard deviations
+# Times the variance grows from one stride to the next by motion, not noise, and the standard deviations beside.
+_NO_NOISE, _DOUBT = 2.3, 3.0
 _TIMES = np.append(0.0, np.geomspace(0.005, 10.0, 62))  # s; of more nobody can tell from a run
-# Twice the log-likelihood by which a declared level, or white noise, has to be contradicted; that of each level beside;
-# that within which a longer time of correlation is preferred: two standard deviations.
-_CLEAR, _EACH, _LIKELY = 12.0, 4.0, 4.0
-_NEAR = 2.0 * np.log(1.15)  # logarithm of a variance that is as declared: it does not move intervals
+# Twice the log-likelihood by which white noise, or a declared level, has to be contradicted; that within which a longer
+# time of correlation is preferred: two standard deviations.
+_CLEAR, _LIKELY = 12.0, 4.0
+_NEAR = 2.0 * np.log(1.15)  # logarithm of a variance that is as declared: intervals hardly depend on it
 _AUTOCORRELATION = np.array(
     [(-1.0) ** lag * comb(12, 6 + lag) / comb(12, 6) * (2.0 if lag else 1.0) for lag in range(7)]
 )
@@ -54,12 +52,14 @@ class Candidates:
     ----------
     time, cost : (c,)
     level, found : (c, 2) logarithms of the variances of a reading over the declared ones: in use, and of the data
+    wrong : (c, 2) whether the latter are far from the declared ones
     """
 
     time: Array
     cost: Array
     level: Array
     found: Array
+    wrong: Flags
 
     def __getitem__(self, index: slice | Flags) -> Candidates:
         """Return some of them."""
@@ -68,10 +68,11 @@ class Candidates:
 
 @dataclass(frozen=True)
 class Correlation:
-    """The correlation time (s) of a sensor's errors, their (2,) variances, and whether declared ones are wrong."""
+    """The correlation time (s) of a sensor's errors, their (2,) variances, and whether these are used, and must be."""
 
     time: float
     variance: Array
+    used: Flags
     contradicted: Flags
 
 
@@ -85,7 +86,9 @@ def candidates(seen: Variances, time: float, declared: str) -> Candidates:
     declared : whether levels are: 'no', 'yes', or 'trusted', of which the data contradict none
     """
     variance, weight = seen.variance, seen.weight
-    unclear = Candidates(np.zeros(1), np.zeros(1), np.zeros((1, 2)), np.full((1, 2), np.nan))
+    unclear = Candidates(
+        np.zeros(1), np.zeros(1), np.zeros((1, 2)), np.full((1, 2), np.nan), np.zeros((1, 2), dtype=bool)
+    )
     if np.any(seen.counts[:, 0] < FEWEST) or np.any(variance[:, 0] <= 0.0):
         return unclear
     logarithm = np.log(np.maximum(variance, 1e-300))
@@ -107,17 +110,11 @@ def candidates(seen: Variances, time: float, declared: str) -> Candidates:
     total = np.sum(weight, axis=1)
     found = np.sum(weight * left, axis=2) / total
     least = np.sum(weight * (left - found[..., None]) ** 2, axis=2)
-    near = np.clip(found, -_NEAR, _NEAR) if declared == 'yes' else 0.0
-    fixed = least + total * (found - near) ** 2
-    coloured = np.where(times > 0.0, 0.0 if time else _CLEAR, 0.0)
-    cost, level = np.sum(fixed, axis=1) + coloured, np.zeros_like(found)
-    if declared == 'no':
-        cost, level = np.sum(least, axis=1), found
-    elif declared == 'yes':
-        other = np.sum(np.minimum(fixed, least + _EACH), axis=1) + _CLEAR
-        level = np.where((other < cost)[:, None] & (least + _EACH < fixed), found, 0.0)
-        cost = np.minimum(cost, other)
-    every = Candidates(times, cost, level, found)
+    odd = total * found**2 if declared == 'trusted' else 0.0
+    cost = np.sum(least + odd, axis=1) + np.where(times > 0.0, 0.0 if time or declared == 'no' else _CLEAR, 0.0)
+    wrong = total * np.maximum(np.abs(found) - _NEAR, 0.0) ** 2 > _CLEAR
+    level = np.zeros_like(found) if declared == 'trusted' else np.where(wrong | (times > 0.0)[:, None], found, 0.0)
+    every = Candidates(times, cost, level, found, wrong)
     if np.min(cost) > _NO_FIT * 2 * used.stop:
         return unclear if declared == 'yes' else every[:1]
     longest = times[cost <= np.min(cost) + _LIKELY][-1]
@@ -153,4 +150,5 @@ def chosen(pose: Candidates, twist: Candidates, drift: Variances, ratio: Array) 
 
 def _longest(sensor: Candidates, likely: Flags) -> Correlation:
     last = int(np.flatnonzero(likely)[-1])
-    return Correlation(float(sensor.time[last]), np.exp(sensor.found[last]), sensor.level[last] != 0.0)
+    used, contradicted = np.abs(sensor.level[last]) > _NEAR, np.all(sensor.wrong[likely], axis=0)
+    return Correlation(float(sensor.time[last]), np.exp(sensor.found[last]), used, used & contradicted)

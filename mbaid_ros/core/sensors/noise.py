@@ -17,25 +17,25 @@ from mbaid_ros.core.geometry import Array, Flags, Integers, log
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise, Stamps
 from mbaid_ros.core.sensors.correlation import FEWEST, Variances, candidates, chosen
 
-# Of the differences: polynomials of fifth degree are not in them, which is what motion looks like over seven
+# Of the differences: they cancel polynomials of fifth degree, which motion resembles over seven readings
 # readings.
 ORDER = 6
 _AT_ONCE = 40  # readings that are looked at together, at least: few cost as much as many
-_ALL = 2048  # readings, of which all differences are looked at: later on, a quarter tells enough
+_ALL = 2048  # readings, of which all differences are used: later on, a quarter suffices
 BINOMIAL = np.array([(-1.0) ** place * comb(ORDER, place) for place in range(ORDER + 1)]) / np.sqrt(comb(12, ORDER))
 _LONGEST = 200_000_000  # ns times the stride: of readings further apart it is the motion that shows
 # Bins an octave of squared differences (over the declared variance), the lowest octave as a power of 2, how many
 # octaves.
 _PARTS, _LOWEST, _OCTAVES = 8, -40, 80
 _BINS = _PARTS * _OCTAVES
-_SAME = 2.0**_LOWEST  # square, below which readings are the same: an encoder between two steps tells nothing
+_SAME = 2.0**_LOWEST  # square, below which readings are the same: an encoder between two steps adds no information
 _PLACE = np.arange(_BINS)
 # Squared difference in the middle of each bin.
 _SQUARES = np.exp2(_LOWEST + _PLACE // _PARTS) * (1.0 + (_PLACE % _PARTS + 0.5) / _PARTS)
 # Times the variance, as which a larger square counts: outliers, and where a motion begins. The mean of unit normal
 # ones clipped so.
 _CLIPPED, _OF_NORMAL = 4.0, 0.920542
-_ROUNDS = 8  # of clipping and taking the mean again: each leaves a part of what the one before has left
+_ROUNDS = 8  # of clipping and taking the mean again: each removes a part of the remaining bias
 # Readings from one that is taken to the next: by octaves, up to where motion shows at a hundred hertz.
 _STRIDES = (1, 2, 4, 8, 16, 32)
 _LONG_STRIDES = (16, 32, 64, 128, 256, 512)  # of the poses less the integrated twist: no motion shows at any
@@ -181,12 +181,13 @@ class Levels:
     Attributes
     ----------
     factor : (6,) of CHANNELS, standard deviation over the declared one; NaN for too few readings
-    contradicted : (6,) whether the declared one cannot be right
+    used, contradicted : (6,) whether it takes the declared one's place; whether the latter cannot be right
     times : (2,) s, over which the errors of poses and of twists are correlated; 0 for white noise
     clear : whether neither motion nor too few readings hide what the errors are
     """
 
     factor: Array
+    used: Flags
     contradicted: Flags
     times: Array
     clear: bool = True
@@ -216,7 +217,7 @@ class NoiseLevels:
         self._latest: tuple[BaseStream, Array] | None = None  # of the base, and the drift (1, 6) until then
         self._ratio = np.ones(2)  # 1/s, of the noise that the first message declares of twist and pose
         self._counted, self._free = 0, (False, False)
-        self._levels = Levels(np.full(6, np.nan), np.zeros(6, dtype=bool), np.zeros(2))
+        self._levels = Levels(np.full(6, np.nan), np.zeros(6, dtype=bool), np.zeros(6, dtype=bool), np.zeros(2))
 
     def take(self, joints: JointStream | None, base: BaseStream | None) -> None:
         """Add readings of each kind in the order of their stamps."""
@@ -285,13 +286,16 @@ class NoiseLevels:
         pose, twist = chosen(poses, twists, long, self._ratio)
         enough = np.concatenate((self._joints.counts.sum(axis=1), counts[..., 0].ravel())) >= FEWEST
         factor = np.sqrt(np.where(enough, np.concatenate((joints, pose.variance, twist.variance)), np.nan))
-        contradicted = np.concatenate(([False, False], pose.contradicted, twist.contradicted)) & enough
+        joints_as_declared = np.zeros(2, dtype=bool)
+        used = np.concatenate((joints_as_declared, pose.used, twist.used)) & enough
+        contradicted = np.concatenate((joints_as_declared, pose.contradicted, twist.contradicted)) & enough
         times, before = np.array([pose.time, twist.time]), self._levels
         growth = np.where(counts[..., 1] > 0, base[..., 1] / np.maximum(base[..., 0], 1e-300), 0.0).min(axis=1)
         # What was clear once stays, where motion hides the errors later.
         hidden = np.isnan(factor) & enough & np.isfinite(before.factor)
         return Levels(
             np.where(hidden, before.factor, factor),
+            np.where(hidden, before.used, used),
             np.where(hidden, before.contradicted, contradicted),
             np.where(hidden[2::2], before.times, times),
             clear=not (np.any(np.isnan(factor) & enough & ~hidden) or np.any((times == 0.0) & (growth > _GROWS))),
