@@ -14,8 +14,9 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, Flags
 
 FEWEST = 60  # differences that tell a level, to a sixth of it
-_SOME = 30  # of readings further apart, that tell whether it grows
-_INDEPENDENT = 0.3  # of the differences: as many independent ones tell as much, as neighbours share readings
+_SOME = 12  # of readings further apart, that tell whether it grows
+# Of sixth and of first differences: as many independent ones tell as much, as neighbours share readings.
+_INDEPENDENT, _OF_FIRST = 0.3, 0.45
 _NO_FIT = 25.0  # mean normalised square of what a correlation leaves of the variances, from which none explains them
 _SHORTEST = 3  # strides over which noise has to grow to count as correlated, where motion shows beyond
 # Times the variance grows from one stride to the next by motion, not noise, and the standard deviations beside.
@@ -141,7 +142,7 @@ def chosen(pose: Candidates, twist: Candidates, drift: Variances, ratio: Array) 
         expected = np.exp(pose.level)[:, None, :, None] * of_pose[:, None, None]
         expected = expected + (np.exp(twist.level) * ratio**2)[:, :, None] * of_twist[:, None]
         left = (np.log(np.maximum(drift.variance, 1e-300)) - np.log(expected))[..., known]
-        more = np.sum(drift.weight[:, known] * left**2, axis=(2, 3))
+        more = _OF_FIRST / _INDEPENDENT * np.sum(drift.weight[:, known] * left**2, axis=(2, 3))
         if np.min(more) < _NO_FIT * 2 * np.sum(known):
             cost = cost + more
     likely: Flags = np.asarray(cost <= np.min(cost) + _LIKELY)
