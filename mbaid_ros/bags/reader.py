@@ -180,7 +180,7 @@ class BagReader:
         self.close()
 
     def _maker(self, name: str) -> Callable[[list[bytes], Stamps], Sequence[Any]]:
-        """Return what makes messages of a topic out of bytes that were recorded at times (N,), ns."""
+        """Return the reader of a topic's messages from bytes that were recorded at times (N,), ns."""
         store, type_name = self._typestore(self.topics[name]), self.topics[name].type
         deserialize = self._deserializer(name, store)
         pack = packer(type_name) if is_standard(store, type_name) else None
@@ -198,7 +198,7 @@ class BagReader:
         return make
 
     def _deserializer(self, name: str, store: Typestore) -> Callable[[bytes, int], Any]:
-        """Return what makes messages of a topic out of bytes that were recorded at a time, ns."""
+        """Return the reader of a topic's messages from bytes that were recorded at a time, ns."""
         type_name = self.topics[name].type
 
         def deserialize(data: bytes, time: int) -> Any:

@@ -30,7 +30,7 @@ from mbaid_ros.core.errors import DataError
 
 _LARGEST_RECORD = limits.CHUNK_BYTES + 1_000  # bytes: a chunk and its header
 
-# What the libraries raise on damaged files: besides their own exceptions, all that parsing wrong bytes leads to.
+# Exceptions of the libraries on damaged files: their own, and all those of parsing wrong bytes.
 DAMAGE = (
     *(ReaderError, McapError, apsw.Error, ZstdError, zstandard.ZstdError),
     *(struct.error, ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError),
@@ -237,7 +237,7 @@ def _channel_topic(channel: Channel, schema: Schema | None) -> Topic:
     try:
         latched, reliable = _offered(parse_profiles(channel.metadata.get('offered_qos_profiles', '')))
     except DAMAGE:
-        latched, reliable = False, True  # what most publishers offer
+        latched, reliable = False, True  # as most publishers offer
     return Topic(
         name=channel.topic,
         type='' if schema is None else schema.name,

@@ -174,7 +174,7 @@ def unread_log(file: Path) -> str:
 
 
 def _authorize(action: int, first: str | None, second: str | None, database: str | None, origin: str | None) -> int:
-    """Admit what the queries here need; `origin` is the view or trigger that asks, if one does."""
+    """Admit the actions of the queries here; `origin` is the view or trigger that asks, if one does."""
     asked = {apsw.SQLITE_FUNCTION: (second, _FUNCTIONS), apsw.SQLITE_PRAGMA: (first, _PRAGMAS)}.get(action)
     admitted = action in _ADMITTED and origin is None and (asked is None or (asked[0] or '').lower() in asked[1])
     return apsw.SQLITE_OK if admitted and database in {None, 'main'} else apsw.SQLITE_DENY

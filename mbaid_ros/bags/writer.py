@@ -40,7 +40,7 @@ def parse_yaml(text: str) -> Any:
 
 
 def _check_size(text: str) -> None:
-    """Refuse what takes long to load, or is nested so deeply that libyaml ends the process."""
+    """Refuse documents that take long to load, or are nested so deeply that libyaml ends the process."""
     depth = 0
     for count, event in enumerate(yaml.parse(text, _Loader)):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
@@ -171,7 +171,7 @@ class BagWriter:
             storage.bio.raw.close()  # not the buffer above it, which would try once more
 
     def _unmake(self) -> None:
-        """Remove the file, and the folder that was made for it; what others have put there stays."""
+        """Remove the file, and the folder that was made for it; files of others stay."""
         storage = self._storage
         self._let_go(storage)
         if storage is not None:

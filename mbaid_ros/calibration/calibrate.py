@@ -63,7 +63,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     gaussian = settled.passed.gaussian
     widened = normals.as_far_off()
     values, covariance = widened.blocks()
-    covariance = covariance * widening(gaussian.innovations, gaussian.nis / max(gaussian.measured, 1))
+    covariance = covariance * widening(gaussian.innovations, 1.0)
     values, corrections = _physical(values, covariance, kernel, [std.empty for std in settings.priors])
     size = len(prior.mean)
     gained = _gained(normals.links)
@@ -98,7 +98,7 @@ def _filtered(
     seen: tuple[Sequence[list[Samples]], Sequence[PlaneDetector]],
     settings: CalibrationSettings,
 ) -> tuple[Converged, list[Motion], Normals]:
-    """Return what the filter comes to over all motions."""
+    """Return the result of the filter over all motions."""
     runs, detectors = seen
     # The first of the unknown links has the place of the filter's target, the others are known bodies with errors.
     robot = MomentumKernel(detectors[0].model, prior.links[0].name).with_uncertainty(prior.errors(1))
@@ -119,7 +119,7 @@ def _filtered(
 def _mechanism(
     kernel: MomentumKernel, runs: Sequence[list[Samples]], noise: SensorNoise
 ) -> tuple[list[PlaneDetector], Mechanism]:
-    """Return the plane of each motion, if all of them are planar, and what moves."""
+    """Return the plane of each motion, if all of them are planar, and the moving bodies."""
     if not runs:
         raise DataError(_NO_WINDOWS)
     detectors = []

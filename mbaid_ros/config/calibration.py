@@ -83,7 +83,7 @@ def _is_covariance(matrix: Array) -> bool:
     if not np.all(np.abs(matrix) <= limits.QUANTITY**2) or np.any(np.diag(matrix) < 0.0):
         return False
     size = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
-    with np.errstate(over='ignore'):  # a covariance with what has no variance
+    with np.errstate(over='ignore'):  # a covariance with a number without variance
         scaled = matrix / size / size[:, None]
     if not np.all(np.isfinite(scaled)):
         return False

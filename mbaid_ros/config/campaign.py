@@ -191,7 +191,7 @@ def _over(below: Settings, above: Settings) -> Settings:
 
 
 def _mapping(where: str, content: object, keys: Sequence[str] = (), *, required: bool = False) -> Mapping[str, object]:
-    """Return what holds 'name: value' pairs, nothing being none of them, with one of some keys or any."""
+    """Return a mapping of 'name: value' pairs, empty for nothing, with one of some keys or any."""
     if content is None and not required:
         return {}
     if not isinstance(content, dict) or (required and not content):

@@ -14,7 +14,7 @@ from mbaid_ros.core.errors import ModelError, ParameterError
 from mbaid_ros.files import read_text
 
 _SECTION = 'ros__parameters'
-_STANDARD = 'tag:yaml.org,2002:'  # what !! stands for
+_STANDARD = 'tag:yaml.org,2002:'  # the expansion of !!
 
 
 class _Loader(yaml.SafeLoader):
@@ -65,7 +65,7 @@ _Loader.add_constructor('tag:yaml.org,2002:int', _Loader.construct_yaml_int)
 _Loader.add_constructor('tag:yaml.org,2002:float', _Loader.construct_yaml_float)
 
 
-# What reading leads to: besides YAML's own errors an impossible date or number, deep nesting.
+# Errors of reading: besides YAML's own, those of an impossible date or number, and of deep nesting.
 _REFUSED = (yaml.YAMLError, ValueError, OverflowError, RecursionError)
 
 

@@ -91,7 +91,7 @@ class ParameterSpec:
         Raises ParameterError: Wrong type, not finite, or outside the range or the choices.
         """
         if self.type in ('double_array', 'string_array'):
-            if value is None:  # what ROS makes of an empty list in a file
+            if value is None:  # an empty list in a file, in ROS
                 value = ()
             if not isinstance(value, list | tuple | array.array) or (self.lengths and len(value) not in self.lengths):
                 raise self._refused(value)
@@ -99,7 +99,7 @@ class ParameterSpec:
         return self._element(value, value)
 
     def _element(self, item: object, value: object) -> bool | int | float | str:
-        """Return one entry of a list, or the value of a scalar, in its type; `value` is what an error shows."""
+        """Return one entry of a list, or the value of a scalar, in its type; errors show `value`."""
         kind = self.type.removesuffix('_array')
         if kind == 'bool' and isinstance(item, bool):
             return item

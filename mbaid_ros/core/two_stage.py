@@ -166,7 +166,7 @@ class TwoStageEstimator:
             return late
         self._agreed = 0
         if not self._restarted:
-            # A solution that is not the data's: once more, from what the first stage has found.
+            # A solution that is not the data's: once more, from the first stage.
             self._restarted = True
             self._second.restart()
             return with_reasons(early, [DISAGREE])

@@ -52,7 +52,7 @@ class JointReader:
         self._passive = tuple(place for place, name in enumerate(joint_names) if name in passive)
         self.all: Joints = tuple(range(len(self._names)))
         self._layouts: dict[tuple[str, ...], _Layout] = {}
-        self.others: tuple[str, ...] = ()  # what the last message that was laid out held beside the joints
+        self.others: tuple[str, ...] = ()  # further names in the last message that was laid out
         self.unknown: tuple[str, ...] = ()  # names of the last message that lacked a joint
         self.missing: tuple[str, ...] = ()
         self.not_finite: Counter[str] = Counter()  # messages with a NaN or infinite value, by field and joint
@@ -154,7 +154,7 @@ _Run = tuple[_Layout, _Shape, list[Any]]  # messages in a row that have the same
 def _finite_joints(
     runs: Sequence[_Run], wheels: Sequence[int], dropped: Counter[str]
 ) -> tuple[JointStream, dict[int, int]]:
-    """Return what messages hold that have every position, and the speed of every wheel; others are counted.
+    """Return the contents of messages that have every position, and the speed of every wheel; others are counted.
 
     The second result is the number of messages that lack each of these, by its column.
     """

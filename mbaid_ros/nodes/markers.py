@@ -25,7 +25,7 @@ from mbaid_ros.nodes.subscriptions import LATCHED, qos, quiet_publisher, tf_mess
 
 NAMESPACE = 'identified_body'
 _RADIUS_95 = math.sqrt(7.814728)  # of the region that holds 95 % of a normal distribution in space
-_SMALLEST = 1e-6  # m; viewers do not draw what has no size
+_SMALLEST = 1e-6  # m; viewers do not draw shapes without size
 _LATEST = 2**31 * 1_000_000_000 - 1  # ns, the largest stamp
 _TF_PERIOD = 1_000_000_000 // 50  # ns
 

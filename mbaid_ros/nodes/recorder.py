@@ -29,7 +29,7 @@ _INPUTS = ('joint_states', 'odom', 'pose', 'imu', 'thrust', 'stored_momentum', '
 _OUTPUT_TYPES = ('geometry_msgs/msg/InertiaStamped', 'diagnostic_msgs/msg/DiagnosticArray')
 _DISCOVERY_PERIOD = 0.1  # s
 _FLUSH_PERIOD = 1.0  # s, longest loss if the machine fails; a tenth of its age of a younger recording
-_DEPTH = 5000  # messages: what arrives at 1 kHz during five seconds of a busy disk
+_DEPTH = 5000  # messages, as arrive at 1 kHz during five seconds of a busy disk
 _ON_ITS_WAY = 300_000_000  # ns, in which messages sent before an interrupt are received
 _IDLE_TURNS = 20  # turns of the executor without a message, after which nothing received is left
 

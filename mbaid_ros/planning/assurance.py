@@ -22,7 +22,7 @@ from mbaid_ros.planning.splines import Splines
 
 _DRAWS, _MORE_DRAWS = 12, 32  # robots as they may be as well: on the way, and of the motion that is taken
 _COMPARED = 8  # of these, for which the plan reports the precision
-_SURE = 5.0  # standard deviations of what the motion does to the base that are kept from its limits
+_SURE = 5.0  # standard deviations of the base's motion that are kept from its limits
 _PARTS = (1.0, 0.85, 0.7, 0.5, 0.35, 0.2, 0.1, 0.05)  # to which motions are made smaller, for the robot to stay apart
 
 

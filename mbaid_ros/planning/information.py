@@ -139,7 +139,7 @@ class Information:
     def _followed(
         self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion
     ) -> Iterator[list[SquareRootInformation]]:
-        """Give what will be known of B motions after each window."""
+        """Give the posterior of B motions after each window."""
         whitened = self._windows(grid, joints, base)
         batch = joints[0].shape[1]
         gaussians = [self._start] * batch

@@ -23,7 +23,7 @@ _PARTS = (slice(0, 3), slice(3, 6))  # of a twist
 WINDOWS, KNOTS = 14, 5  # of a motion in the search: finer ones give the same information within some 2 %
 _FINE = 240  # steps of the base's motion along any trajectory
 _STEPS = 2  # a piece, of the base's motion, where nothing but that is asked for
-# What motions beyond a limit are brought to, and whether by longer ramps, in turn.
+# The parts of a limit that motions beyond it are reduced to, and whether by longer ramps, in turn.
 _MARGINS = ((0.98, True), (0.95, True), (0.95, False))
 _SPARSE = 2  # of these from one at which torques are asked for to the next: ends of pieces, where they are largest
 

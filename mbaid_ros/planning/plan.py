@@ -13,7 +13,7 @@ from mbaid_ros.core.results.parameters import PARAMETERS
 _WHOLE = 0.95  # of the longest motion that is looked for, from which one counts as that long
 _MARGIN = 1.02  # ratio to the wanted precision, from which a plan is reported to possibly miss it
 BINDING = 0.9  # part of a limit from which a motion is at it
-# In the order of what motions use: of the joints, then of the base; then what keeps the robot out of its own way.
+# In order: limits of the joints, of the base, and the clearance of the robot from itself.
 LIMITS = (
     'the position limits of the joints',
     'the velocity limits of the joints',

@@ -28,7 +28,7 @@ from mbaid_ros.planning.splines import Splines
 
 _FIRST = 20.0  # s, of the motions that a search begins with
 _OTHER = 1.3  # ratio of lengths from which the robot's uncertainty changes the base's motion differently
-_MOVING = 5e-3  # rad/s or m/s, from which a joint counts as moving: above what noise makes of one that rests
+_MOVING = 5e-3  # rad/s or m/s, from which a joint counts as moving: above the noise of one at rest
 _WINDOW, _KNOTS = 0.5, 10  # s; as the estimator has them
 _CLOSE = 1.2  # ratio to the wanted precision, from which more than a little length is missing
 _SMALL = 0.2  # of the duration of a motion that is lengthened for the fine windows
@@ -155,12 +155,12 @@ class Planner:
         return single_joint(self.motions, self._wanted, self._settings.base)
 
     def _advice(self, candidate: Candidate) -> list[str]:
-        """Return what would help, beside this motion."""
+        """Return remedies beside this motion."""
         beyond = beyond_motion(candidate.motions, candidate.speeds, candidate.motions.coarse, self._wanted)
         return [line for line in (self.advice(), beyond) if line]
 
     def _notes(self) -> list[str]:
-        """Return what holds of where the motion begins."""
+        """Return notes on the start of the motion."""
         notes, knowledge = [], self.motions.knowledge
         model = knowledge.layout.kernel.model
         rate = np.abs(knowledge.end.joint_velocity)
@@ -206,7 +206,7 @@ class Planner:
                 motions.effort(candidate.speeds[None]),
             )
         )[:, moved]
-        # What the search was held to: a motion that is at that is at its limit.
+        # The limit of the search: a motion that reaches it is at its limit.
         of_base = np.maximum(bounds.nominal / base.array, bounds.sure / settings.base.array)
         trajectory, grid = motions.trajectory(candidate.speeds), self._grid(candidate.duration)
         return Plan(

@@ -200,7 +200,7 @@ class Search:
         return self._candidate(found, place) if np.isfinite(found.cost[place]) else self._still()
 
     def _compared(self, legs: Array) -> _Compared:
-        """Return what becomes of motions (B, NUMBERS, k), as large as allowed."""
+        """Return the outcomes of motions (B, NUMBERS, k), as large as allowed."""
         motions = self._motions
         fastest = np.where(motions.limits.moved, motions.limits.velocity, 0.0)
         speeds = motions.gentle(motions.within(speeds_of(legs, motions.splines.count) * fastest), self.base)

@@ -19,7 +19,7 @@ from mbaid_ros.replay.rest_readings import FEWEST, SHORTEST, Recording, read_rec
 _DEGREE = 3
 _BLOCK = 0.5  # s, over which motion is looked for: noise averages out, and a joint that moves gets somewhere
 _FEWEST_IN_BLOCK = 10
-_MOVED = 3.0  # standard deviations of a single sample; what noise leaves of a block's mean is far below one
+_MOVED = 3.0  # standard deviations of a single sample; the noise of a block's mean is far below one
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,7 @@ def why_not(result: Calibrated) -> str:
 
 
 def _sizes(link: LinkResult, length: float) -> Array:
-    """Return what the standard deviation of each value is taken relative to, for a CoM the radius of gyration."""
+    """Return the size that each standard deviation is relative to, for a CoM the radius of gyration."""
     values = link.cad if link.cad[0] > 0.0 else link.parameters
     gyration = float(np.sqrt(np.sum(values[[4, 7, 9]]) / 2.0 / values[0]))
     com = gyration if link.cad[0] > 0.0 else max(length, gyration)
@@ -122,7 +122,7 @@ def _about_values(result: Calibrated) -> list[str]:
     calibration = result.calibration
     notes = []
     if result.contradicted:
-        notes.append(f'residuals are {calibration.residual:.1f} times what the noise parameters explain')
+        notes.append(f'residuals are {calibration.residual:.1f} times as large as the noise parameters explain')
     if calibration.scale.relative_std > _LOOSE_SCALE:
         notes.append(
             f'the scale is known to {100.0 * calibration.scale.relative_std:.2g} % only: all masses and inertias may '

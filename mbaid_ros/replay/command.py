@@ -193,7 +193,7 @@ def replay(arguments: argparse.Namespace) -> int:
     urdf = read_robot_description(arguments.model)
     inputs = Inputs.from_arguments(arguments, config)
     if not gc.get_freeze_count():
-        gc.freeze()  # what there is by now stays: looking through it for garbage takes time, again and again
+        gc.freeze()  # present objects stay: looking through them for garbage takes time, again and again
     if len(arguments.bags) > 1:
         runs = replay_bags(arguments.bags, config, urdf, inputs, arguments.processes)
     else:

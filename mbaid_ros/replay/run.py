@@ -152,7 +152,7 @@ def replay_bag(
 
 
 def _advice(config: EstimatorConfig, knowledge: Posterior) -> str:
-    """Return what motion would help most."""
+    """Return the motion that would help most."""
     from mbaid_ros.session.planning import advice  # noqa: PLC0415 - takes a while, and many a run ends without it
 
     return advice(config, knowledge)

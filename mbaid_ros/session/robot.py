@@ -88,7 +88,7 @@ class Robot:
         self._report_debris = config.debris.report
         self._in_principal_axes = config.debris.frame == PRINCIPAL
         self.model = load_model(urdf, config.base_link)
-        self._written: tuple[RobotModel, str] = (self.model, urdf)  # what `urdf` was last asked for
+        self._written: tuple[RobotModel, str] = (self.model, urdf)  # the last result of `urdf`
         self.target_link = config.target_link or self.model.last_link
         kernel = MomentumKernel(self.model, self.target_link).storing(storage(config.wheels, self.model))
         kernel = kernel.swinging(springs(config.flexible, self.model))

@@ -91,7 +91,7 @@ def draw(model: RobotModel, target: str, sizes: ErrorSizes, rng: np.random.Gener
 
 
 def _bodies(model: RobotModel, target: str, std: float, rng: np.random.Generator) -> Array:
-    """Draw the (n + 1, 10) errors of the moving bodies, the target link left out of what they are relative to."""
+    """Draw the (n + 1, 10) errors of the moving bodies, relative to the bodies without the target link."""
     known = model.body_parameters(without=target)
     change = np.zeros_like(known)
     if std > 0.0:

@@ -73,7 +73,7 @@ class CaptureEstimator:
         self._margin = margin
         self._largest_residual = largest_residual
         self._detect = detect
-        self._suspect: Samples | None = None  # the first window after what may be the capture
+        self._suspect: Samples | None = None  # the first window after a possible capture
         self._known = KnownMomentum(kernel, noise)
         self._waiting: deque[Samples] = deque()  # windows that may yet turn out to lie within the margin
         self._latest = -np.inf  # s, end of the last window
@@ -130,7 +130,7 @@ class CaptureEstimator:
         return replace(window, tide=window.tide - self._until.tide)
 
     def _until_then(self) -> Array:
-        """Return what the orbit has brought to the robot alone until the capture, (6,)."""
+        """Return the orbit's momentum of the robot alone until the capture, (6,)."""
         if self._until is None or not self._until.tide.shape[1]:
             return np.zeros(6)
         return brought(self._until, self._own_bodies()) - self._until.impulse[-1]

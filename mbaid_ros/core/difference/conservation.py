@@ -88,7 +88,7 @@ class Conservation:
         best = int(
             np.argmax(falls if jump is None else np.where(np.abs(starts - jump.first_seen) <= _NEAR, falls, 0.0))
         )
-        # Noise that is larger than declared is no jump: the scale of what a jump leaves.
+        # Noise that is larger than declared is no jump: the scale of the residuals of a jump.
         scale = max((window.linear.cost - falls[best]) / (redundancy + surplus), 1.0)
         fall, time = float(falls[best]) / scale, float(starts[best])
         if fall > (self._limit if jump is None else jump.fall):

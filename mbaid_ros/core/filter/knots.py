@@ -226,7 +226,7 @@ def midpoints(knots: Knots, spacing: float) -> Midpoints:
 
     Values at the knot centres are the means less the offset times the slope and half the spread times the second
     difference; midway values take off a sixteenth, rates a twenty-fourth of the neighbours' differences. At the ends
-    the neighbour's correction serves.
+    the corrections follow the line through the two nearest.
     """
     joints = knots.joint_position.shape[-1]
     parts = (knots.joint_position, knots.base_position, knots.base_twist, knots.stored, knots.gyro)
@@ -271,11 +271,8 @@ def with_joints_later(middle: Midpoints, late: float, spacing: float) -> Midpoin
 
 
 def gradient(values: Array) -> Array:
-    """Return the slope of (J, ...) per step: half the difference of the neighbours, at the ends the step."""
-    slope = np.empty_like(values)
-    slope[1:-1] = 0.5 * (values[2:] - values[:-2])
-    slope[0], slope[-1] = values[1] - values[0], values[-1] - values[-2]
-    return slope
+    """Return the slope of (J, ...) per step: half the difference of the neighbours, at the ends of the parabola."""
+    return _slope(values[1:] - values[:-1])
 
 
 def _turns(rotation: Array) -> Array:
@@ -286,11 +283,12 @@ def _centre(values: Array, knots: Knots) -> Array:
     """Return the values at the knots' centres. Twice: the first slopes are of means that are off themselves."""
     offset, square = knots.offset[..., None], (knots.spread + knots.offset**2)[..., None]
     centred = values - offset * gradient(values)
-    return values - offset * gradient(centred) - 0.5 * square * _second_difference(centred)
+    step = centred[1:] - centred[:-1]
+    return values - offset * _slope_to(offset, step) - 0.5 * square * _padded(step[1:] - step[:-1])
 
 
 def _mean(values: Array, knots: Knots) -> Array:
-    """Return the means of both knots, each at its centre, of what may begin and end at once: to first order only."""
+    """Return the means of both knots, each at its centre, of quantities that may jump: to first order only."""
     centred = values - knots.offset[..., None] * gradient(values)
     return np.asarray(0.5 * (centred[1:] + centred[:-1]))
 
@@ -300,12 +298,18 @@ def _centre_rotation(knots: Knots) -> Array:
     offset, square = knots.offset[..., None], (knots.spread + knots.offset**2)[..., None]
     turn = _turns(knots.base_rotation)
     turn = _turns(exp(-offset * _slope(turn)) @ knots.base_rotation)
-    return exp(-offset * _slope(turn) - 0.5 * square * _padded(turn[1:] - turn[:-1])) @ knots.base_rotation
+    return exp(-offset * _slope_to(offset, turn) - 0.5 * square * _padded(turn[1:] - turn[:-1])) @ knots.base_rotation
 
 
-def _slope(turn: Array) -> Array:
-    """Return the turn a knot's spacing at each knot, from those between knots."""
-    return np.concatenate((turn[:1], 0.5 * (turn[1:] + turn[:-1]), turn[-1:]))
+def _slope(step: Array) -> Array:
+    """Return the change a knot's spacing at each knot, from those between knots."""
+    return _padded(0.5 * (step[1:] + step[:-1]))
+
+
+def _slope_to(offset: Array, step: Array) -> Array:
+    """Return the same to fourth order, for steps of first-order centres an offset away."""
+    slope = _slope(step)
+    return slope - (1.0 - 4.0 * offset**2) / 6.0 * _second_difference(slope)
 
 
 def _midway(values: Array) -> Array:
@@ -319,4 +323,7 @@ def _second_difference(values: Array) -> Array:
 
 
 def _padded(inner: Array) -> Array:
-    return np.concatenate((inner[:1], inner, inner[-1:]))
+    """Return values with one more at either end, on the line through the two nearest."""
+    if len(inner) < 2:
+        return np.concatenate((inner, inner, inner))
+    return np.concatenate((2.0 * inner[:1] - inner[1:2], inner, 2.0 * inner[-1:] - inner[-2:-1]))

@@ -62,7 +62,7 @@ class PriorScaleFactors:
             each[own] = np.maximum(each[own], likely[0][row])
         sizes = dict(zip(names, map(LikelyScale, *map(np.ndarray.tolist, likely)), strict=True))
         distances = dict(zip(names, map(Distance, *map(np.ndarray.tolist, away)), strict=True))
-        beyond = values**2 + covariance.diagonal() - 1.0  # on average at most zero of what looks as declared
+        beyond = values**2 + covariance.diagonal() - 1.0  # on average at most zero for numbers as declared
         for kind in groups.wide:
             own, sizes[kind] = groups.places[kind], AS_DECLARED
             if np.add.reduce(beyond[own]) > 0.0:

@@ -194,7 +194,7 @@ def near_part(parameters: Array, step: Array) -> float:
     if parameters[body][0] == 0.0:
         return 1.0  # nothing is known of a body that has no mass
     far, size = np.abs(step[body]), body_sizes(parameters[body])
-    # What has no size, as a mass whose inertia is none, is not to be left at all.
+    # Numbers without size, as a mass without inertia, stay as they are.
     change = float(np.max(np.divide(far, size, out=np.where(far > 0.0, np.inf, 0.0), where=size != 0.0)))
     return min(1.0, _NEAR / max(change, _NEAR))
 

@@ -278,7 +278,7 @@ def passive_columns(
 def _carried_columns(
     layout: Layout, kernel: MomentumKernel, states: BodyStates
 ) -> Iterator[tuple[slice, Array, Array]]:
-    """Yield, for the target and unknowns of bodies, their place, and derivatives by them of what passive joints carry.
+    """Yield, for the target and unknowns of bodies, their place, and the derivatives of the passive joints' loads.
 
     Those are (N, f, 6, k) of its momentum, and (f, k) of the inertia about each joint's axis at rest.
     """

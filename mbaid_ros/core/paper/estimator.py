@@ -204,5 +204,5 @@ class PaperEstimator:
 
 
 def _inertia_scale(parameters: Array) -> Array:
-    """Return what changes of the six elements of inertia are measured by: the largest moment that is known."""
+    """Return the unit of changes of the six elements of inertia: the largest known moment."""
     return np.full(6, np.max(np.abs(parameters[[4, 7, 9]]), initial=1e-12))

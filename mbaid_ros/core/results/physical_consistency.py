@@ -196,7 +196,7 @@ def inertia_ratios(parameters: Array, covariance: Array) -> InertiaRatios:
     slope = (np.eye(6) - np.outer(elements, _TRACE)) / trace
     ratios = slope @ of_inertia @ slope.T
     principal, axes = np.linalg.eigh(unvec(elements))
-    # A principal moment changes by what its axis has of the change: v^T dI v.
+    # A principal moment changes by the change along its axis: v^T dI v.
     x, y, z = axes
     along = np.stack((x * x, 2.0 * x * y, 2.0 * x * z, y * y, 2.0 * y * z, z * z), axis=1)
     variance = np.diag(along @ ratios @ along.T)

@@ -176,7 +176,7 @@ class Reporting:
     def _reasons(
         self, identifiable: Flags, linear: Flags, residual: float, correction: float, solution: Solution
     ) -> Iterator[Reason]:
-        """Yield what a solution shows by itself; what contradicts the model does only where parameters are known."""
+        """Yield the findings of a solution by itself; contradictions count only if parameters are known."""
         serious: Severity = 'contradiction' if identifiable.any() else 'note'
         if solution.plane is not None:
             yield Reason('planar motion: only mass, CoM in the plane and moment about its normal can be found')
@@ -185,7 +185,7 @@ class Reporting:
         if not linear.all() and identifiable.any():
             yield Reason(f'observable only at second order: {_names(~linear)}')
         if residual > self.largest_residual:
-            text = f'residuals are {residual:.1f} times what the noise parameters explain'
+            text = f'residuals are {residual:.1f} times as large as the noise parameters explain'
             # Few equations leave large residuals by chance.
             square = residual**2 * solution.redundancy
             large = solution.redundancy > 0 and square > chi_square.limit(_BY_CHANCE, solution.redundancy)

@@ -180,7 +180,7 @@ def widening(innovations: Innovations, nis: float) -> float:
 
 
 def _causes(evidence: Evidence) -> tuple[Cause, ...]:
-    """Return what may be wrong, the likeliest first."""
+    """Return the candidate causes, the likeliest first."""
     causes = [
         Cause(f'{what} is further off than declared: check it, or raise its standard deviation', 0.5 * square)
         for what, (square, _, degrees) in evidence.distances.items()

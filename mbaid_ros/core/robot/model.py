@@ -31,8 +31,8 @@ def configurations(model: RobotModel, parsed: pinocchio.Model, position: Array) 
     return found
 
 
-_JOINT = 'joint: '  # before the name of a joint in what pinocchio parses
-_COMPLAINTS = 2  # of the parser that an error repeats: where it failed, and in what
+_JOINT = 'joint: '  # before the name of a joint in pinocchio's document
+_COMPLAINTS = 2  # of the parser that an error repeats: the place and the element
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,7 @@ def sensitivity_of_known(kernel: MomentumKernel, states: BodyStates) -> Array:
     """Return the (N, 6, 2 n + 9) derivatives of the known bodies' momentum alone."""
     members, owner, twists = _moving(kernel, states)
     composite = members @ states.known
-    momenta = members @ states.momenta  # of what the joints move, and of the whole
+    momenta = members @ states.momenta  # of the bodies that the joints move, and of the whole
     joint_twist = states.configuration.joint_twist
     return _assembled(joint_twist, momentum(composite[:, owner], twists)[:, None], momenta[:, None])[..., 0]
 

@@ -89,7 +89,7 @@ def _traced(name: str, mimics: Mapping[str, Mimic], independent: Mapping[str, in
     raise ModelError(f"joint '{name}' mimics joints that mimic it; accepted: one that moves by itself")
 
 
-GROUND = 'world'  # the root that URDF has by custom for what the robot stands on
+GROUND = 'world'  # the usual name of the root that a robot stands on
 _LOOSE = ('floating', 'planar')  # joints that a robot floats on
 
 

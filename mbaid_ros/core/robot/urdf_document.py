@@ -91,7 +91,7 @@ def names_of(robot: ET.Element, kind: str) -> list[str]:
 
 
 def _check_size(robot: ET.Element) -> None:
-    """Refuse what pinocchio's parser takes minutes for: it looks at all attributes of an element for each of them."""
+    """Refuse elements that take pinocchio's parser minutes: it reads all attributes again for each of them."""
     level, count, depth = [robot], 0, 0
     while level:
         count, depth = count + len(level), depth + 1

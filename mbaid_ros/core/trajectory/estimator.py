@@ -62,6 +62,7 @@ class TrajectoryEstimator:
             settings.window,
             settings.gyro,
             orientation_measured=settings.orientation_measured,
+            fastest=kernel.springs.fastest,
         )
         self._runs = TargetRuns(kernel, settings, self._plane)
         self._samples = 0
@@ -108,11 +109,12 @@ class TrajectoryEstimator:
         sizes = moments.sizes(layout)
         verdict = self._with_causes(run, judge(self._runs.evidence(run, sizes, window)))
         verdict = with_undeclared_orbit(verdict, moments, layout)
-        # Where the data contradict the model, the verdict names what would have to be further off.
+        # Where the data contradict the model, the verdict names the declarations that would have to be wrong.
         too_small = [underestimated_text(*each) for each in sizes.sure if verdict.adequate]
         acting = filtered.hypothesis.disturbed and filtered.hypothesis.physical
         estimated = [f'{filtered.hypothesis.name}; it is estimated, too, which widens the intervals'] if acting else []
-        flexible = passive_joints(moments, layout, run.largest_deflections) if layout.kernel.springs.count else ()
+        swinging = layout.kernel.springs.count > 0
+        flexible = passive_joints(moments, layout, run.largest_deflections, run.resolved) if swinging else ()
         x, factor = moments.published(sizes, layout, _REPORTED)
         covariance = (factor @ factor.T + moments.variables.outside[np.ix_(_REPORTED, _REPORTED)]) * verdict.widening
         return Solved(
@@ -160,7 +162,7 @@ class TrajectoryEstimator:
         else:
             reason = _AT_REST if self._settings.located else _TUMBLING
         if moved:
-            # A run that has lost its solution has not explained what contradicted it.
+            # A run that has lost its solution has not explained the contradiction.
             isolation.follow(run, suspicious=run.unexplained or isolation.suspicious)
         return NoSolution(
             status='waiting' if moved and not run.started else 'not_identifiable',

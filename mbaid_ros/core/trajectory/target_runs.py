@@ -127,7 +127,7 @@ class TargetRuns:
     def _new_run(self, windows: list[Window]) -> FilterRun:
         """Return a run over some windows."""
         settings, known_mass = self._settings, float(np.sum(self._kernel.known[:, 0]))
-        adapt = settings.adapt and settings.located  # what drifts would show in poses
+        adapt = settings.adapt and settings.located  # drifts show in poses only
         bank = hypotheses(known_mass, settings.noise.base_position, settings.constant, adapt=adapt)
         candidates = CandidateCauses(self.layout, self._plane, settings.uncertainty, bank)
         self.isolation = FaultIsolation(candidates, settings.noise)
@@ -159,7 +159,7 @@ class TargetRuns:
     def evidence(self, run: FilterRun, sizes: PriorScaleFactors, latest: Samples) -> Evidence:
         """Return the evidence for and against the model of a run that has started, after its latest window."""
         gaussian, hypothesis = run.best.gaussian, run.best.hypothesis
-        # A hypothesis that acts or drifts takes up what would show where the robot is wrong.
+        # A force or drift would absorb the errors of a wrong robot.
         undisturbed = run.moments_of_first().sizes(self.layout) if hypothesis.disturbed else sizes
         beside_prior = sizes if hypothesis.physical else undisturbed
         # A declared force has no rival: nothing was estimated without it.

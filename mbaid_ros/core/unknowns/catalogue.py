@@ -62,7 +62,7 @@ from mbaid_ros.core.unknowns.joints import (
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 from mbaid_ros.core.unknowns.sensors import ClockDrift, GyroErrors, TimeOffset, clock_drift, gyro, time_offset
 
-# By kind of cause: those of every unknown, and of what may be given beforehand.
+# By kind of cause: those of every unknown, and of the priors of target and momentum.
 _WORDS: dict[str, Words] = {
     'target prior': Words(remedy='the prior of the target (target_prior)'),
     'momentum prior': Words(remedy='the prior of the momentum (momentum.linear_prior_std)'),
@@ -125,7 +125,7 @@ def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown
 
 
 def _not_calibrated(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
-    """Return what belongs to the robot and to no calibration."""
+    """Return the unknowns that belong to the robot and to no calibration."""
     thrust = uncertainty.thrust_scale, uncertainty.thrust_direction, uncertainty.thrust_delay
     return _uncertain(
         spin_inertias(kernel, uncertainty.spin_inertias),
@@ -157,7 +157,7 @@ def _of_springs(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unkno
 
 
 def _of_sensors(uncertainty: Uncertainty) -> tuple[Unknown, ...]:
-    """Return what belongs to a run, its sensors and where it is, and to no calibration."""
+    """Return the unknowns that belong to a run, its sensors and its environment, and to no calibration."""
     return _uncertain(
         gyro(uncertainty.gyro),
         time_offset(uncertainty.time_offset),

@@ -100,7 +100,7 @@ class Words:
 
     every: str = ''  # all causes of the kind together
     parameter: str = ''  # where their standard deviation is declared
-    remedy: str = ''  # what would make them better known; {} stands for the thing's name
+    remedy: str = ''  # how to know them better; {} stands for the name
     # of the thing's name and its numbers (SI units), what they would have to be, and what to do
     deviation: Callable[[str, Array], str] | None = None
 

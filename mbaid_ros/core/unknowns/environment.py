@@ -303,7 +303,7 @@ class Hypothesis:
     """A disturbance or drift: a constant force, and random walks with intensities a square root of a second."""
 
     name: str  # in words
-    cause: str = ''  # what it may be, and what to do
+    cause: str = ''  # the likely source, and the remedy
     momentum: float = 0.0  # N s and N m s: an external force
     position: float = 0.0  # m: the odometry's own drift
     orientation: float = 0.0  # rad

@@ -61,7 +61,7 @@ class JointPlacements(Unknown):
         displacement[:, :, 0] = configuration.joint_twist
         displacement[:, :, 1:4, :3] = np.swapaxes(frames, -1, -2)
         turn = np.swapaxes(frames @ self.across, -1, -2)
-        # The joint's own frame: what a prismatic joint carries has slid away from it.
+        # The joint's own frame: the load of a prismatic joint has slid away from it.
         place = configuration.position[:, parents] + rotate(configuration.rotation[:, parents], model.positions)
         displacement[:, :, 4:, :3] = cross(np.broadcast_to(place[:, :, None], turn.shape), turn)
         displacement[:, :, 4:, 3:] = turn

@@ -40,7 +40,7 @@ class GyroErrors:
 class Gyro(Unknown):
     """Bias (rad/s), scale, turn (rad) of its axes, cross-axis sensitivity, (3,) each, and delay (s)."""
 
-    # (13, w) factor of what the bias changes by in a second
+    # (13, w) factor of the change of the bias in a second
     wandering: Array = field(default_factory=lambda: np.zeros((13, 0)))
     alone: bool = False  # whether it alone observes the orientation
     with_orientation: bool = False  # whether the IMU measures the orientation, too, in the same axes

@@ -238,7 +238,7 @@ def made_on_cluster(runs: Sequence[CampaignRun], urdf: str, scheduler: str) -> G
     with client:
         if not client.scheduler_info()['workers']:
             print(f"mbaid_ros campaign: waiting for the scheduler '{scheduler}' to get workers", file=sys.stderr)
-        # Impure: what another campaign left on the cluster is not taken for the result of a run.
+        # Impure: results of another campaign on the cluster do not count as those of a run.
         futures = client.map(make, runs, urdf=urdf, pure=False)
         run_of = dict(zip((future.key for future in futures), runs, strict=True))
         flying = as_completed(futures, loop=client.loop)  # type: ignore[no-untyped-call]
@@ -251,7 +251,7 @@ def made_on_cluster(runs: Sequence[CampaignRun], urdf: str, scheduler: str) -> G
                 result = _failed(run, f'the worker that made it died {error.allowed_failures + 1} times')
             except Exception as error:  # connections, other versions there: each package has its own
                 raise DataError(
-                    f"the cluster of scheduler '{scheduler}' fails: {type(error).__name__}: {error}; what it made is "
+                    f"the cluster of scheduler '{scheduler}' fails: {type(error).__name__}: {error}; its results are "
                     'kept, and the same command goes on from there'
                 ) from error
             yield result
