@@ -71,7 +71,7 @@ class PassiveInertias(ArrayRecord):
 class PassiveMotion:
     """How the state x = (deflections, s) of f passive joints changes at N instants."""
 
-    inertias: PassiveInertias  # PassiveInertias
+    inertias: PassiveInertias
     rates: Array  # (N, f) of the deflections
     along: Array  # (N, f) s
     forces: Array  # (N, f) rate of s
