@@ -7,6 +7,7 @@ import re
 import runpy
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -187,14 +188,28 @@ def test_the_pages_stay_short() -> None:
         assert max([0, *(len(table.splitlines()) - 2 for table in tables)]) <= 40, page
 
 
-@pytest.mark.parametrize('folder', ['mbaid_ros', 'scripts'])
-def test_messages_help_and_docstrings_are_in_plain_words(folder: str) -> None:
-    found = []
+def texts(folder: str) -> Iterator[tuple[str, str]]:
+    """Yield the strings of a folder's code, docstrings included, with file and line."""
     for path in sorted((ROOT / folder).rglob('*.py')):
         for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                found += [f'{path.relative_to(ROOT)}:{node.lineno}: {word}' for word in VAGUE.findall(node.value)]
-    assert found == []
+                yield f'{path.relative_to(ROOT)}:{node.lineno}', node.value
+
+
+@pytest.mark.parametrize('folder', ['mbaid_ros', 'scripts'])
+def test_messages_help_and_docstrings_are_in_plain_words(folder: str) -> None:
+    found = {place: VAGUE.findall(text) for place, text in texts(folder)}
+    assert {place: words for place, words in found.items() if words} == {}
+
+
+def test_messages_of_the_page_on_troubleshooting_exist() -> None:
+    page = (ROOT / 'docs' / 'how-to' / 'troubleshooting.md').read_text(encoding='utf-8')
+    rows = page[page.index('| message | fix |') : page.index('## Exit codes')]
+    messages = re.findall(r'^\| ([^-].*?) \|', rows, re.MULTILINE)[1:] + re.findall(r'^## "(.*)"$', page, re.MULTILINE)
+    parts = [part.strip() for each in messages for part in re.split(r'\.\.\.|[;,]|/\w+|\(.*?\)', each)]
+    code = '\n'.join(text for _, text in texts('mbaid_ros')).lower()
+    assert len(messages) > 10
+    assert [part for part in parts if len(part) > 6 and part.lower() not in code] == []
 
 
 def test_equations_that_are_cited_exist() -> None:
