@@ -79,20 +79,14 @@ class ArgumentParser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raise the error instead of printing the usage and leaving.
 
-        Raises
-        ------
-        ParameterError
-            Always.
+        Raises ParameterError: Always.
         """
         raise ParameterError(f'{message} (see --help)')
 
     def parse(self, argv: Sequence[str]) -> argparse.Namespace:
         """Return the arguments; options may stand between positional ones.
 
-        Raises
-        ------
-        ParameterError
-            An argument that is unknown, missing or not accepted.
+        Raises ParameterError: An argument that is unknown, missing or not accepted.
         """
         if '_ARGCOMPLETE' in os.environ:
             complete(self)

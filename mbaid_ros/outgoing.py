@@ -16,37 +16,24 @@ from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.simulation.sensors import BaseReadings, ImuReadings, JointReadings
 
 if TYPE_CHECKING:
-    from mbaid_ros.core.capture import Capture  # half a second, which a simulator does without
+    from mbaid_ros.core.capture.handover import Capture
 
 
 @dataclass(frozen=True)
 class MessageTypes:
-    """Where the message classes come from.
+    """Where the message classes come from."""
 
-    Attributes
-    ----------
-    find : returns the class of a type: ``package/msg/Type``
-    flags : converts to a field of type bool[]: rclpy wants a list, rosbags an array
-    """
-
-    find: Callable[[str], Any]
-    flags: Callable[[Flags], Any]
+    find: Callable[[str], Any]  # returns the class of a type: ``package/msg/Type``
+    flags: Callable[[Flags], Any]  # converts to a field of type bool[]: rclpy wants a list, rosbags an array
 
 
 @dataclass(frozen=True)
 class Frames:
-    """The frames an estimate is given in.
+    """The frames an estimate is given in."""
 
-    Attributes
-    ----------
-    target_link : frame of mass properties, without the prefix
-    odometry : frame of the momenta
-    prefix : of the name of the first one in messages
-    """
-
-    target_link: str
-    odometry: str
-    prefix: str = ''
+    target_link: str  # frame of mass properties, without the prefix
+    odometry: str  # frame of the momenta
+    prefix: str = ''  # of the name of the first one in messages
 
 
 def estimate_message(
@@ -56,9 +43,6 @@ def estimate_message(
 
     Parameters
     ----------
-    estimate : Estimate
-    types : MessageTypes
-    frames : Frames
     warnings : those of the run, which come after the estimate's own
     stale : whether it is published again because no data come
     """
@@ -104,7 +88,6 @@ def debris_message(
     ----------
     alone : the captured body; NaN where nothing is known of it any more
     estimate : that it was taken from
-    types : MessageTypes
     frames : of the estimate
     capture : Capture, optional
     """
@@ -195,8 +178,6 @@ class SensorMessages:
 
     Parameters
     ----------
-    types : MessageTypes
-    model : RobotModel
     odometry_frame : name
     wheels : names of wheels whose speeds JointState has
     unreported : names of joints that it leaves out

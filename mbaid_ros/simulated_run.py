@@ -25,11 +25,10 @@ from mbaid_ros.simulated_robot import (
     make_wheels,
     steered,
 )
-from mbaid_ros.simulation.capture import CaptureSimulation
+from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, ThrustSimulation
 from mbaid_ros.simulation.sensors import SensedSimulation, Sensors
-from mbaid_ros.simulation.simulation import total_momentum
+from mbaid_ros.simulation.simulation import LONGEST_STEP, total_momentum
 from mbaid_ros.simulation.steered import Steered
-from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
 from mbaid_ros.simulation.true_robot import true_robot
 
 Topic = Literal['joint_states', 'odom', 'thrust', 'stored_momentum', 'imu']
@@ -38,22 +37,17 @@ _COMMANDS = 0.1  # s, between two of thrust
 
 @dataclass(frozen=True)
 class TimedMessage:
-    """A message and when it is due.
+    """A message and when it is due."""
 
-    Attributes
-    ----------
-    time : s since the start of the run
-    topic : the one it belongs on
-    message : JointState, Odometry, WrenchStamped, Vector3Stamped or Imu
-    """
-
-    time: float
-    topic: Topic
-    message: Any
+    time: float  # s since the start of the run
+    topic: Topic  # the one it belongs on
+    message: Any  # JointState, Odometry, WrenchStamped, Vector3Stamped or Imu
 
 
 class SimulatedRun:
     """A robot in motion and the messages of its sensors.
+
+    Raises ModelError, ParameterError: The robot, or a combination of parameters, cannot be used.
 
     Parameters
     ----------
@@ -74,11 +68,6 @@ class SimulatedRun:
     wheels : inside the base, None where there are none; their momentum is in the total
     captured : the captured body, None if there is none
     brought : (6,) the momentum that it had before; zero where nothing is captured
-
-    Raises
-    ------
-    ModelError, ParameterError
-        The robot, or a combination of parameters, cannot be used.
     """
 
     def __init__(self, config: SimulatorConfig, urdf: str, types: MessageTypes) -> None:
@@ -140,29 +129,23 @@ class SimulatedRun:
     def follow(self, trajectory: JointTrajectory) -> float:
         """Let the joints follow a trajectory from just after the samples read, and return that time, s.
 
-        Raises
-        ------
-        DataError
-            The joints are not driven, or it is of other joints, or begins elsewhere.
+        Raises DataError: The joints are not driven, or it is of other joints, or begins elsewhere.
         """
         if not isinstance(self._motion, Steered):
             raise DataError("motion.kind is 'passive'; accepted: joints that are driven, as with motion.kind: random")
-        begin = self._read + 2.0 * self.config.step  # the integrator is a step ahead, and interpolates
+        begin = self._read + LONGEST_STEP
         self._motion.follow(trajectory, self.model, begin)
         return begin
 
     def come_to_rest(self, seconds: float) -> None:
         """Let joints that are driven come to rest within some seconds, from just after the samples read."""
         if isinstance(self._motion, Steered):
-            self._motion.come_to_rest(self.model, self._read + 2.0 * self.config.step, seconds)
+            self._motion.come_to_rest(self.model, self._read + LONGEST_STEP, seconds)
 
     def read(self, until: float) -> list[TimedMessage]:
         """Return the messages due up to and including a time (s) that were not returned before, in order of time.
 
-        Raises
-        ------
-        ModelError
-            The motion has diverged.
+        Raises ModelError: The motion has diverged.
         """
         joints, base, imu = self._sensed.read(until)
         self._read = max(self._read, until)

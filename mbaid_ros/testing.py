@@ -56,17 +56,14 @@ def wait_for_estimate(
 ) -> InertiaEstimate:
     """Return the first estimate that has come as far as is asked for.
 
+    Raises TimeoutError: There is none in time; the text has the last status and warnings.
+
     Parameters
     ----------
     until : 'estimating' takes any that determines a parameter, 'converged' one of that status, 'stale' the last one
         after the data have stopped: all that they hold is in it but for a window that is not complete
     timeout : s
     topic : of the estimator
-
-    Raises
-    ------
-    TimeoutError
-        There is none in time; the text has the last status and warnings.
     """
     context = Context()
     rclpy.init(context=context)
@@ -92,16 +89,12 @@ def wait_for_estimate(
 def deviations(estimate: InertiaEstimate, expected: Mapping[str, float]) -> dict[str, float]:
     """Return how far parameters are from the expected values, in their standard deviations; infinite if not determined.
 
+    Raises ParameterError: A name is none of these.
+
     Parameters
     ----------
-    estimate : InertiaEstimate
     expected : values by name: mass, com_x, com_y, com_z (kg, m, target link's frame), ixx, ..., izz (kg m^2, about the
         centre of mass, the link's axes)
-
-    Raises
-    ------
-    ParameterError
-        A name is none of these.
     """
     inertia = estimate.inertia
     values = (inertia.m, inertia.com.x, inertia.com.y, inertia.com.z, *(getattr(inertia, n) for n in PARAMETERS[4:]))
@@ -118,15 +111,12 @@ def deviations(estimate: InertiaEstimate, expected: Mapping[str, float]) -> dict
 def assert_within(estimate: InertiaEstimate, expected: Mapping[str, float], sigmas: float = 4.0) -> None:
     """Assert that parameters have the expected values within a number of their standard deviations.
 
+    Raises AssertionError: One is not, or the data do not determine it, or contradict the model.
+
     Parameters
     ----------
     estimate, expected : as for `deviations`
     sigmas : four are exceeded by chance once in 16,000
-
-    Raises
-    ------
-    AssertionError
-        One is not, or the data do not determine it, or contradict the model.
     """
     found = deviations(estimate, expected)
     off = [f'{name} by {number:+.1f}' for name, number in found.items() if not abs(number) <= sigmas]

@@ -66,13 +66,6 @@ class SqliteReader(Sqlite3Reader):
                 raise ReaderError(f'Cannot open database {path}: {error}') from error
             raise
 
-    @classmethod
-    def require_whole(cls, path: Path) -> None:
-        """Open and close a file: a ReaderError if it is no bag."""
-        reader = cls(path)
-        reader.open()
-        reader.close()
-
     def blocks(self, connections: Collection[Connection]) -> Iterator[Block]:
         """Yield the messages of connections in the order of their times."""
         yield from in_blocks(self._rows({connection.id: connection.topic for connection in connections}))

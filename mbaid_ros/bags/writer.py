@@ -70,10 +70,7 @@ class BagWriter:
     Where that is an error before the first message, nothing is left of it. A disk that takes no more ends it, too:
     messages that have been handed over by then stay, and can be read.
 
-    Raises
-    ------
-    DataError
-        The folder exists, or cannot be made; in every method: cannot be written any more.
+    Raises DataError: The folder exists, or cannot be made; in every method: cannot be written any more.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -101,10 +98,7 @@ class BagWriter:
     def add_topic(self, topic: str, type_name: str, *, latched: bool = False, reliable: bool = True) -> None:
         """Declare a topic, latched (transient local) or not, reliable or best effort.
 
-        Raises
-        ------
-        DataError
-            The type is not known, or the topic has another one.
+        Raises DataError: The type is not known, or the topic has another one.
         """
         if topic in self._types:
             if self._types[topic] != type_name:

@@ -20,6 +20,7 @@ from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.filter.state import MOMENTUM
 from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.results.physical_consistency import project
+from mbaid_ros.core.results.status import widening
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -35,41 +36,25 @@ _SMALLEST = 1e-9  # standard deviation in units of the prior's that counts as no
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """The settings of a calibration.
+    """The settings of a calibration."""
 
-    Attributes
-    ----------
-    noise : of the joint sensors (the base's stands in the samples)
-    priors : of each of the kernel's unknown links
-    uncertainty : of joints, mount, stamps and linear momentum
-    window : s, longest
-    gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
-    orientation_measured : whether another sensor measures the orientation of the base
-    """
-
-    noise: SensorNoise
-    priors: tuple[LinkPrior, ...]
-    uncertainty: Uncertainty = field(default_factory=Uncertainty)
-    window: float = 0.5
-    gyro: float = 0.0
-    orientation_measured: bool = True
+    noise: SensorNoise  # of the joint sensors (the base's stands in the samples)
+    priors: tuple[LinkPrior, ...]  # of each of the kernel's unknown links
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)  # of joints, mount, stamps and linear momentum
+    window: float = 0.5  # s, longest
+    gyro: float = 0.0  # rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
+    orientation_measured: bool = True  # whether another sensor measures the orientation of the base
 
 
 def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: CalibrationSettings) -> Calibration:
     """Return the unknown links of a kernel, its joints and its odometry's mount after some motions of its robot.
 
+    Raises ModelError, ParameterError: The prior cannot be used.
+    Raises DataError: There are no windows, or none that can be weighed.
+
     Parameters
     ----------
-    kernel : MomentumKernel
     runs : motions, each as a list of windows; momentum is constant within one, and may differ from one to the next
-    settings : CalibrationSettings
-
-    Raises
-    ------
-    ModelError, ParameterError
-        The prior cannot be used.
-    DataError
-        There are no windows, or none that can be weighed.
     """
     prior = make_prior(kernel, settings.priors)
     runs = [run for run in runs if run]
@@ -78,6 +63,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     gaussian = settled.passed.gaussian
     widened = normals.as_far_off()
     values, covariance = widened.blocks()
+    covariance = covariance * widening(gaussian.innovations, 1.0)
     values, corrections = _physical(values, covariance, kernel, [std.empty for std in settings.priors])
     size = len(prior.mean)
     gained = _gained(normals.links)

@@ -22,37 +22,23 @@ _MOVED = 0.5
 
 @dataclass(frozen=True)
 class Scale:
-    """The uncertainty of the common factor of all masses, and its source.
+    """The uncertainty of the common factor of all masses, and its source."""
 
-    Attributes
-    ----------
-    relative_std : of the unknown links' total mass
-    fixed_by : (name, part of the information), the largest first
-    """
-
-    relative_std: float
-    fixed_by: tuple[tuple[str, float], ...]
+    relative_std: float  # of the unknown links' total mass
+    fixed_by: tuple[tuple[str, float], ...]  # (name, part of the information), the largest first
 
 
 @dataclass(frozen=True)
 class LinkResult:
-    """One link before and after.
+    """One link before and after."""
 
-    Attributes
-    ----------
-    name : of the link
-    cad : (10,) mass, CoM in the link's frame, inertia about it in link axes, as in the robot description; NaN without
-    parameters, covariance : (10,), (10, 10) the same, calibrated
-    prior_std : (10,) before the data; infinite where nothing was known
-    consistency_correction : size of the projection on a body that can exist, in standard deviations; 0 is none
-    """
-
-    name: str
+    name: str  # of the link
+    # (10,) mass, CoM in the link's frame, inertia about it in link axes, as in the robot description; NaN without
     cad: Array
-    parameters: Array
-    covariance: Array
-    prior_std: Array
-    consistency_correction: float
+    parameters: Array  # (10,), (10, 10) the same, calibrated
+    covariance: Array  # (10,), (10, 10) the same, calibrated
+    prior_std: Array  # (10,) before the data; infinite where nothing was known
+    consistency_correction: float  # size of the projection on a body that can exist, in standard deviations; 0 is none
 
     @property
     def std(self) -> Array:
@@ -83,52 +69,34 @@ class LinkResult:
 
 @dataclass(frozen=True)
 class Calibration:
-    """The unknown links after the data.
+    """The unknown links after the data."""
 
-    Attributes
-    ----------
-    prior : the nominal model
-    values, block_covariance : (10 k + 6 n + 6,) of links, joints and mount as `Normals.blocks` has them, and all of
-        their covariance
-    thrusters : deviations from their commands, of those that may deviate
-    flexible : passive joints
-    carried : posterior of the trajectory filter's unknowns, for later runs
-    corrections : (k,) sizes of the projections on bodies that can exist
-    momentum, momentum_covariance : (R, 6), (R, 6, 6) of each motion (P, L), odometry frame, L about its origin
-    mechanism : the moving bodies
-    structure : combinations that momentum determines
-    gains : information of the data on links, joints and mount in units of the prior's, along its principal directions,
-        the largest first
-    further_off : (kind of thing, error over its prior deviation) of those that surely are; covariances allow for it
-    scale : how well the common factor is known
-    residual : root mean square of the normalised innovations: 1 matches the noise
-    settled : whether the iterations have converged
-    redundancy : number of innovations
-    located : whether anything locates the base
-    samples : number used
-    span : s, length of all motions
-    """
-
-    prior: Prior
+    prior: Prior  # the nominal model
+    # values, block_covariance: (10 k + 6 n + 6,) of links, joints and mount as `Normals.blocks` has them, and all of
+    # their covariance
     values: Array
     block_covariance: Array
-    thrusters: tuple[Thruster, ...]
-    flexible: tuple[PassiveJoint, ...]
-    carried: UnknownsPrior
-    corrections: Array
+    thrusters: tuple[Thruster, ...]  # deviations from their commands, of those that may deviate
+    flexible: tuple[PassiveJoint, ...]  # passive joints
+    carried: UnknownsPrior  # posterior of the trajectory filter's unknowns, for later runs
+    corrections: Array  # (k,) sizes of the projections on bodies that can exist
+    # momentum, momentum_covariance: (R, 6), (R, 6, 6) of each motion (P, L), odometry frame, L about its origin
     momentum: Array
     momentum_covariance: Array
-    mechanism: Mechanism
-    structure: Structure
+    mechanism: Mechanism  # the moving bodies
+    structure: Structure  # combinations that momentum determines
+    # information of the data on links, joints and mount in units of the prior's, along its principal directions, the
+    # largest first
     gains: Array
+    # (kind of thing, error over its prior deviation) of those that surely are; covariances allow for it
     further_off: tuple[tuple[str, float], ...]
-    scale: Scale
-    residual: float
-    settled: bool
-    redundancy: int
-    located: bool
-    samples: int
-    span: float
+    scale: Scale  # how well the common factor is known
+    residual: float  # root mean square of the normalised innovations: 1 matches the noise
+    settled: bool  # whether the iterations have converged
+    redundancy: int  # number of innovations
+    located: bool  # whether anything locates the base
+    samples: int  # number used
+    span: float  # s, length of all motions
 
     @property
     def planar(self) -> bool:

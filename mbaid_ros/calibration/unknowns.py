@@ -40,20 +40,13 @@ OF_THE_MOUNT = ('turn_x', 'turn_y', 'turn_z', 'x', 'y', 'z')
 
 @dataclass(frozen=True, eq=False)
 class Normals:
-    """A Gaussian of the independent normal numbers that the prior is made of.
+    """A Gaussian of the independent normal numbers that the prior is made of."""
 
-    Attributes
-    ----------
-    prior : of the links, the target link first
-    joints : number n
-    unknowns : all there are, as the catalogue has them: the other links first
-    gaussian : of ten numbers for the target link, then of the unknowns'; the first columns of its factor, as many as
-        there are numbers, are what no window sees
-    """
-
-    prior: Prior
-    joints: int
-    unknowns: tuple[Unknown, ...]
+    prior: Prior  # of the links, the target link first
+    joints: int  # number n
+    unknowns: tuple[Unknown, ...]  # all there are, as the catalogue has them: the other links first
+    # of ten numbers for the target link, then of the unknowns'; the first columns of its factor, as many as there are
+    # numbers, are what no window sees
     gaussian: UnknownsPrior
 
     @staticmethod
@@ -70,7 +63,6 @@ class Normals:
         ----------
         passed : with the mean and factor of the numbers that the motions share
         own : variables of a motion
-        detector : PlaneDetector
         """
         body = own.gather[own.head : own.own, BODY]
         seen = (
@@ -180,20 +172,12 @@ _COLUMNS = np.array([4, 7, 9, 7, 9, 9])
 
 @dataclass(frozen=True)
 class LinkPrior:
-    """How far the values of a link's <inertial> may be off: one standard deviation; 0 means that nothing is known.
+    """How far the values of a link's <inertial> may be off: one standard deviation; 0 means that nothing is known."""
 
-    Attributes
-    ----------
-    mass : relative; the inertia goes with it
-    com : m, of each coordinate of the centre of mass
-    inertia : of the element I_ij about the centre of mass at a given mass, relative to sqrt(I_ii I_jj)
-    empty : whether a link without <inertial> is known to have no mass
-    """
-
-    mass: float
-    com: float
-    inertia: float
-    empty: bool = False
+    mass: float  # relative; the inertia goes with it
+    com: float  # m, of each coordinate of the centre of mass
+    inertia: float  # of the element I_ij about the centre of mass at a given mass, relative to sqrt(I_ii I_jj)
+    empty: bool = False  # whether a link without <inertial> is known to have no mass
 
     @property
     def given(self) -> Flags:
@@ -203,22 +187,13 @@ class LinkPrior:
 
 @dataclass(frozen=True)
 class Prior:
-    """The Gaussian prior of k links.
+    """The Gaussian prior of k links."""
 
-    Attributes
-    ----------
-    links : the unknown links
-    stds : of each link, as asked for
-    mean : (10 k,) standard parameters
-    covariance : (10 k, 10 k), block diagonal
-    given : (k, 10) True for each of (mass, CoM, inertia) that something is known of
-    """
-
-    links: tuple[Link, ...]
-    stds: tuple[LinkPrior, ...]
-    mean: Array
-    covariance: Array
-    given: Flags
+    links: tuple[Link, ...]  # the unknown links
+    stds: tuple[LinkPrior, ...]  # of each link, as asked for
+    mean: Array  # (10 k,) standard parameters
+    covariance: Array  # (10 k, 10 k), block diagonal
+    given: Flags  # (k, 10) True for each of (mass, CoM, inertia) that something is known of
 
     @cached_property
     def roots(self) -> tuple[Array, ...]:
@@ -235,17 +210,13 @@ class Prior:
 def make_prior(kernel: MomentumKernel, stds: Sequence[LinkPrior]) -> Prior:
     """Return the prior of a kernel's unknown links.
 
+    Raises ModelError: The robot description gives a link an inertia that no body has.
+    Raises ParameterError: Nothing fixes the scale: every massive body is unknown, and nothing is known of any mass or
+    inertia.
+
     Parameters
     ----------
-    kernel : MomentumKernel
     stds : one for each of its unknown links
-
-    Raises
-    ------
-    ModelError
-        The robot description gives a link an inertia that no body has.
-    ParameterError
-        Nothing fixes the scale: every massive body is unknown, and nothing is known of any mass or inertia.
     """
     scale = unknown_scale(kernel)[:10]
     size = 10 * len(kernel.unknown)
@@ -300,10 +271,7 @@ def _root(covariance: Array) -> Array:
 def _require_a_body(link: Link) -> None:
     """Refuse an <inertial> that no distribution of mass has: there is nothing to be near to.
 
-    Raises
-    ------
-    ModelError
-        It is none.
+    Raises ModelError: It is none.
     """
     values = physical(link.parameters)
     about_com = np.concatenate((values[:1], np.zeros(3), values[4:]))

@@ -1,4 +1,4 @@
-"""ROS parameter files without a ROS installation, read by the rules of ROS."""
+"""ROS parameter files and robot descriptions without a ROS installation, read by the rules of ROS."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from mbaid_ros import limits
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.errors import ModelError, ParameterError
 from mbaid_ros.files import read_text
 
 _SECTION = 'ros__parameters'
@@ -72,6 +72,8 @@ _REFUSED = (yaml.YAMLError, ValueError, OverflowError, RecursionError)
 def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
     """Return the parameters of one node in a ROS parameter file, for `build`.
 
+    Raises ParameterError: The file cannot be read, is no ROS parameter file, or has nothing for this node.
+
     Parameters
     ----------
     path : the YAML file
@@ -80,11 +82,6 @@ def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
     Returns
     -------
     Values by dotted name; of sections that apply, a later one overrides an earlier one.
-
-    Raises
-    ------
-    ParameterError
-        The file cannot be read, is no ROS parameter file, or has nothing for this node.
     """
     content = read_yaml(path, 'parameter file')
     if not isinstance(content, dict):
@@ -104,15 +101,12 @@ def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
 def read_yaml(path: str | Path, kind: str) -> object:
     """Return the content of a YAML file, its numbers read by the rules of ROS.
 
+    Raises ParameterError: The file cannot be read, or is no YAML.
+
     Parameters
     ----------
     path : the file
     kind : its name in errors
-
-    Raises
-    ------
-    ParameterError
-        The file cannot be read, or is no YAML.
     """
     text = read_text(path, kind, limits.YAML_CHARACTERS)
     try:
@@ -124,10 +118,7 @@ def read_yaml(path: str | Path, kind: str) -> object:
 def parse_assignment(text: str) -> tuple[str, object]:
     """Return name and value of ``name:=value``, the value read as in a parameter file.
 
-    Raises
-    ------
-    ParameterError
-        The text is not of that form.
+    Raises ParameterError: The text is not of that form.
     """
     name, separator, value = text.partition(':=')
     if not name or not separator:
@@ -199,3 +190,11 @@ def dotted(values: Mapping[Any, object], prefix: str = '') -> dict[str, object]:
         else:
             flat[f'{prefix}{key}'] = value
     return flat
+
+
+def read_robot_description(path: str | Path) -> str:
+    """Return the text of a URDF file.
+
+    Raises ModelError: The file cannot be read, is not text, or is too long.
+    """
+    return read_text(path, 'robot description', limits.URDF_CHARACTERS, 'a URDF file is accepted', ModelError)

@@ -18,10 +18,7 @@ _ACCEPTED = 'accepted: a trajectory_msgs/JointTrajectory in YAML, as plan --yaml
 def read_trajectory(path: str | Path) -> JointTrajectory:
     """Return the motion in a file.
 
-    Raises
-    ------
-    ParameterError
-        The file cannot be read, or holds no motion.
+    Raises ParameterError: The file cannot be read, or holds no motion.
     """
     content = read_yaml(path, 'joint trajectory')
     try:

@@ -181,10 +181,7 @@ def _finite_joints(
 def trajectory_of(message: Any) -> JointTrajectory:
     """Return the motion in a trajectory_msgs/JointTrajectory, without efforts.
 
-    Raises
-    ------
-    DataError
-        It is no motion.
+    Raises DataError: It is no motion.
     """
     joints, points = tuple(str(name) for name in message.joint_names), list(message.points)
     time = np.array([point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in points])

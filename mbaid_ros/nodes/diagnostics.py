@@ -30,7 +30,7 @@ from mbaid_ros.nodes.reports import (
 )
 from mbaid_ros.nodes.subscriptions import Subscriptions
 from mbaid_ros.nodes.watch import ESTIMATE
-from mbaid_ros.session import explain
+from mbaid_ros.session.explanation import explain
 
 STALE_AFTER = 2.0  # s without a message
 STILL_AFTER = 2.0  # s without a later time on /clock

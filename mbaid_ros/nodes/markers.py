@@ -131,10 +131,7 @@ class LinkFrames:
 class Display:
     """Publishes ~/markers, and with frames /tf, with a prefix of the frames' names.
 
-    Raises
-    ------
-    ParameterError
-        Frames are asked for, but the message package for them is not installed.
+    Raises ParameterError: Frames are asked for, but the message package for them is not installed.
     """
 
     def __init__(self, node: Node, *, with_frames: bool, prefix: str = '') -> None:
@@ -149,10 +146,7 @@ class Display:
     def send_frames(self, *, wanted: bool) -> None:
         """Begin or end to send the links' frames.
 
-        Raises
-        ------
-        ParameterError
-            Frames are asked for, but the message package for them is not installed.
+        Raises ParameterError: Frames are asked for, but the message package for them is not installed.
         """
         if wanted and self._tf is None:
             self._message = tf_message("parameter 'publish_tf' is true", 'false')

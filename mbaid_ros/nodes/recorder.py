@@ -37,10 +37,7 @@ _IDLE_TURNS = 20  # turns of the executor without a message, after which nothing
 class RecorderNode(Node):
     """Subscribes to topics as they appear on the graph, and writes the bytes of their messages.
 
-    Raises
-    ------
-    ParameterError, DataError
-        A parameter is not accepted, or the bag cannot be made.
+    Raises ParameterError, DataError: A parameter is not accepted, or the bag cannot be made.
     """
 
     def __init__(self) -> None:
@@ -83,10 +80,7 @@ class RecorderNode(Node):
     def _resolved(self, topic: str) -> str:
         """Return the full name of a topic of the parameters.
 
-        Raises
-        ------
-        ParameterError
-            It is none.
+        Raises ParameterError: It is none.
         """
         if reason := why_no_topic(self, topic):
             raise ParameterError(f"parameter 'topics' names '{topic}': {reason}; accepted: names like /joint_states")

@@ -17,7 +17,9 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
 from mbaid_ros.nodes.watch import NEXT
-from mbaid_ros.session import ModelSummary, Session, doubts, explain, obstacles
+from mbaid_ros.session.explanation import doubts, explain, obstacles
+from mbaid_ros.session.model_summary import ModelSummary
+from mbaid_ros.session.session import Session
 
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 
@@ -39,30 +41,18 @@ _LEVEL_OF_STATUS = {
 
 @dataclass
 class RunState:
-    """The state of the node.
+    """The state of the node."""
 
-    Attributes
-    ----------
-    session : the run, None before the first usable robot description
-    problem : why the last robot description was refused; empty if it was not
-    estimate : the last one
-    paused : True while the service ~/pause stops samples
-    active : False while a managed node is not
-    stale : why no estimate follows the last one; empty while one does
-    advice : the most informative motion, in words; empty if none is needed or known
-    plan : of the motion on ~/motion whether it reaches the wanted precision, and the verdict; None without one
-    ignored : messages not handed to a session, by reason
-    """
-
-    session: Session | None = None
-    problem: str = ''
-    estimate: Estimate | None = None
-    paused: bool = False
-    active: bool = True
-    stale: str = ''
-    advice: str = ''
+    session: Session | None = None  # the run, None before the first usable robot description
+    problem: str = ''  # why the last robot description was refused; empty if it was not
+    estimate: Estimate | None = None  # the last one
+    paused: bool = False  # True while the service ~/pause stops samples
+    active: bool = True  # False while a managed node is not
+    stale: str = ''  # why no estimate follows the last one; empty while one does
+    advice: str = ''  # the most informative motion, in words; empty if none is needed or known
+    # of the motion on ~/motion whether it reaches the wanted precision, and the verdict; None without one
     plan: tuple[bool, str] | None = None
-    ignored: Counter[str] = field(default_factory=Counter)
+    ignored: Counter[str] = field(default_factory=Counter)  # messages not handed to a session, by reason
 
     @property
     def halted(self) -> str:

@@ -79,10 +79,7 @@ def tf_message(because: str, accepted: str) -> Any:
 
     An error names the parameter (`because`) that needs it, and its value (`accepted`) without.
 
-    Raises
-    ------
-    ParameterError
-        It is not installed.
+    Raises ParameterError: It is not installed.
     """
     try:
         return import_module('tf2_msgs.msg').TFMessage

@@ -35,18 +35,11 @@ _MOST = 256  # windows linearised at once: more of them no longer fit the proces
 
 @dataclass(frozen=True)
 class Grid:
-    """Windows of knots over motions that begin at time 0; of knots before and after, when the joints rest.
+    """Windows of knots over motions that begin at time 0; of knots before and after, when the joints rest."""
 
-    Attributes
-    ----------
-    windows : number
-    knots : in each
-    spacing : s, between knots
-    """
-
-    windows: int
-    knots: int
-    spacing: float
+    windows: int  # number
+    knots: int  # in each
+    spacing: float  # s, between knots
 
     @staticmethod
     def over(duration: float, window: float, knots: int) -> Grid:
@@ -108,7 +101,6 @@ class Information:
 
         Parameters
         ----------
-        grid : Grid
         joints : (J, B, n) positions of all joints as read, and rates, at its knots
         base : of the same J knots
         every : how often on the way, in windows; 0 at the end alone

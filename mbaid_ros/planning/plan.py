@@ -29,74 +29,43 @@ _UNITS = ('rad', 'm', 'rad/s')
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Numbers over time.
+    """Numbers over time."""
 
-    Attributes
-    ----------
-    time : (T,) s since the begin of the motion
-    value : (T, k)
-    """
-
-    time: Array
-    value: Array
+    time: Array  # (T,) s since the begin of the motion
+    value: Array  # (T, k)
 
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """How far a motion moves the base at most from where it would coast, (3,): rad, m, rad/s.
+    """How far a motion moves the base at most from where it would coast, (3,): rad, m, rad/s."""
 
-    Attributes
-    ----------
-    nominal : of the robot as it is known best
-    sure : of robots as they may be as well, five standard deviations and more
-    """
-
-    nominal: Array
-    sure: Array
+    nominal: Array  # of the robot as it is known best
+    sure: Array  # of robots as they may be as well, five standard deviations and more
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A motion.
+    """A motion."""
 
-    Attributes
-    ----------
-    trajectory : of the joints that are moved
-    target : the link that is identified
-    before, wanted : (10,) relative standard deviations now, and as they are wanted
-    asked : (10,) which of them a motion can determine
-    course : relative standard deviations on the way, (W, 10)
-    base : displacement of the base from its coasting motion, (T, 3): rad, m, rad/s
-    bounds, base_limits : of that; (3,), infinite where there is none
-    use : (4, k) share of position, velocity, acceleration and effort limits that the joints use; 1 is all
-    binding : names of the limits that it is at
-    shortest : whether the search was for the shortest that reaches the wanted precision
-    longest : s, that was looked for
-    compared : motions
-    may_be : relative standard deviations after the motion for bodies as the target may be, (D, 10)
-    stuck : joints that are not moved
-    notes : further notes, a line each
-    shapes : collision shapes of the robot
-    """
-
-    trajectory: JointTrajectory
-    target: str
+    trajectory: JointTrajectory  # of the joints that are moved
+    target: str  # the link that is identified
+    # before, wanted: (10,) relative standard deviations now, and as they are wanted
     before: Array
     wanted: Array
-    asked: Flags
-    course: Course
-    base: Course
-    bounds: Bounds
-    base_limits: Array
-    use: Array
-    binding: tuple[str, ...]
-    shortest: bool
-    longest: float
-    compared: int
-    may_be: Array
-    stuck: tuple[str, ...]
-    notes: tuple[str, ...]
-    shapes: int
+    asked: Flags  # (10,) which of them a motion can determine
+    course: Course  # relative standard deviations on the way, (W, 10)
+    base: Course  # displacement of the base from its coasting motion, (T, 3): rad, m, rad/s
+    bounds: Bounds  # of that; (3,), infinite where there is none
+    base_limits: Array  # of that; (3,), infinite where there is none
+    use: Array  # (4, k) share of position, velocity, acceleration and effort limits that the joints use; 1 is all
+    binding: tuple[str, ...]  # names of the limits that it is at
+    shortest: bool  # whether the search was for the shortest that reaches the wanted precision
+    longest: float  # s, that was looked for
+    compared: int  # motions
+    may_be: Array  # relative standard deviations after the motion for bodies as the target may be, (D, 10)
+    stuck: tuple[str, ...]  # joints that are not moved
+    notes: tuple[str, ...]  # further notes, a line each
+    shapes: int  # collision shapes of the robot
 
     @property
     def after(self) -> Array:

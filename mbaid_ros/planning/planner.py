@@ -12,12 +12,10 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.planning.advice import beyond_motion, single_joint
-from mbaid_ros.planning.assurance import Assurance
+from mbaid_ros.planning.assurance import Assurance, beyond_motion, single_joint
 from mbaid_ros.planning.collisions import Collisions, Efforts, ReadMesh, no_mesh
-from mbaid_ros.planning.goal import Criterion, Wanted
+from mbaid_ros.planning.goal import BaseLimits, Criterion, Wanted, joint_limits
 from mbaid_ros.planning.information import Grid, Information
-from mbaid_ros.planning.limits import BaseLimits, joint_limits
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import (
     BINDING,
@@ -40,56 +38,39 @@ Progress = Callable[[int], bool]  # takes the number of motions compared; return
 
 @dataclass(frozen=True)
 class PlanSettings:
-    """Goal and limits of a motion.
+    """Goal and limits of a motion."""
 
-    Attributes
-    ----------
-    relative : (10,) relative standard deviations wanted
-    duration, longest : s; the first 0 for the shortest that reaches them
-    criterion : as `Wanted` has it
-    joint_velocity, joint_acceleration : that no joint exceeds, rad/s and rad/s^2, or m
-    base : how far the base may be moved
-    clearance : m, of collision shapes
-    stuck : joints that are not moved
-    speeds : that each joint goes by, one after the other
-    effort : motions that are compared
-    seed : the same gives the same motion
-    window : s, of the estimator
-    """
-
-    relative: Array
+    relative: Array  # (10,) relative standard deviations wanted
+    # duration, longest: s; the first 0 for the shortest that reaches them
     duration: float = 0.0
     longest: float = 300.0
-    criterion: Criterion = 'worst'
+    criterion: Criterion = 'worst'  # as `Wanted` has it
+    # joint_velocity, joint_acceleration: that no joint exceeds, rad/s and rad/s^2, or m
     joint_velocity: float = np.inf
     joint_acceleration: float = 0.1
-    base: BaseLimits = field(default_factory=BaseLimits)
-    clearance: float = 0.02
-    stuck: Collection[str] = ()
-    speeds: int = 32
-    effort: int = 1200
-    seed: int = 0
-    window: float = _WINDOW
+    base: BaseLimits = field(default_factory=BaseLimits)  # how far the base may be moved
+    clearance: float = 0.02  # m, of collision shapes
+    stuck: Collection[str] = ()  # joints that are not moved
+    speeds: int = 32  # that each joint goes by, one after the other
+    effort: int = 1200  # motions that are compared
+    seed: int = 0  # the same gives the same motion
+    window: float = _WINDOW  # s, of the estimator
 
 
 class Planner:
     """Plans motions from the end of a run.
 
+    Raises ParameterError: The parameters contradict each other or the robot.
+
     Parameters
     ----------
     knowledge : the posterior of the run
     reporting : has the sizes that standard deviations are relative to
-    settings : PlanSettings
     mesh : reads collision meshes, as `Collisions` has it
 
     Attributes
     ----------
     information : the information that motions add
-
-    Raises
-    ------
-    ParameterError
-        The parameters contradict each other or the robot.
     """
 
     def __init__(
@@ -136,16 +117,12 @@ class Planner:
     def plan(self, progress: Progress = lambda _compared: True) -> Plan:
         """Return the motion.
 
+        Raises ParameterError: The wanted precision has been reached already, or no motion at all is allowed.
+        Raises ModelError: A collision shape cannot be read.
+
         Parameters
         ----------
         progress : called with the work done; if it returns False, the best so far is taken
-
-        Raises
-        ------
-        ParameterError
-            The wanted precision has been reached already, or no motion at all is allowed.
-        ModelError
-            A collision shape cannot be read.
         """
         settings = self._settings
         if not settings.duration and self.ratio <= 1.0:

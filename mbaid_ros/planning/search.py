@@ -16,8 +16,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.planning.evolution import CHOSEN, GENERATION, Evolution
-from mbaid_ros.planning.goal import Wanted
-from mbaid_ros.planning.limits import BaseLimits
+from mbaid_ros.planning.goal import BaseLimits, Wanted
 from mbaid_ros.planning.motions import Motions
 
 LEGS = 8  # of a joint: more turns help where the base's limit binds
@@ -70,23 +69,14 @@ _FAR = 1.25  # ratio from which a length is not the one to try long
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A motion.
+    """A motion."""
 
-    Attributes
-    ----------
-    motions : those of its length
-    legs : (NUMBERS, k) that the search has it of
-    speeds : (K, k) within the limits
-    cost, ratio : as `Wanted` has them
-    part : of the size that it would have if nothing of the robot were in its own way
-    """
-
-    motions: Motions
-    legs: Array
-    speeds: Array
-    cost: float
-    ratio: float
-    part: float = 1.0
+    motions: Motions  # those of its length
+    legs: Array  # (NUMBERS, k) that the search has it of
+    speeds: Array  # (K, k) within the limits
+    cost: float  # as `Wanted` has them
+    ratio: float  # as `Wanted` has them
+    part: float = 1.0  # of the size that it would have if nothing of the robot were in its own way
 
     @property
     def duration(self) -> float:
@@ -105,7 +95,6 @@ class Search:
     Parameters
     ----------
     motions : of the length to begin at
-    wanted : Wanted
     base : limits of the base's motion, for the best estimate of the robot; may change on the way
     seed : the same seed leads to the same motion
     first : motions that are drawn, at most

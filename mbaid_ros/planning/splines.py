@@ -15,7 +15,7 @@ from scipy.interpolate import BSpline
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.planning.limits import JointLimits
+from mbaid_ros.planning.goal import JointLimits
 
 _DENSE = 4  # instants a piece at which limits are checked
 _KEPT = 0.999  # of a limit, as numbers are rounded and a position may bulge between these
@@ -23,16 +23,10 @@ _KEPT = 0.999  # of a limit, as numbers are rounded and a position may bulge bet
 
 @dataclass(frozen=True)
 class Splines:
-    """Motions by speeds at equal distances in time, before and after which the joints rest.
+    """Motions by speeds at equal distances in time, before and after which the joints rest."""
 
-    Attributes
-    ----------
-    count : number K of speeds
-    duration : s
-    """
-
-    count: int
-    duration: float
+    count: int  # number K of speeds
+    duration: float  # s
 
     @property
     def step(self) -> float:
@@ -63,7 +57,6 @@ class Splines:
         ----------
         speeds : (..., K, k)
         start : (k,)
-        limits : JointLimits
         """
         place, rate, bend = (each @ speeds for each in self._checked)
         parts = (

@@ -43,10 +43,7 @@ def print_noise(arguments: argparse.Namespace) -> int:
 def measure(bag: str, joint_states: str, odom: str, part: tuple[float, float] = (0.0, math.inf)) -> Measured:
     """Return the noise of each channel while the joints rest, from two topics of a bag.
 
-    Raises
-    ------
-    DataError
-        The bag cannot be used, or the joints do not rest for `SHORTEST`.
+    Raises DataError: The bag cannot be used, or the joints do not rest for `SHORTEST`.
     """
     recording, warnings = read_recording(bag, joint_states, odom, part)
     recording, unsteady = without_wheels(recording)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from mbaid_ros.calibration.result import Calibration, LinkResult
-from mbaid_ros.calibration.structure import BaseParameter, Exchange, exchanges
+from mbaid_ros.calibration.structure import BaseParameter
 from mbaid_ros.cli import one_line
 from mbaid_ros.config.calibration import CalibrationParameters
 from mbaid_ros.core.errors import listing
@@ -18,7 +18,7 @@ from mbaid_ros.core.results.parameters import BAND, PARAMETERS, rounded
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.catalogue import underestimated_text
 from mbaid_ros.replay.run import BagMotions
-from mbaid_ros.session import ModelSummary, summarise
+from mbaid_ros.session.model_summary import ModelSummary, summarise
 
 _FIRST, _SECOND = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
 # Thresholds of warnings: relative standard deviation of the scale; standard deviations of the prior; of the estimate.
@@ -48,11 +48,6 @@ class Calibrated:
     def contradicted(self) -> bool:
         """Whether the data contradict the model: the result must not be trusted."""
         return self.calibration.residual > self.parameters.estimator.convergence.largest_residual
-
-    @cached_property
-    def exchanges(self) -> tuple[Exchange, ...]:
-        """Exchanges of parameters between bodies that change no momentum."""
-        return exchanges(self.calibration.mechanism, self.calibration.structure)
 
     @cached_property
     def base_parameters(self) -> tuple[BaseParameter, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio
 
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line, warn
-from mbaid_ros.config.robot import read_robot_description
+from mbaid_ros.config.files import read_robot_description
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, unvec, vec
 from mbaid_ros.core.results.parameters import PARAMETERS

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.cli import one_line
-from mbaid_ros.core.capture import Capture
+from mbaid_ros.core.capture.handover import Capture
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array, Flags, quaternion_from_rotation
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate

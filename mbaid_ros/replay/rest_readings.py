@@ -26,20 +26,14 @@ _NEAR = 200_000_000  # ns between readings that are compared for outliers
 
 @dataclass(frozen=True)
 class Recording:
-    """The readings in a bag.
-
-    Attributes
-    ----------
-    joint_time, base_time : (n,), (m,) s, stamps since the first one of the joints
-    joint_channels : by name, (n, k) each; (n, 0) where nothing was measured
-    base_channels : by name, (m, 3) each; orientations as rotation vectors from the first one
-    """
+    """The readings in a bag."""
 
     joints: tuple[str, ...]
+    # joint_time, base_time: (n,), (m,) s, stamps since the first one of the joints
     joint_time: Array
     base_time: Array
-    joint_channels: dict[str, Array]
-    base_channels: dict[str, Array]
+    joint_channels: dict[str, Array]  # by name, (n, k) each; (n, 0) where nothing was measured
+    base_channels: dict[str, Array]  # by name, (m, 3) each; orientations as rotation vectors from the first one
 
     def between(self, begin: float, end: float) -> Recording:
         """Return the readings from a time to another, s."""

@@ -13,9 +13,8 @@ from tqdm import tqdm
 
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import one_line
-from mbaid_ros.config.files import load_parameter_file, parse_assignment
+from mbaid_ros.config.files import load_parameter_file, parse_assignment, read_robot_description
 from mbaid_ros.config.parameters import build, values_of
-from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.config.trajectory import read_trajectory
 from mbaid_ros.core.errors import ParameterError

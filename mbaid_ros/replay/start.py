@@ -63,7 +63,7 @@ def _start(argv: Sequence[str] | None, name: str, parser: Callable[[], ArgumentP
 
 
 def _replay_parser() -> ArgumentParser:
-    from mbaid_ros.config.methods import METHODS  # noqa: PLC0415 - other executables start sooner without it
+    from mbaid_ros.config.parameters import METHODS  # noqa: PLC0415 - other executables start sooner without it
 
     parser = ArgumentParser(
         'replay',

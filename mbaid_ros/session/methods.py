@@ -12,7 +12,8 @@ from mbaid_ros.calibration.result import Calibration
 from mbaid_ros.calibration.unknowns import LinkPrior, make_prior
 from mbaid_ros.config.capture import SelfCalibrationConfig
 from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
-from mbaid_ros.core.capture import Calibrate, CaptureEstimator, Chaser, Handover
+from mbaid_ros.core.capture.estimator import CaptureEstimator
+from mbaid_ros.core.capture.handover import Calibrate, Chaser, Handover
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
 from mbaid_ros.core.errors import DataError, ParameterError, listing
 from mbaid_ros.core.identifier import Estimator
@@ -25,12 +26,14 @@ from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
 from mbaid_ros.core.trajectory.target_runs import TrajectorySettings
 from mbaid_ros.core.two_stage import TwoStageEstimator
+from mbaid_ros.core.unknowns.bodies import KnownTarget
 from mbaid_ros.core.unknowns.catalogue import catalogue, underestimated_text
 from mbaid_ros.session.posterior import KnownRobot, declared_errors, nominal_model
 from mbaid_ros.session.settings import declared_uncertainty
 
 START_WINDOWS = 10  # before the first estimate of trajectory: 5 s of motion, from which a batch start converges
 _RELINEARISED_WINDOWS = 120  # at most, before the linearisation of trajectory freezes: bounds the time of an update
+_DESCRIBED_WINDOWS = 600  # the same where the target has a prior: hours of a station, of which minutes lead nowhere
 _ADAPT = True  # whether trajectory tries hypotheses of disturbances that walk
 _SOLVED_WINDOWS = 40  # that difference solves again at each update; older ones are marginalised
 
@@ -44,17 +47,13 @@ def make_estimator(
 ) -> Estimator:
     """Return the method that the parameters name.
 
+    Raises ParameterError: The method lacks a parameter.
+
     Parameters
     ----------
-    config : EstimatorConfig
     kernel : of the robot, with the errors of its known bodies
     known : nominal model with its uncertainty; None for the one that the parameters declare
     judge : makes the thresholds of publication; `make_reporting` where not given
-
-    Raises
-    ------
-    ParameterError
-        The method lacks a parameter.
     """
     _check_imu(config)
     if not kernel.errors.count:
@@ -99,7 +98,7 @@ def _trajectory(config: EstimatorConfig, known: KnownRobot, reporting: Reporting
         noise=config.noise.declared,
         window=config.window,
         start=START_WINDOWS,
-        kept=_RELINEARISED_WINDOWS,
+        kept=_DESCRIBED_WINDOWS if isinstance(known.uncertainty.target, KnownTarget) else _RELINEARISED_WINDOWS,
         uncertainty=known.uncertainty,
         adapt=_ADAPT,
         constant=cast("Literal['none', 'inertial', 'body']", config.disturbance.constant),
@@ -195,17 +194,13 @@ def make_capture(
 ) -> CaptureEstimator | None:
     """Return the estimator of a run that begins before the capture, None of any other run.
 
+    Raises ModelError, ParameterError: A calibration is asked for, and its parameters cannot be used.
+
     Parameters
     ----------
-    config : EstimatorConfig
     kernel : of the robot before the capture
     known : nominal model with its uncertainty; None for the one that the parameters declare
     make : makes the method after the capture, of a kernel and a nominal model
-
-    Raises
-    ------
-    ModelError, ParameterError
-        A calibration is asked for, and its parameters cannot be used.
     """
     calibrate_robot = _self_calibration(config, kernel, make)
     if config.capture.phase == 'post_capture' and config.capture.time == 0.0:

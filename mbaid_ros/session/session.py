@@ -48,9 +48,10 @@ MakeEstimator = Callable[..., Estimator]
 class Session:
     """Everything between the first message and the last estimate.
 
+    Raises ModelError, ParameterError: The robot, the target link or a combination of parameters cannot be used.
+
     Parameters
     ----------
-    config : EstimatorConfig
     urdf : text of the robot description
     make : makes the method of each segment, of the parameters, the robot's kernel and, from a calibration, the nominal
         model (None without one); `make_estimator` where not given
@@ -64,11 +65,6 @@ class Session:
     intake : readers of the segment's messages
     thrust : commanded thrust since the segment began
     queue : of messages that wait to be processed
-
-    Raises
-    ------
-    ModelError, ParameterError
-        The robot, the target link or a combination of parameters cannot be used.
     """
 
     def __init__(self, config: EstimatorConfig, urdf: str, make: MakeEstimator | None = None) -> None:
@@ -149,10 +145,7 @@ class Session:
     def process(self) -> list[Estimate]:
         """Process the added messages and return the new estimates; how calls are spread makes no difference to them.
 
-        Raises
-        ------
-        DataError
-            The stamps have jumped back, and the parameter time_jump makes this an error.
+        Raises DataError: The stamps have jumped back, and the parameter time_jump makes this an error.
         """
         estimates = self._ready + self._work()
         self._ready = []
@@ -176,10 +169,7 @@ class Session:
 
         A second call moves a capture that was announced too early: data since then are forgotten.
 
-        Raises
-        ------
-        DataError
-            The run did not begin before a capture, has had it, or has no samples yet.
+        Raises DataError: The run did not begin before a capture, has had it, or has no samples yet.
         """
         self._ready += self._work()
         return self._segment.captured(self.queue.latest)

@@ -20,9 +20,8 @@ from typing import Any, TypeVar
 import numpy as np
 from tqdm import tqdm
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.samples import SensorNoise
+from mbaid_ros.core.samples import ArrayRecord, SensorNoise
 
 _SAVED_EVERY = 10  # runs
 _NOT_STATED = ('--output', '--processes', '--store')  # arguments on which no number depends

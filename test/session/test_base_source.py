@@ -23,8 +23,9 @@ from mbaid_ros.messages import WRONG_CHILD_FRAME
 from mbaid_ros.outgoing import Frames, estimate_message
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.run import BAG_TYPES, replay_bag
-from mbaid_ros.session import Session, explain, intake_warnings
+from mbaid_ros.session.explanation import explain, intake_warnings
 from mbaid_ros.session.reading import OTHER_SOURCE
+from mbaid_ros.session.session import Session
 from streams import run, urdf
 
 SECONDS = 2.1

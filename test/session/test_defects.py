@@ -41,7 +41,8 @@ from mbaid_ros.messages import (
     WRONG_CHILD_FRAME,
     stamp_of,
 )
-from mbaid_ros.session import Session, explain, intake_warnings, missing_joints, obstacles
+from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles
+from mbaid_ros.session.session import Session
 from simulated import CONFIG, robot
 
 ROBOT, SECONDS = 'servicer7', 12.0

@@ -4,8 +4,3 @@ Before the capture every body is known, the target link from its own <inertial>:
 total momentum, which must be constant. After it the method of identification finds the total momentum of robot
 and captured body together. The difference is the momentum of the captured body.
 """
-
-from mbaid_ros.core.capture.estimator import BEFORE, CaptureEstimator, Phase
-from mbaid_ros.core.capture.handover import Calibrate, Capture, Chaser, Handover
-
-__all__ = ['BEFORE', 'Calibrate', 'Capture', 'CaptureEstimator', 'Chaser', 'Handover', 'Phase']

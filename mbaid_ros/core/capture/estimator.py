@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
@@ -13,15 +12,13 @@ from mbaid_ros.core.capture.handover import ENOUGH, Calibrate, Capture, Chaser, 
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.geometry import Array, unvec
 from mbaid_ros.core.identifier import Deferring, Estimator, knowledge_of
-from mbaid_ros.core.results.estimate import Estimate, determined
+from mbaid_ros.core.results.estimate import CapturePhase, Estimate, determined
 from mbaid_ros.core.results.status import Reason, notes, with_reasons
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.orbit import brought
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.sensors.rates import FEWEST, with_rates
 from mbaid_ros.core.trajectory.posterior import Posterior
-
-Phase = Literal['pre_capture', 'capture', 'post_capture']
 
 BEFORE = 'before the capture: the known model alone is checked, nothing is identified'
 _SLACK = 1e-9  # s, by which times of stamps in nanoseconds may differ as numbers
@@ -35,7 +32,6 @@ class CaptureEstimator:
 
     Parameters
     ----------
-    kernel : MomentumKernel
     after : the method
     noise : of the sensors
     margin : s, before and after the capture, that is used for neither
@@ -86,7 +82,7 @@ class CaptureEstimator:
         self._until: Samples | None = None  # the last sample before the capture
 
     @property
-    def phase(self) -> Phase:
+    def phase(self) -> CapturePhase:
         """Where the run is."""
         if self.time is None or self._latest < self.time:
             return 'pre_capture'

@@ -33,20 +33,12 @@ _FLOOR = 1e-9
 
 @dataclass(frozen=True)
 class Jump:
-    """A change of the momentum.
+    """A change of the momentum."""
 
-    Attributes
-    ----------
-    time : s since the first sample, start of the first window after it
-    value : (c,) in the unknowns that the momentum is
-    fall : of the sum of squared residuals, over the scale of the noise
-    first_seen : s, its time when it was first found
-    """
-
-    time: float
-    value: Array
-    fall: float
-    first_seen: float
+    time: float  # s since the first sample, start of the first window after it
+    value: Array  # (c,) in the unknowns that the momentum is
+    fall: float  # of the sum of squared residuals, over the scale of the noise
+    first_seen: float  # s, its time when it was first found
 
 
 class Conservation:
@@ -79,7 +71,6 @@ class Conservation:
 
         Parameters
         ----------
-        window : SlidingWindow
         start : s since the first sample, of the newest window
         covariance : (u, u) of the unknowns by noise alone
         surplus : expected part of the consider parameters in the sum of squared residuals
@@ -109,7 +100,6 @@ def momentum_jumps(window: SlidingWindow, momentum: slice, covariance: Array) ->
 
     Parameters
     ----------
-    window : SlidingWindow
     momentum : c places of the momentum among the unknowns
     covariance : (u, u) of the unknowns by noise alone
 

@@ -12,11 +12,11 @@ import numpy as np
 import scipy.linalg
 
 from mbaid_ros.core import chi_square
-from mbaid_ros.core.array_record import ArrayRecord, Queue
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White, first_solutions
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.linear_algebra import inverse_root, is_positive, solve_definite, solve_symmetric
+from mbaid_ros.core.samples import ArrayRecord, Queue
 
 _ITERATIONS_AT_START = 12  # at most: from first solutions far away, steps are halved again and again
 _ITERATIONS_WARM = 2  # a window: it starts at the last solution, and the next window continues

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots, averages, bridged, with_course
-from mbaid_ros.core.filter.window import Window, WindowNoise, window_noises
+from mbaid_ros.core.filter.window import Window, WindowNoise, window_noises, with_truncation
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples, SensorNoise
 
@@ -135,11 +135,13 @@ class KnotAveraging:
         if after and empty[end - 1]:
             end -= 1
         parts = knots[first:end]
+        if any(empty[first:end]):
+            parts = bridged(parts)
         return Window(
-            knots=bridged(parts) if any(empty[first:end]) else parts,
+            knots=parts,
             inside=slice(begin - first, begin - first + count - (0 if end > begin + count else 1)),
             spacing=self._length / count,
-            noise=noise,
+            noise=with_truncation(noise, parts, at_an_end=not (earlier and after)),
             start=(self._number - (1 if after else 0)) * self._length,
             fresh=not earlier,
             origin=self.origin,

@@ -32,18 +32,11 @@ BODY_PLACES = np.arange(BODY.start, BODY.stop)
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Where windows are linearised.
+    """Where windows are linearised."""
 
-    Attributes
-    ----------
-    parameters : (u,) of the prediction: P, L, phi, unknowns
-    readings : (r,) the other unknowns
-    side : the nominal model there
-    """
-
-    parameters: Array
-    readings: Array
-    side: NominalModel
+    parameters: Array  # (u,) of the prediction: P, L, phi, unknowns
+    readings: Array  # (r,) the other unknowns
+    side: NominalModel  # the nominal model there
 
     @property
     def body(self) -> Array:
@@ -53,22 +46,14 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """The layout of the state.
+    """The layout of the state."""
 
-    Attributes
-    ----------
-    kernel : of the robot as its URDF has it
-    unknowns : those of the readings last
-    known : their prior
-    plane : (3, 6) the equations that hold for a planar motion, as `PlaneDetector.rows`; None in space
-    imu : the link that an IMU is on, where joints move it
-    """
-
-    kernel: MomentumKernel
-    unknowns: tuple[Unknown, ...]
-    known: UnknownsPrior
+    kernel: MomentumKernel  # of the robot as its URDF has it
+    unknowns: tuple[Unknown, ...]  # those of the readings last
+    known: UnknownsPrior  # their prior
+    # (3, 6) the equations that hold for a planar motion, as `PlaneDetector.rows`; None in space
     plane: Array | None = None
-    imu: Link | None = None
+    imu: Link | None = None  # the link that an IMU is on, where joints move it
 
     @staticmethod
     def of(
@@ -79,10 +64,7 @@ class Layout:
     ) -> Layout:
         """Return the layout of a state with these unknowns, and a joint prior of theirs.
 
-        Raises
-        ------
-        ValueError
-            The prior is of other numbers, or the unknowns of the readings are not the last.
+        Raises ValueError: The prior is of other numbers, or the unknowns of the readings are not the last.
         """
         count, last = sum(unknown.count for unknown in unknowns), [unknown.read for unknown in unknowns]
         if known is None:

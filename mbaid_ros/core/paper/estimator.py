@@ -74,36 +74,24 @@ THRUST = 'thrust was commanded, which the methods of the paper do not account fo
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """Settings of the paper's methods.
+    """Settings of the paper's methods."""
 
-    Attributes
-    ----------
-    form : 'main' (eq. 22) or 'difference' (eq. 25)
-    forgetting_factor, initial_covariance : of the recursive least squares
-    reference : sample that the difference form compares with: the one before, or the first
-    lag : samples between the two; 0 takes `reference`
-    total_angular_momentum : (L_x, L_y, L_z) kg m^2/s about the odometry origin, needed by the main form
-    settled : largest relative change over the last ten windows that counts as converged
-    length : m, that changes of the CoM are taken relative to
-    """
-
-    form: Literal['main', 'difference']
-    forgetting_factor: float
-    initial_covariance: float
+    form: Literal['main', 'difference']  # 'main' (eq. 22) or 'difference' (eq. 25)
+    forgetting_factor: float  # of the recursive least squares
+    initial_covariance: float  # of the recursive least squares
+    # sample that the difference form compares with: the one before, or the first
     reference: Literal['previous', 'first']
-    lag: int
+    lag: int  # samples between the two; 0 takes `reference`
+    # (L_x, L_y, L_z) kg m^2/s about the odometry origin, needed by the main form
     total_angular_momentum: tuple[float, ...]
-    settled: float
-    length: float
+    settled: float  # largest relative change over the last ten windows that counts as converged
+    length: float  # m, that changes of the CoM are taken relative to
 
 
 class PaperEstimator:
     """Identifies one link by the paper's recursion (total linear momentum zero).
 
-    Raises
-    ------
-    ParameterError
-        The main form without the total angular momentum.
+    Raises ParameterError: The main form without the total angular momentum.
     """
 
     needs_rates = True

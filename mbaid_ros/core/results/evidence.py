@@ -52,18 +52,13 @@ class Innovations:
     """Sums over the windows of a run, of each of the m numbers that may be measured.
 
     These are k of the pose, angular ones first, k of the twist, and those that a gyro measures.
-
-    Attributes
-    ----------
-    angular : how many of the k are angular: three, or one in a plane
-    sums, counts : (2, m) of the normalised innovations squared, and of the products of those of neighbouring windows
-    previous : (m,) those of the last window; NaN if not measured
     """
 
-    angular: int
+    angular: int  # how many of the k are angular: three, or one in a plane
+    # sums, counts: (2, m) of the normalised innovations squared, and of the products of those of neighbouring windows
     sums: Array
     counts: Array
-    previous: Array
+    previous: Array  # (m,) those of the last window; NaN if not measured
 
     @staticmethod
     def none(poses: int) -> Innovations:
@@ -159,12 +154,9 @@ class PriorComparison:
     by D = 1 - 1/k^2, and the log-likelihood of the data grows by (trajectory.md, eq. 8)
 
         1/2 m^T (1/D - P)^-1 m  -  1/2 log|1 - D P|  -  n log k
-
-    Attributes
-    ----------
-    mean, variance : (..., n) along these directions; any groups of as many numbers side by side
     """
 
+    # mean, variance: (..., n) along these directions; any groups of as many numbers side by side
     mean: Array
     variance: Array
 

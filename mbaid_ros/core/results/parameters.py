@@ -58,18 +58,14 @@ _RESTS, _NAMED = 0.1, 5  # share from which an unobservable declaration is named
 
 @dataclass(frozen=True, eq=False)
 class ErrorBudget:
-    """Shares of the ten parameters' variances: the contributions of sensor noise and the independent priors add up.
+    """Shares of the ten parameters' variances: the contributions of sensor noise and the independent priors add up."""
 
-    Attributes
-    ----------
-    causes : c names, sensor noise first: 'link:base_link', 'zero:joint6', 'origin:joint6', 'axis:joint6', 'mount', ...
-    shares : (10, c) in the order of PARAMETERS, each row adding up to 1; NaN where a parameter is not determined
-    unchecked : (10, c) which of them rest on a declaration that the data hardly see: if it is wrong, the parameter is
-        further off than its interval, and no residual shows it; none where not given
-    """
-
+    # c names, sensor noise first: 'link:base_link', 'zero:joint6', 'origin:joint6', 'axis:joint6', 'mount',
     causes: tuple[str, ...]
+    # (10, c) in the order of PARAMETERS, each row adding up to 1; NaN where a parameter is not determined
     shares: Array
+    # (10, c) which of them rest on a declaration that the data hardly see: if it is wrong, the parameter is further off
+    # than its interval, and no residual shows it; none where not given
     unchecked: Flags = field(default_factory=lambda: np.zeros((10, 1), dtype=bool))
 
     def of(self, parameter: str, least: float = 1e-3) -> dict[str, float]:

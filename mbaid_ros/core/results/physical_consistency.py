@@ -174,20 +174,13 @@ _CLEARER = 5.0  # times as well known as the scale, from which ratios are known 
 
 @dataclass(frozen=True)
 class InertiaRatios:
-    """Inertia about the centre of mass over its trace, with one standard deviation each.
+    """Inertia about the centre of mass over its trace, with one standard deviation each."""
 
-    Attributes
-    ----------
-    elements, std : (6,) (ixx, ixy, ixz, iyy, iyz, izz)
-    principal, principal_std : (3,) principal moments, the smallest first
-    scale_std : relative, of the trace
-    """
-
-    elements: Array
-    std: Array
-    principal: Array
-    principal_std: Array
-    scale_std: float
+    elements: Array  # (6,) (ixx, ixy, ixz, iyy, iyz, izz)
+    std: Array  # (6,) (ixx, ixy, ixz, iyy, iyz, izz)
+    principal: Array  # (3,) principal moments, the smallest first
+    principal_std: Array  # (3,) principal moments, the smallest first
+    scale_std: float  # relative, of the trace
 
     @property
     def clearer(self) -> bool:

@@ -30,17 +30,12 @@ _LARGEST = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Curvature:
-    """The result of linearising elsewhere.
+    """The result of linearising elsewhere."""
 
-    Attributes
-    ----------
-    shifts, covariance : (d, 10) by which standard parameters have moved at d other points; (10, 10) at the solution
-    largest : standard deviations that a near linear one moves by at most
-    """
-
+    # shifts, covariance: (d, 10) by which standard parameters have moved at d other points; (10, 10) at the solution
     shifts: Array
     covariance: Array
-    largest: float = _LARGEST
+    largest: float = _LARGEST  # standard deviations that a near linear one moves by at most
 
     def straight(self, jacobian: Array) -> Flags:
         """Return of which numbers (m,), by their Jacobian (m, 10), the equations are near linear."""

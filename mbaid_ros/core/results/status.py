@@ -21,18 +21,13 @@ Severity = Literal['note', 'contradiction', 'conflict']
 
 @dataclass(frozen=True)
 class Reason:
-    """Why an estimate is to be read with care, as a stage returns it.
+    """Why an estimate is to be read with care, as a stage returns it."""
 
-    Attributes
-    ----------
-    text : one line: the fault, the value, the remedy
-    severity : 'note' is a warning alone. 'contradiction', of the data with the model, makes an estimate inconsistent;
-        one without parameters stays so, WITHHELD. 'conflict', of two stages or two sensors, makes any inconsistent
-    gain : log-likelihood, where the text is a cause as well: it comes first, that of a note only if anything is wrong
-    """
-
-    text: str
+    text: str  # one line: the fault, the value, the remedy
+    # 'note' is a warning alone. 'contradiction', of the data with the model, makes an estimate inconsistent; one
+    # without parameters stays so, WITHHELD. 'conflict', of two stages or two sensors, makes any inconsistent
     severity: Severity = 'note'
+    # log-likelihood, where the text is a cause as well: it comes first, that of a note only if anything is wrong
     gain: float | None = None
 
 
@@ -101,34 +96,25 @@ class Cause:
 
 @dataclass(frozen=True)
 class Evidence:
-    """The evidence of a run for its model.
+    """The evidence of a run for its model."""
 
-    Attributes
-    ----------
-    nis : normalised innovation squared, a mean over all numbers measured: 1 for noise as declared
-    innovations : by sensor, and from window to window
-    distances : by declared thing, in words, how far off the data see it beside its prior, if nothing drifts
-    jumps, unconfirmed : of the momentum: how many, and the times, s, of those that may be something else yet
-    hypothesis, physical, odometry_drifts : the reported one, empty if undisturbed; whether it has a mechanism, and
-        lets the odometry drift
-    gain : log-likelihood of that hypothesis over the first
-    instead : the part of the robot that, further off than declared, gains most without a force; and its gain
-    latest : the window that the run ends with
-    correlation_time : s, declared of the errors of the base's poses
-    """
-
-    nis: float
-    innovations: Innovations
+    nis: float  # normalised innovation squared, a mean over all numbers measured: 1 for noise as declared
+    innovations: Innovations  # by sensor, and from window to window
+    # by declared thing, in words, how far off the data see it beside its prior, if nothing drifts
     distances: Mapping[str, Distance]
+    # jumps, unconfirmed: of the momentum: how many, and the times, s, of those that may be something else yet
     jumps: int
     unconfirmed: tuple[float, ...]
+    # hypothesis, physical, odometry_drifts: the reported one, empty if undisturbed; whether it has a mechanism, and
+    # lets the odometry drift
     hypothesis: str
     physical: bool
     odometry_drifts: bool
-    gain: float
+    gain: float  # log-likelihood of that hypothesis over the first
+    # the part of the robot that, further off than declared, gains most without a force; and its gain
     instead: tuple[str, float]
-    latest: Samples
-    correlation_time: float
+    latest: Samples  # the window that the run ends with
+    correlation_time: float  # s, declared of the errors of the base's poses
 
 
 @dataclass(frozen=True)
@@ -173,7 +159,7 @@ def judge(evidence: Evidence) -> Verdict:
     far = [what for what, distance in evidence.distances.items() if _too_far(distance)]
     if far:
         reasons.append(f'the robot would have to be further off than declared: {", ".join(far)}')
-    return Verdict(not reasons, tuple(reasons), _causes(evidence), _widening(evidence))
+    return Verdict(not reasons, tuple(reasons), _causes(evidence), widening(innovations, evidence.nis))
 
 
 def _too_far(distance: Distance) -> bool:
@@ -181,17 +167,16 @@ def _too_far(distance: Distance) -> bool:
     return degrees > 0 and square > chi_square.limit(_NEVER, degrees) and twice > chi_square.limit(_NOT_TWICE, degrees)
 
 
-def _widening(evidence: Evidence) -> float:
+def widening(innovations: Innovations, nis: float) -> float:
     """Return by how much variances grow: innovations larger than declared, and correlated from window to window.
 
     The variance of a mean of correlated numbers is 1 + 2 (r_1 + r_2 + ...) times as large (Newey and West 1987); with
     r_k = r^k that is (1 + r) / (1 - r).
     """
-    innovations = evidence.innovations
     significant = innovations.correlation_significance > 0.5 * _SIGNIFICANT
     correlation = float(np.max(np.where(significant, innovations.correlation, 0.0)))
     correlation = min(max(correlation, 0.0), 0.9)
-    return max(1.0, evidence.nis) * (1.0 + correlation) / (1.0 - correlation)
+    return max(1.0, nis) * (1.0 + correlation) / (1.0 - correlation)
 
 
 def _causes(evidence: Evidence) -> tuple[Cause, ...]:

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel, cantilever_inertias
 from mbaid_ros.core.robot.kinematics import Configuration
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
 from mbaid_ros.core.robot.sensitivity import force_cross, motion_cross
+from mbaid_ros.core.samples import ArrayRecord
 
 
 def spring_constants(kernel: MomentumKernel, known: Array) -> tuple[Array, Array]:

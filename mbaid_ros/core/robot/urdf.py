@@ -36,17 +36,11 @@ class Mimic:
 
 @dataclass(frozen=True)
 class Transmission:
-    """How the n joints of a robot follow k independent ones.
+    """How the n joints of a robot follow k independent ones."""
 
-    Attributes
-    ----------
-    independent : (k,) indices of these among all joints
-    driver : (n,) index among the independent joints of the one that moves each joint
-    multiplier, offset : (n,) 1 and 0 for an independent joint; offset in rad or m
-    """
-
-    independent: npt.NDArray[np.intp]
-    driver: npt.NDArray[np.intp]
+    independent: npt.NDArray[np.intp]  # (k,) indices of these among all joints
+    driver: npt.NDArray[np.intp]  # (n,) index among the independent joints of the one that moves each joint
+    # multiplier, offset: (n,) 1 and 0 for an independent joint; offset in rad or m
     multiplier: Array
     offset: Array
 
@@ -210,25 +204,15 @@ class Limit:
 
 @dataclass(frozen=True)
 class Description:
-    """A robot that floats, as described by its document.
+    """A robot that floats, as described by its document."""
 
-    Attributes
-    ----------
-    text : the document without links that the floating one does not carry and without massless <inertial>s
-    base_link : the link that floats
-    inertials : by link, of those with mass
-    joints : names of all joints of the document, fixed and dropped ones included
-    mimics, limits : by joint, of those that have one
-    dropped : a line, with the reason, for everything that is left out
-    """
-
-    text: str
-    base_link: str
-    inertials: dict[str, Inertial]
-    joints: tuple[str, ...]
-    mimics: dict[str, Mimic]
-    limits: dict[str, Limit]
-    dropped: tuple[str, ...]
+    text: str  # the document without links that the floating one does not carry and without massless <inertial>s
+    base_link: str  # the link that floats
+    inertials: dict[str, Inertial]  # by link, of those with mass
+    joints: tuple[str, ...]  # names of all joints of the document, fixed and dropped ones included
+    mimics: dict[str, Mimic]  # by joint, of those that have one
+    limits: dict[str, Limit]  # by joint, of those that have one
+    dropped: tuple[str, ...]  # a line, with the reason, for everything that is left out
 
 
 def read_description(text: str, base_link: str = '') -> Description:
@@ -236,11 +220,8 @@ def read_description(text: str, base_link: str = '') -> Description:
 
     `base_link` names the link that floats; empty means the root, or the link on a root 'world'.
 
-    Raises
-    ------
-    ModelError
-        The document is not XML, not a robot, not a tree, tied to the ground, or has joints or masses that cannot be
-        used; the message lists all problems.
+    Raises ModelError: The document is not XML, not a robot, not a tree, tied to the ground, or has joints or masses
+    that cannot be used; the message lists all problems.
     """
     robot = parse_document(text)
     links = names_of(robot, 'link')

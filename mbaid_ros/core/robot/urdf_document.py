@@ -33,10 +33,8 @@ def refuse(reason: str) -> NoReturn:
 def parse_document(text: str) -> ET.Element:
     """Return the <robot> of a URDF.
 
-    Raises
-    ------
-    ModelError
-        The document is not XML, not a robot, a xacro that has not been expanded, or larger than the limits.
+    Raises ModelError: The document is not XML, not a robot, a xacro that has not been expanded, or larger than the
+    limit.
     """
     if len(text) > limits.URDF_CHARACTERS:
         refuse(f'robot description of {len(text)} characters; at most {limits.URDF_CHARACTERS} are accepted')
@@ -60,10 +58,7 @@ def parse_document(text: str) -> ET.Element:
 def tree_of(text: str) -> ET.Element:
     """Return the root of an XML document, its elements and their kin without the namespace that is its default.
 
-    Raises
-    ------
-    ParseError, UnicodeEncodeError
-        It is not XML.
+    Raises ParseError, UnicodeEncodeError: It is not XML.
     """
     root = ET.fromstring(text)
     if root.tag.startswith('{'):

@@ -15,9 +15,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, Flags, log
-from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream
+from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, JointStream
 
 OUTLIER = 'pose far from those before and after'
 JOINT_OUTLIER = 'joint position far from those before and after'

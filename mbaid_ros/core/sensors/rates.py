@@ -19,9 +19,8 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import legendre
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, cross, log, rotate, rotate_back
-from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.samples import ArrayRecord, Samples
 
 # Fourth degree: rates to third order in time; the remainder is far below the noise for motions slower than the window.
 _DEGREE = 4

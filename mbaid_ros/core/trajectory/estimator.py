@@ -34,6 +34,7 @@ from mbaid_ros.core.trajectory.solution import (
     thrusters,
 )
 from mbaid_ros.core.trajectory.target_runs import TargetRuns, TrajectorySettings
+from mbaid_ros.core.unknowns.bodies import KnownTarget
 from mbaid_ros.core.unknowns.catalogue import underestimated_text
 
 _AT_REST = 'no joint has moved yet: with joints at rest no single body is observable'
@@ -91,13 +92,14 @@ class TrajectoryEstimator:
         run = self._runs.present(self._averaging.origin)  # a new one if motion or target have changed
         ready, still_open = (each and self._runs.used(each) for each in (knots.ready, knots.still_open))
         # Predict the twist, linearise, update every hypothesis, choose.
-        run.take(ready, still_open, moved=knots.moved)
+        moved = knots.moved or isinstance(self._settings.uncertainty.target, KnownTarget)
+        run.take(ready, still_open, moved=moved)
         self._runs.isolation.take(ready, window)
         time = float(window.time[-1])
         instant = Instant(time, origin + round(time * 1e9), self._samples)
         if run.started and run.converged:
             return self._solution(run, instant, window)
-        return self._no_solution(run, instant, window, moved=knots.moved)
+        return self._no_solution(run, instant, window, moved=moved)
 
     def _solution(self, run: FilterRun, now: Instant, window: Samples) -> Solved:
         """Judge the solution of the best hypothesis, and return it with its history."""

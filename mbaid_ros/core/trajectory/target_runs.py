@@ -30,32 +30,19 @@ from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
 @dataclass(frozen=True)
 class TrajectorySettings:
-    """Settings of the trajectory-level estimator.
+    """Settings of the trajectory-level estimator."""
 
-    Attributes
-    ----------
-    noise : of the joint sensors, and of the base where the samples carry none
-    window : s
-    start : windows before the first estimate
-    kept : windows that are relinearised in the initialisation
-    uncertainty : of the known side
-    adapt : whether to follow hypotheses of constant forces, drifting momentum and drifting odometry, and take the best
-    constant : axes of a constant force and torque that is taken to act
-    gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
-    located : whether anything locates the base; linear momentum means nothing where not
-    orientation_measured : whether anything but a gyro measures the orientation
-    """
-
-    noise: SensorNoise
-    window: float
-    start: int
-    kept: int
-    uncertainty: Uncertainty
+    noise: SensorNoise  # of the joint sensors, and of the base where the samples carry none
+    window: float  # s
+    start: int  # windows before the first estimate
+    kept: int  # windows that are relinearised in the initialisation
+    uncertainty: Uncertainty  # of the known side
+    # whether to follow hypotheses of constant forces, drifting momentum and drifting odometry, and take the best
     adapt: bool
-    constant: Axes = 'none'
-    gyro: float = 0.0
-    located: bool = True
-    orientation_measured: bool = True
+    constant: Axes = 'none'  # axes of a constant force and torque that is taken to act
+    gyro: float = 0.0  # rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
+    located: bool = True  # whether anything locates the base; linear momentum means nothing where not
+    orientation_measured: bool = True  # whether anything but a gyro measures the orientation
 
 
 _SETTLING = 2  # windows that a changing target may take: the next run begins as many later
@@ -66,8 +53,6 @@ class TargetRuns:
 
     Parameters
     ----------
-    kernel : MomentumKernel
-    settings : TrajectorySettings
     plane : decides whether the motion is planar
 
     Attributes

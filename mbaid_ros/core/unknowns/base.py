@@ -193,14 +193,9 @@ class TwistLate(Linear):
 
 @dataclass(frozen=True, eq=False)
 class Vibration(Linear):
-    """The pose vibrates at one frequency: amplitudes (24,) rad and m of sine and cosine, and their growth a minute.
+    """The pose vibrates at one frequency: amplitudes (24,) rad and m of sine and cosine, and their growth a minute."""
 
-    Attributes
-    ----------
-    frequency : Hz
-    """
-
-    frequency: float = 0.0
+    frequency: float = 0.0  # Hz
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
         """Return each, and how fast it changes."""

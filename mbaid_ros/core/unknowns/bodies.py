@@ -30,14 +30,9 @@ def _link_deviation(name: str, value: Array) -> str:
 
 @dataclass(frozen=True, eq=False)
 class KnownBodies(Unknown):
-    """Errors of the standard parameters (m, h, I_o) of b moving bodies, each in its own frame.
+    """Errors of the standard parameters (m, h, I_o) of b moving bodies, each in its own frame."""
 
-    Attributes
-    ----------
-    bodies : (b,) indices
-    """
-
-    bodies: tuple[int, ...]
+    bodies: tuple[int, ...]  # (b,) indices
 
     words: ClassVar = {
         'link': Words(

@@ -176,19 +176,13 @@ def _uncertain(*unknowns: Unknown) -> tuple[Unknown, ...]:
 
 @dataclass(frozen=True, eq=False)
 class CalibratedSide:
-    """A calibration beside the robot description, which has its bodies, origins and axes already.
+    """A calibration beside the robot description, which has its bodies, origins and axes already."""
 
-    Attributes
-    ----------
-    links : k of them
-    zeros, mount : (n,), (6,) as of a NominalModel
-    covariance : (10 k + 6 n + 6,) squared: standard parameters of the links, each in its own frame; of each joint zero,
-        displacement of its frame and tilts of its axis; mount
-    """
-
-    links: tuple[Link, ...]
-    zeros: Array
-    mount: Array
+    links: tuple[Link, ...]  # k of them
+    zeros: Array  # (n,), (6,) as of a NominalModel
+    mount: Array  # (n,), (6,) as of a NominalModel
+    # (10 k + 6 n + 6,) squared: standard parameters of the links, each in its own frame; of each joint zero,
+    # displacement of its frame and tilts of its axis; mount
     covariance: Array
 
     def known_to(self, kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[MomentumKernel, Uncertainty]:

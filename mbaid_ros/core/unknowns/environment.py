@@ -169,20 +169,13 @@ def orbit_shape(circle: Circle) -> OrbitShape:
 
 @dataclass(frozen=True)
 class Pushing:
-    """How a force or torque from outside varies.
+    """How a force or torque from outside varies."""
 
-    Attributes
-    ----------
-    deviation : N or N m, standard deviation along each axis; 0 is none
-    time : s, time constant of the first-order Gauss-Markov process that each component is; 0: constant in a motion
-    axes : in which it is constant or varies; those of the orbit are LVLH
-    orbit : whose axes these are, its epoch at the begin of the run
-    """
-
-    deviation: float = 0.0
+    deviation: float = 0.0  # N or N m, standard deviation along each axis; 0 is none
+    # s, time constant of the first-order Gauss-Markov process that each component is; 0: constant in a motion
     time: float = 0.0
-    axes: PushAxes = 'body'
-    orbit: Orbit | None = None
+    axes: PushAxes = 'body'  # in which it is constant or varies; those of the orbit are LVLH
+    orbit: Orbit | None = None  # whose axes these are, its epoch at the begin of the run
 
     def rotation(self, time: Array, base: Array) -> Array:
         """Return the (B, 3, 3) rotations from its axes to inertial ones, (B,) s after the begin; `base` of the base."""
@@ -278,14 +271,9 @@ def external(torque: Pushing, force: Pushing) -> tuple[ExternalTorque, ExternalF
 
 @dataclass(frozen=True, eq=False)
 class Thrusters(Unknown):
-    """Scale, turn (rad, in the axes of its frame) and delay (s) of each thruster less those of its command.
+    """Scale, turn (rad, in the axes of its frame) and delay (s) of each thruster less those of its command."""
 
-    Attributes
-    ----------
-    frames : names of the thrusters
-    """
-
-    frames: tuple[str, ...]
+    frames: tuple[str, ...]  # names of the thrusters
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return the momentum (P, L) that they have brought, which is subtracted to leave a constant."""

@@ -26,13 +26,9 @@ class JointPlacements(Unknown):
     """Of each joint: true less measured position (rad or m), displacement of its frame (m) and tilt of its axis (rad).
 
     Displacement and tilt are in the joint's own axes, the tilt about two directions normal to the joint's axis.
-
-    Attributes
-    ----------
-    across : (n, 3, 2) these directions
     """
 
-    across: Array
+    across: Array  # (n, 3, 2) these directions
 
     words: ClassVar = {
         'zero': Words(
@@ -128,14 +124,9 @@ TRACKING = 'tracking'
 
 @dataclass(frozen=True, eq=False)
 class JointTracking(Linear):
-    """Of each joint: true less read position (rad or m), in every motion another one.
+    """Of each joint: true less read position (rad or m), in every motion another one."""
 
-    Attributes
-    ----------
-    correlation : (e,) s, time constant of each independent number
-    """
-
-    correlation: Array
+    correlation: Array  # (e,) s, time constant of each independent number
 
     words: ClassVar = {
         TRACKING: Words(

@@ -61,9 +61,6 @@ def calibration_page(result: Calibrated) -> str:
         '<h2>Observable combinations</h2>',
         paragraph('Only these combinations are observable, not each body alone.'),
         _combinations(result),
-        '<h3>Unobservable exchanges</h3>',
-        paragraph('Taken from one body and given to the other, it changes no momentum: the prior alone divides it.'),
-        table(('what', 'directions'), [(each.words, str(each.directions.shape[1])) for each in result.exchanges]),
     ]
     return page(f'Calibration of {result.kernel.model.name}', parts)
 

@@ -81,7 +81,7 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
         '<h3>The robot in its last pose</h3>',
         _robot(run, name),
         '<h3>What arrived</h3>',
-        _data(run, name),
+        _data(run),
         noise(run.final.noise),
         '<h3>Settings</h3>',
         _settings(run),
@@ -190,16 +190,9 @@ def _robot(run: Run, name: str) -> str:
     return figure(drawing(found, name), caption)
 
 
-def _data(run: Run, name: str) -> str:
-    rows = []
-    for topic in run.topics:
-        begin, length = max(topic.gaps, key=lambda gap: gap[1], default=(0.0, 0.0))
-        longest = f'{length:.3g} s at {begin:.4g} s' if topic.gaps else NO_NUMBER
-        numbers = str(topic.messages), number(topic.rate, 4), str(len(topic.gaps)), longest
-        rows.append((topic.topic, topic.type, *numbers))
-    content = table(('topic', 'type', 'messages', 'rate [Hz]', 'gaps', 'longest gap'), rows)
-    drawn = figures.arrival(run, name)
-    content += figure(drawn) if drawn else ''
+def _data(run: Run) -> str:
+    rows = [(each.topic, each.type, str(each.messages), number(each.rate, 4)) for each in run.topics]
+    content = table(('topic', 'type', 'messages', 'rate [Hz]'), rows)
     content += paragraph(
         f'{run.used} joint states have odometry around them; {run.final.samples} of them are in the estimate.'
     )

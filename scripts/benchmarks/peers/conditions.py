@@ -118,7 +118,7 @@ def _moved(condition: Condition, seconds: float) -> Moved:
     elif differs == STOPS:
         driven = Stopping(_driven(condition.robot))
         begin = make_initial_state(simulator_config(condition.robot), robot, driven)
-        plain = truth = Simulation(robot, driven, begin, 0.02).advance(instants)
+        plain = truth = Simulation(robot, driven, begin).advance(instants)
     elif differs == OTHER_ENGINE:
         begin = _begin(condition.robot)
         truth = InMuJoCo(robot, _STEP).driven(_driven(condition.robot), begin, instants, robot.joint_names)

@@ -18,7 +18,7 @@ from benchmarks.peers.recording import JOINTS, ODOMETRY
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.core.robot.urdf_edit import change_inertial
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.output import shaped
 from mbaid_ros.replay.run import BAG_TYPES
@@ -77,7 +77,7 @@ def _make(run: Run, folder: Path) -> None:
     folder.mkdir(parents=True)
     _write_bag(folder / BAG, motion, truth, Sensors(case.noise, seed, motion.errors))
     body = physical(motion.nominal.link(target).parameters)
-    (folder / URDF).write_text(change_inertial(motion.nominal.urdf, target, _catalogued(body, rng)), encoding='utf-8')
+    (folder / URDF).write_text(replace_inertial(motion.nominal.urdf, target, _catalogued(body, rng)), encoding='utf-8')
     momentum = _momentum(motion)
     known = {
         'target_link': target,
