@@ -72,7 +72,7 @@ def estimate_message(
         events=[_event(event, estimate, types) for event in estimate.events],
         samples=int(estimate.samples),
         span=types.find('builtin_interfaces/msg/Duration')(sec=seconds, nanosec=nanoseconds),
-        warnings=[*estimate.warnings, *warnings],
+        warnings=[*estimate.warnings, *warnings, *map(str, estimate.flexible)],
     )
 
 

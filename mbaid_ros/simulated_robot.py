@@ -43,6 +43,8 @@ from mbaid_ros.simulation.steered import Followed, Steered, made_to_follow
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
 
 _QUATERNION_TOLERANCE = 1e-3
+_NOT_OF_LINKS = ('seed', 'frequency_relative_std')  # of the model errors
+_FREQUENCIES = 2_000_003  # beside the seed of the model errors: a stream of its own
 
 
 def is_driven(motion: Motion) -> TypeGuard[Driven]:
@@ -204,7 +206,7 @@ def make_model_errors(config: SimulatorConfig, model: RobotModel) -> ModelErrors
 
     Raises ModelError: There is no body near one of the URDF's.
     """
-    sizes = {name: size for name, size in vars(config.model_errors).items() if name != 'seed'}
+    sizes = {name: size for name, size in vars(config.model_errors).items() if name not in _NOT_OF_LINKS}
     rng = generator(config.model_errors.seed)
     return draw(model, config.target_link or model.last_link, ErrorSizes(**sizes), rng)
 
@@ -246,8 +248,10 @@ def make_springs(config: SimulatorConfig, model: RobotModel) -> Springs | None:
     passive = config.flexible.passive(model.joint_names)
     if not passive:
         return None
-    joints = passive.values()
-    return Springs.of(model, list(passive), [joint.frequency for joint in joints], [joint.damping for joint in joints])
+    joints, errors = passive.values(), config.model_errors
+    away = errors.frequency_relative_std * generator(errors.seed + _FREQUENCIES).standard_normal(len(passive))
+    frequencies = np.exp(away) * [joint.frequency for joint in joints]
+    return Springs.of(model, list(passive), frequencies.tolist(), [joint.damping for joint in joints])
 
 
 def make_view(config: SimulatorConfig) -> Callable[[Truth], Truth] | None:

@@ -30,7 +30,7 @@ from mbaid_ros.core.unknowns.bodies import masses
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.environment import Thrusters
-from mbaid_ros.core.unknowns.flexible import SpringErrors
+from mbaid_ros.core.unknowns.flexible import SpringErrors, resolved
 from mbaid_ros.core.unknowns.joints import JointPlacements
 from mbaid_ros.core.unknowns.priors import UnknownsPrior, in_plane_map
 
@@ -127,15 +127,18 @@ class Normals:
     def passive_joints(self, kernel: MomentumKernel) -> tuple[PassiveJoint, ...]:
         """Return the passive joints of a kernel as estimated; how far they swing is not asked."""
         springs, place = kernel.springs, 10
-        value, std = np.zeros((2, springs.count, 2))
+        value, std, prior = np.zeros((3, springs.count, 2))
         for unknown in self.unknowns:
             numbers = slice(place, place + unknown.count)
             place = numbers.stop
             if isinstance(unknown, SpringErrors):
                 value = (unknown.factor @ self.gaussian.mean[numbers]).reshape(-1, 2)
                 std = np.linalg.norm(unknown.factor @ self.gaussian.factor[numbers], axis=1).reshape(-1, 2)
+                prior = np.linalg.norm(unknown.factor, axis=1).reshape(-1, 2)
         names = [kernel.model.joint_names[joint] for joint in springs.joints]
-        return PassiveJoint.all_of(names, (springs.rate, springs.ratio), value, std, np.full(springs.count, np.nan))
+        declared, unasked = (springs.rate, springs.ratio, prior), np.full(springs.count, np.nan)
+        found = resolved(springs.rate, springs.ratio, std[:, 0], np.inf)
+        return PassiveJoint.all_of(names, declared, value, std, unasked, found)
 
     def blocks(self) -> tuple[Array, Array]:
         """Return values (10 k + 6 n + 6,) and covariance of the links' standard parameters, joints and mount.

@@ -125,6 +125,8 @@ class SimulatedModelErrorsConfig:
     """Error of each coordinate of the odometry's mount on the base."""
     mount_orientation_std: float = parameter(0.0, 'rad', minimum=0.0, maximum=1.0)
     """Error of its orientation, about each axis."""
+    frequency_relative_std: float = parameter(0.0, minimum=0.0, maximum=0.5)
+    """Relative error of the natural frequency of each joint in `flexible.joints`."""
     seed: int = parameter(0, minimum=0)
     """The same seed gives the same robot."""
 

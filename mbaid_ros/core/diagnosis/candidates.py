@@ -26,6 +26,7 @@ from mbaid_ros.core.diagnosis.readings import (
     slipped_readings,
     stopped_readings,
     swinging,
+    swinging_text,
     vibration_frequencies,
 )
 from mbaid_ros.core.diagnosis.twist_conventions import twist_convention_error
@@ -109,10 +110,7 @@ class CandidateCauses:
             else:
                 found += yield from self._scored(candidate, base)
         for frequency in vibration_frequencies(wide.unpredicted(passed, base, quiet), windows[0].length):
-            text = (
-                f'something swings at {frequency:.2g} Hz: a panel, fuel or a flexible part, not rigid; make it a joint '
-                f'of the URDF and set flexible.joints: [NAME], flexible.NAME.frequency: {frequency:.2g}'
-            )
+            text = swinging_text(frequency, windows, self.layout.kernel.model.joint_names)
             passes = self.extended(vibration(frequency))
             found += yield from self._scored(Candidate(text, passes, windows, at), base)
         for hypothesis in self.hypotheses[1:]:

@@ -215,6 +215,23 @@ _PEAKS = 2  # frequencies that are tried: each takes passes of its own
 _CLEAR = 12.0
 
 
+def swinging_text(frequency: float, windows: Sequence[Window], names: Sequence[str]) -> str:
+    """Return that something swings (Hz), with the lines to add: for a joint that reads zero always, or a new one."""
+    unread = np.all([np.all(each.knots.joint_position == 0.0, axis=0) for each in windows], axis=0)
+    joint = next((name for name, flag in zip(names, unread.tolist(), strict=True) if flag), '')
+    name, urdf = joint or 'panel', '' if joint else _NEW_JOINT
+    return (
+        f'something swings at {frequency:.2g} Hz: a panel, fuel or a flexible part, not rigid; {urdf}set '
+        f'flexible.joints: [{name}], flexible.{name}.frequency: {frequency:.2g}'
+    )
+
+
+_NEW_JOINT = (
+    'add to the URDF <joint name="panel" type="revolute"> with origin, axis, <parent link="base_link"/> and '
+    '<child link="panel"/>, a link with its inertial, and '
+)
+
+
 def vibration_frequencies(values: Array, spacing: float) -> list[float]:
     """Return the frequencies (Hz) of the highest peaks in the spectrum of (W, k) values of windows, s apart."""
     count = len(values)

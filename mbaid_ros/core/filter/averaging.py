@@ -13,6 +13,8 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples, SensorNoise
 
 _KNOT = 0.05  # s, wanted spacing of knots: errors of the fourth-order formulas are then below the noise
+# Knots in a period of the fastest passive joint, everything else held: a free robot swings up to twice as fast.
+_KNOTS_A_PERIOD = 12.0
 _FEWEST_KNOTS = 5  # of a window: the window before it needs four of them
 # Range of a joint's knots from which it has moved, in deviations of one sample: noise reaches nine in an hour.
 _MOVED = 10.0
@@ -40,6 +42,7 @@ class KnotAveraging:
     length : s, of a window
     gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity
     orientation_measured : whether anything but the gyro measures the orientation of the base
+    fastest : Hz, highest natural frequency of passive joints; 0 without any
 
     Attributes
     ----------
@@ -47,8 +50,16 @@ class KnotAveraging:
     """
 
     def __init__(
-        self, joints: int, noise: SensorNoise, length: float, gyro: float = 0.0, *, orientation_measured: bool = True
+        self,
+        joints: int,
+        noise: SensorNoise,
+        length: float,
+        gyro: float = 0.0,
+        *,
+        orientation_measured: bool = True,
+        fastest: float = 0.0,
     ) -> None:
+        self._wanted = min(_KNOT, 1.0 / (_KNOTS_A_PERIOD * fastest)) if fastest else _KNOT
         self._orientation_measured = orientation_measured
         self._course: Array = np.zeros(36)
         self._gyro = gyro
@@ -68,7 +79,7 @@ class KnotAveraging:
         """Return the windows that closed ones complete."""
         if not self._knots_a_window:
             self.origin = windows[0].base_position[0].copy()
-            self._knots_a_window = knots_a_window(windows[0], self._length)
+            self._knots_a_window = knots_a_window(windows[0], self._length, self._wanted)
         length, count = self._length, self._knots_a_window
         numbers = [int(np.floor((window.time[0] + 1e-9) / length)) for window in windows]
         new = averages(windows, np.array(numbers) * length, length / count, count, self.origin)
@@ -148,7 +159,7 @@ class KnotAveraging:
         )
 
 
-def knots_a_window(window: Samples, length: float) -> int:
-    """Return the number of knots in a window of a length in s: 50 ms each, and no fewer samples than knots."""
+def knots_a_window(window: Samples, length: float, wanted: float) -> int:
+    """Return the number of knots in a window of a length in s: as wanted, s apart, and no fewer samples than knots."""
     spacing = float(np.median(np.diff(window.time))) if len(window) > 1 else length
-    return max(round(length / max(_KNOT, spacing)), _FEWEST_KNOTS)
+    return max(round(length / max(wanted, spacing)), _FEWEST_KNOTS)

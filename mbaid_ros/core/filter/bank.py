@@ -18,7 +18,7 @@ from mbaid_ros.core.unknowns.environment import Hypothesis
 MARGIN = 10.0  # log-likelihood by which a hypothesis must beat the first: odds of 20,000 to 1
 _FALSE_ALARM = 1e-8  # chance that an undisturbed window counts as a jump: one in a year and a half of windows
 # Windows in a row that one jump may take: a pulse across a border is in both. From a guessed start, more are its fault.
-LONGEST, LONGEST_AT_A_GUESS = 2, 1
+LONGEST, LONGEST_AT_A_GUESS, NO_JUMPS = 2, 1, 0
 _REMEMBERED = 4  # jumps of which the information before is kept: more are no changes of the target
 _JUMP = 0.3  # typical momenta: standard deviation of a jump, next to no prior
 

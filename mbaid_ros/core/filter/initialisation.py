@@ -12,6 +12,7 @@ from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.start import MultiStart, Start
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
+from mbaid_ros.core.filter.swing_start import resolved_frequencies
 from mbaid_ros.core.filter.window import Window, in_stacks
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.reporting import Curvature
@@ -194,6 +195,9 @@ class Initialisation:
         if self._curvature is None or self._curvature.anywhere or self._displaced:
             return False
         moments = MeanAndCovariance.of(gaussian, self._batch.variables)
+        seconds = self.windows[-1].start - self.windows[0].start
+        if not resolved_frequencies(self._batch.layout, moments, seconds).all():
+            return False
         factor = moments.factor_of(self._batch.variables.spread[BODY])
         body, deviation = moments.mean[BODY], np.sqrt(np.add.reduce(factor**2, axis=1))
         return bool(body[0] > 0.0 and np.all(deviation < _KNOWN * body_sizes(body)))

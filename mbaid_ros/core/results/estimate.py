@@ -142,7 +142,8 @@ class Estimate:
 class PassiveJoint:
     """A passive joint as estimated: natural frequency (Hz, all else held), damping ratio, standard deviations.
 
-    `largest` is the largest deflection, rad or m; NaN where it is not asked.
+    `largest` is the largest deflection, rad or m; NaN where it is not asked. Frequency and ratio are as declared where
+    the data do not resolve them.
     """
 
     joint: str
@@ -151,30 +152,33 @@ class PassiveJoint:
     damping: float
     damping_std: float
     largest: float
+    resolved: bool
 
     @staticmethod
     def all_of(
-        names: Sequence[str], declared: tuple[Array, Array], value: Array, std: Array, largest: Array
+        names: Sequence[str], declared: tuple[Array, ...], value: Array, std: Array, largest: Array, resolved: Flags
     ) -> tuple[PassiveJoint, ...]:
         """Return f of them.
 
         Parameters
         ----------
         names : of each
-        declared : (f,) angular frequencies, rad/s, and damping ratios
+        declared : (f,) angular frequencies, rad/s, and damping ratios; (f, 2) standard deviations as of `std`
         value, std : (f, 2) relative error of the frequency, error of the ratio
-        largest : (f,) deflections
+        largest, resolved : (f,) deflections; whether the data resolve a frequency
         """
-        rate, ratio = declared
+        rate, ratio, prior = declared
+        value, std = np.where(resolved[:, None], value, 0.0), np.where(resolved[:, None], std, prior)
         frequency = rate * np.exp(value[:, 0]) / (2.0 * np.pi)
         numbers = (frequency, frequency * std[:, 0], ratio + value[:, 1], std[:, 1], largest)
-        return tuple(PassiveJoint(name, *map(float, each)) for name, *each in zip(names, *numbers, strict=True))
+        columns = (each.tolist() for each in (*numbers, resolved))
+        return tuple(map(PassiveJoint, names, *columns))
 
     def __str__(self) -> str:
         """Return it with 95 % intervals."""
         return (
             f'{self.joint} swings at {self.frequency:.5g} ± {1.96 * self.frequency_std:.2g} Hz with a damping ratio of '
-            f'{self.damping:.2g} ± {1.96 * self.damping_std:.1g}'
+            f'{self.damping:.2g} ± {1.96 * self.damping_std:.1g}{"" if self.resolved else " (as declared)"}'
         ) + ('' if np.isnan(self.largest) else f', by up to {self.largest:.2g} rad (m)')
 
 

@@ -24,3 +24,8 @@ class Springs:
     def count(self) -> int:
         """Number f."""
         return len(self.joints)
+
+    @property
+    def fastest(self) -> float:
+        """The highest natural frequency, Hz; 0 without any."""
+        return float(np.max(self.rate, initial=0.0) / (2.0 * np.pi))

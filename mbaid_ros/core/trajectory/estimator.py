@@ -62,6 +62,7 @@ class TrajectoryEstimator:
             settings.window,
             settings.gyro,
             orientation_measured=settings.orientation_measured,
+            fastest=kernel.springs.fastest,
         )
         self._runs = TargetRuns(kernel, settings, self._plane)
         self._samples = 0
@@ -112,7 +113,8 @@ class TrajectoryEstimator:
         too_small = [underestimated_text(*each) for each in sizes.sure if verdict.adequate]
         acting = filtered.hypothesis.disturbed and filtered.hypothesis.physical
         estimated = [f'{filtered.hypothesis.name}; it is estimated, too, which widens the intervals'] if acting else []
-        flexible = passive_joints(moments, layout, run.largest_deflections) if layout.kernel.springs.count else ()
+        swinging = layout.kernel.springs.count > 0
+        flexible = passive_joints(moments, layout, run.largest_deflections, run.resolved) if swinging else ()
         x, factor = moments.published(sizes, layout, _REPORTED)
         covariance = (factor @ factor.T + moments.variables.outside[np.ix_(_REPORTED, _REPORTED)]) * verdict.widening
         return Solved(

@@ -262,16 +262,19 @@ def thrusters(moments: MeanAndCovariance, layout: Layout) -> tuple[Thruster, ...
     return tuple(estimated)
 
 
-def passive_joints(moments: MeanAndCovariance, layout: Layout, largest: Array) -> tuple[PassiveJoint, ...]:
-    """Return the passive joints as estimated; `largest` (f,) are their deflections, rad or m."""
+def passive_joints(
+    moments: MeanAndCovariance, layout: Layout, largest: Array, resolved: Flags
+) -> tuple[PassiveJoint, ...]:
+    """Return the passive joints as estimated; `largest`, `resolved` (f,) as of `PassiveJoint.all_of`."""
     springs, model = layout.kernel.springs, layout.kernel.model
-    value, std = np.zeros((2, springs.count, 2))
+    value, std, prior = np.zeros((3, springs.count, 2))
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, SpringErrors):
             value = (unknown.factor @ moments.mean[place]).reshape(-1, 2)
             std = np.abs(unknown.factor @ _deviation(moments, place)).reshape(-1, 2)
+            prior = np.linalg.norm(unknown.factor, axis=1).reshape(-1, 2)
     names = [model.joint_names[joint] for joint in springs.joints]
-    return PassiveJoint.all_of(names, (springs.rate, springs.ratio), value, std, largest)
+    return PassiveJoint.all_of(names, (springs.rate, springs.ratio, prior), value, std, largest, resolved)
 
 
 _FAR = 3.0  # standard deviations of its declaration, beyond which a frequency is another thing's
@@ -287,7 +290,7 @@ def implausible(moments: MeanAndCovariance, layout: Layout, joints: Sequence[Pas
             away = dict(zip(unknown.causes, moments.mean[place].tolist(), strict=True))
     for joint, index, rate in zip(joints, springs.joints, springs.rate, strict=True):
         far = abs(away.get(f'{FREQUENCY}:{joint.joint}', 0.0))
-        if far > _FAR:
+        if far > _FAR and joint.resolved:
             text = (
                 f'{joint.joint} would swing at {joint.frequency:.3g} Hz, {far:.1f} standard deviations from '
                 f'flexible.{joint.joint}.frequency, {rate / (2.0 * np.pi):.3g} Hz: correct it, or something else swings'
