@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import csv
 import re
 import runpy
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from xml.etree import ElementTree as ET
 import pytest
 import yaml
 
+from benchmarks.pictures import pictured
 from documents import DOCUMENTS, README, REFERENCE, ROOT, names
 from made_runs import run
 from mbaid_ros import limits
@@ -169,6 +171,23 @@ def texts(folder: str) -> Iterator[tuple[str, str]]:
         for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 yield f'{path.relative_to(ROOT)}:{node.lineno}', node.value
+
+
+def test_a_long_table_becomes_a_picture_with_its_rows_beside_it(tmp_path: Path) -> None:
+    header, *rows = [
+        'robot, encoders, after | method | coverage',
+        '--- | --- | ---',
+        *(f'a, {n} s | b | 95 %' for n in range(41)),
+    ]
+    short = f'Words.\n\n| {header} |\n| {rows[0]} |\n| {rows[1]} |\n'
+    whole = '\n'.join(f'| {row} |' for row in (header, *rows))
+    assert pictured(short, tmp_path / 'page.md', 'few') == short
+    text = pictured(f'{short}\n{whole}', tmp_path / 'page.md', 'many')
+    assert text.startswith(short)
+    for name in re.findall(r'\]\((.*?)\)', text):
+        assert (tmp_path / name).is_file()
+    with (tmp_path / 'data' / 'page-many.csv').open(encoding='utf-8') as file:
+        assert [' | '.join(row) for row in csv.reader(file)] == [header, *rows[1:]]
 
 
 @pytest.mark.parametrize('folder', ['mbaid_ros', 'scripts'])
