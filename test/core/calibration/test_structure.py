@@ -38,6 +38,19 @@ def test_the_rank_is_that_of_the_theory(name: str) -> None:
     assert structure(mechanism(model, NORMAL[name])).rank == theory(model, planar=name == 'table1')
 
 
+@pytest.mark.parametrize('name', NORMAL)
+def test_base_parameters_hold_all_that_momentum_tells(name: str) -> None:
+    model = robot(name)
+    found = structure(mechanism(model, NORMAL[name]))
+    parameters = found.base_parameters()
+    assert len(parameters) == found.rank
+    theta = np.random.default_rng(1).normal(size=found.unknowns)
+    values = [parameter.factors @ theta / found.scale[parameter.leading] for parameter in parameters]
+    leading = found.regressor[:, [parameter.leading for parameter in parameters]]
+    whole = found.regressor @ (theta / found.scale)
+    assert leading @ values == pytest.approx(whole, abs=1e-5 * float(np.abs(whole).max()))
+
+
 def momentum_of(kernel: MomentumKernel, direction: Array, resting: tuple[int, ...], posture: Array) -> Array:
     """Return the momentum of a direction of theta at states of the test's own."""
     rng = np.random.default_rng(77)
