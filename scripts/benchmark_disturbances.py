@@ -21,14 +21,13 @@ from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.campaigns.statistics import coverage
 from mbaid_ros.replay.run import BAG_TYPES
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_motion, make_simulation
 from mbaid_ros.simulated_run import commands
-from mbaid_ros.simulation.capture import CaptureSimulation
+from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, ThrustSimulation
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Truth
-from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
 
 sys.path.insert(0, str(CONFIG.parent / 'test'))
 

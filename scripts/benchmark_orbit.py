@@ -25,7 +25,7 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array, Flags, unvec
 from mbaid_ros.core.results.parameters import BAND
 from mbaid_ros.core.robot.orbit import Orbit
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.simulation import Truth, seen_from_orbit
 
 ROBOT = 'servicer7'

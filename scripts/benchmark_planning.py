@@ -24,20 +24,17 @@ from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.streams import Windows
-from mbaid_ros.planning.goal import Wanted
-from mbaid_ros.planning.limits import BaseLimits, joint_limits
+from mbaid_ros.planning.goal import BaseLimits, Wanted, joint_limits
 from mbaid_ros.planning.plan import Plan
 from mbaid_ros.planning.planner import Planner, PlanSettings
 from mbaid_ros.planning.splines import Splines
-from mbaid_ros.session import make_estimator
-from mbaid_ros.session.methods import make_reporting
+from mbaid_ros.session.methods import make_estimator, make_reporting
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Simulation, Truth
 from mbaid_ros.simulation.steered import made_to_follow
 
 ROBOTS, SPEEDS = ('servicer7', 'ets7', 'table1'), (1.0, 5.0)  # deg/s
-STEP = 0.05  # s, of the integrator
 WANTED = 0.01
 TURN = np.radians(2.0)  # rad, limit of the base's turn
 WINDOW, KNOTS = 0.5, 10  # s, of the estimator
@@ -123,7 +120,7 @@ def _first(kernel: MomentumKernel, state: State, generator: np.random.Generator)
 
 def _follow(model: RobotModel, state: State, trajectory: JointTrajectory, seconds: float) -> Truth:
     motion = made_to_follow(trajectory, model, state.joint_position, 0.0)
-    return Simulation(model, motion, state, STEP).advance(np.arange(round(seconds * RATE) + 1) / RATE)
+    return Simulation(model, motion, state).advance(np.arange(round(seconds * RATE) + 1) / RATE)
 
 
 def _last(truth: Truth) -> State:

@@ -15,7 +15,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.replay.run import BAG_TYPES
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from observed import MID
 from simulated import CONFIG
@@ -45,7 +45,7 @@ def _dotted(parameters: dict[str, object]) -> dict[str, object]:
 def simulated(seconds: float, **parameters: object) -> SimulatedRun:
     """Return a noisy run at 20 Hz; in names of parameters, two underlines are a dot."""
     values = load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator')
-    values |= {'duration': seconds, 'joint_rate': 20.0, 'odometry_rate': 20.0, 'step': 0.05, **NOISE}
+    values |= {'duration': seconds, 'joint_rate': 20.0, 'odometry_rate': 20.0, **NOISE}
     return SimulatedRun(build(SimulatorConfig, {**values, **_dotted(parameters)}), URDF, BAG_TYPES)
 
 

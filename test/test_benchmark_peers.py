@@ -25,6 +25,7 @@ from mbaid_ros.simulation.sensors import Sensors
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / 'docs' / 'measured' / 'benchmark.md'
+HOW_TO = ROOT / 'docs' / 'how-to' / 'benchmark.md'
 RUN = dataset.Run(Condition('ets7', 'low'), 0, 10.0)
 
 
@@ -76,7 +77,7 @@ def test_equations_hold_without_noise(exact: Path, method: str, share: float) ->
 
 
 def test_the_page_s_own_method_answers(exact: Path, tmp_path: Path) -> None:
-    page = PAGE.read_text(encoding='utf-8')
+    page = HOW_TO.read_text(encoding='utf-8')
     code = page.partition('<!-- run by test/test_benchmark_peers.py: on a recording without noise -->\n```python\n')[
         2
     ].partition('```')[0]

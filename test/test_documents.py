@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import runpy
 from pathlib import Path
@@ -14,8 +15,7 @@ from documents import DOCUMENTS, README, REFERENCE, ROOT, names
 from made_runs import run
 from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.methods import METHODS
-from mbaid_ros.config.parameters import specifications
+from mbaid_ros.config.parameters import METHODS, specifications
 from mbaid_ros.replay.output import as_json
 
 LINK = re.compile(r'\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)')
@@ -49,6 +49,7 @@ def test_every_threshold_has_a_reason_and_is_in_the_page() -> None:
     assert [f'{each.module}.{each.names[0]}' for each in found() if not each.why] == []
     page = ROOT / 'docs' / 'reference' / 'thresholds.md'
     assert page.read_text(encoding='utf-8') == text(), 'run scripts/write_thresholds.py'
+    assert '|---|---|---|\n\n' not in text(), 'a section without constants'
 
 
 @pytest.mark.parametrize(
@@ -142,13 +143,33 @@ def test_pages_that_code_names_exist(folder: str) -> None:
             assert (ROOT / page).is_file(), f'{path}: {page}'
 
 
-def test_the_readme_is_short_and_pages_for_people_are_in_plain_words() -> None:
+VAGUE = re.compile(r'\b(?:told|tells|says|whatever|nobody|what is)\b', re.IGNORECASE)  # of data and messages
+
+
+def test_the_readme_is_short_and_pages_are_in_plain_words() -> None:
     assert len(README.read_bytes()) <= 12_000
-    groups = ('tutorials', 'how-to', 'explanation')
-    pages = [README, *(page for group in groups for page in (ROOT / 'docs' / group).glob('*.md'))]
-    vague = re.compile(r'\b(?:told|tells|says|whatever|nobody|what is)\b', re.IGNORECASE)  # of data and messages
-    found = {str(page.relative_to(ROOT)): vague.findall(page.read_text(encoding='utf-8')) for page in pages}
+    found = {name: VAGUE.findall((ROOT / name).read_text(encoding='utf-8')) for name in names(DOCUMENTS)}
     assert {page: words for page, words in found.items() if words} == {}
+
+
+def test_the_pages_stay_short() -> None:
+    generated = re.compile(r'<!-- (parameters|budgets).*?<!-- end of \1 -->', re.DOTALL)
+    apart = [ROOT / 'docs' / 'measured', ROOT / 'docs' / 'api', REFERENCE / 'thresholds.md', ROOT / 'bags']
+    pages = [page for page in DOCUMENTS if not any(page.is_relative_to(folder) for folder in apart)]
+    assert sum(len(generated.sub('', page.read_text(encoding='utf-8')).encode()) for page in pages) <= 200_000
+    for page in (ROOT / 'docs' / 'measured').glob('*.md'):
+        tables = re.findall(r'(?:^\|.*\n)+', page.read_text(encoding='utf-8'), re.MULTILINE)
+        assert max([0, *(len(table.splitlines()) - 2 for table in tables)]) <= 40, page
+
+
+@pytest.mark.parametrize('folder', ['mbaid_ros', 'scripts'])
+def test_messages_help_and_docstrings_are_in_plain_words(folder: str) -> None:
+    found = []
+    for path in sorted((ROOT / folder).rglob('*.py')):
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                found += [f'{path.relative_to(ROOT)}:{node.lineno}: {word}' for word in VAGUE.findall(node.value)]
+    assert found == []
 
 
 def test_equations_that_are_cited_exist() -> None:

@@ -15,7 +15,7 @@ from mbaid_ros.core.geometry import rotate, rotation_from_quaternion
 from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.simulated_robot import make_initial_state, make_motion, make_simulation
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
-from mbaid_ros.simulation.capture import with_target
+from mbaid_ros.simulation.changes import with_target
 from mbaid_ros.simulation.simulation import Simulation, total_momentum
 from simulated import CONFIG, robot
 
@@ -99,7 +99,7 @@ def test_the_momentum_is_about_the_odometry_origin() -> None:
         SimulatorConfig, {'initial': {'base_position': [10.0, 0.0, 0.0], 'base_linear_velocity': [0.0, 1.0, 0.0]}}
     )
     motion = make_motion(config, model)
-    truth = Simulation(model, motion, make_initial_state(config, model, motion), 0.02).advance(np.zeros(1))
+    truth = Simulation(model, motion, make_initial_state(config, model, motion)).advance(np.zeros(1))
     total = total_momentum(model, truth)[0]
     mass = model.body_parameters()[:, 0].sum()
     assert total[1] == pytest.approx(mass)

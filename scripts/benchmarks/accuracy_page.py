@@ -150,6 +150,6 @@ _INTERVALS = (
     *('converged', 'false alarms'),
 )
 _SENSORS = (
-    *('robot, encoders, what differs', 'method', 'after', 'RMSE / bound', '/ limit of these sensors', 'coverage'),
+    *('robot, encoders, difference', 'method', 'after', 'RMSE / bound', '/ limit of these sensors', 'coverage'),
     *('NEES', 'its 95 % band'),
 )

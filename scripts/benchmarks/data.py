@@ -12,9 +12,8 @@ from typing import Any, Literal
 import numpy as np
 from scipy.signal import lfilter
 
-from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.files import load_parameter_file, read_robot_description
 from mbaid_ros.config.parameters import build
-from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array, exp, log, rotate, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate
@@ -24,7 +23,7 @@ from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_initial_state, make_motion
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.dynamics import State
@@ -131,10 +130,10 @@ def simulator_config(robot: str, changes: Mapping[str, object] | None = None) ->
     return build(SimulatorConfig, {**values, **(changes or {})})
 
 
-def simulation(config: SimulatorConfig, moving: RobotModel, step: float = 0.0) -> Simulation:
+def simulation(config: SimulatorConfig, moving: RobotModel) -> Simulation:
     """Return the simulation of a robot."""
     driven = make_motion(config, moving)
-    return Simulation(moving, driven, make_initial_state(config, moving, driven), step or config.step)
+    return Simulation(moving, driven, make_initial_state(config, moving, driven))
 
 
 def motion(robot: str, rate: float = RATE, model_errors: ModelErrors | None = None) -> Truth:
@@ -164,7 +163,7 @@ def endless_motion(robot: str, rate: float = RATE, seconds: float = DURATION) ->
     amplitude = np.column_stack((0.35 - 0.02 * order, 0.1 + 0.01 * order))
     driven = Sinusoids(0.3 * np.cos(order), amplitude, cycles / DURATION, np.full(cycles.shape, 0.5 * np.pi))
     rest = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), driven.start, np.zeros(6 + joints))
-    return Simulation(model(robot), driven, rest, 0.02).advance(np.arange(round(seconds * rate)) / rate)
+    return Simulation(model(robot), driven, rest).advance(np.arange(round(seconds * rate)) / rate)
 
 
 def momentum_of(robot: str, truth: Truth, model_errors: ModelErrors | None = None) -> Array:

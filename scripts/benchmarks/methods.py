@@ -16,7 +16,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
 from mbaid_ros.core.sensors.levels import FoundNoise
-from mbaid_ros.session import make_estimator
+from mbaid_ros.session.methods import make_estimator
 
 
 @dataclass(frozen=True)

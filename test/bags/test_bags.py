@@ -193,7 +193,7 @@ def test_what_only_the_log_of_a_database_has_is_told(tmp_path: Path, *, bare: bo
     read, warnings = everything(path)
     assert len(read) == 10
     (warning,) = [each for each in warnings if '-wal' in each]
-    assert warning.startswith(f"'{file}-wal' holds what has not been written into its bag, and is not read")
+    assert warning.startswith(f"'{file}-wal' holds messages not yet written into its bag, and is not read")
     words = shlex.split(warning.partition(': ')[2])
     assert words[:3] == ['sqlite3', str(file), 'PRAGMA wal_checkpoint(TRUNCATE)']
     with closing(sqlite3.connect(file)) as connection:

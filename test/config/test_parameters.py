@@ -19,19 +19,26 @@ from mbaid_ros.core.sensors.levels import CHANNELS
 class Inner:
     """A group."""
 
-    ratio: float = parameter(0.5, 'A ratio.', minimum=0.0, maximum=1.0, exclusive_minimum=True)
-    names: tuple[str, ...] = parameter((), 'Names.')
+    ratio: float = parameter(0.5, minimum=0.0, maximum=1.0, exclusive_minimum=True)
+    """A ratio."""
+    names: tuple[str, ...] = parameter(())
+    """Names."""
 
 
 @dataclass(frozen=True)
 class Outer:
     """One parameter of each type, and a group."""
 
-    enabled: bool = parameter(False, 'A switch.', read_only=False)
-    count: int = parameter(3, 'A count.', minimum=0)
-    length: float = parameter(1.0, 'A length.', unit='m')
-    kind: str = parameter('round', 'A shape.', choices=('round', 'square'))
-    axis: tuple[float, ...] = parameter((), 'An axis.', unit='m', lengths=(0, 3))
+    enabled: bool = parameter(default=False, read_only=False)
+    """A switch."""
+    count: int = parameter(3, minimum=0)
+    """A count."""
+    length: float = parameter(1.0, unit='m')
+    """A length."""
+    kind: str = parameter('round', choices=('round', 'square'))
+    """A shape."""
+    axis: tuple[float, ...] = parameter((), unit='m', lengths=(0, 3))
+    """An axis."""
     inner: Inner = field(default_factory=Inner)
 
 

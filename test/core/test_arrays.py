@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from mbaid_ros.core.array_record import ArrayRecord, Queue
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.linear_algebra import solve_symmetric
+from mbaid_ros.core.samples import ArrayRecord, Queue
 
 
 @dataclass(frozen=True)

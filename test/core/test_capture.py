@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from captured import CHASER, Joined, alone, capture, chaser
 from checked import same, some
-from mbaid_ros.core.capture import BEFORE, CaptureEstimator
+from mbaid_ros.core.capture.estimator import BEFORE, CaptureEstimator
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.published_inertia import Frame, debris
@@ -139,7 +139,7 @@ def test_a_planar_capture_tells_what_a_plane_can() -> None:
     planar = kernel('table1')
     run = CaptureEstimator(planar, estimator(planar, MID), MID, 0.5, 2.0)
     run.time = 3.0
-    run.update(windows(observe(configured_motion('table1', 15.0, 50.0, 0.05), MID, 1)), 0)
+    run.update(windows(observe(configured_motion('table1', 15.0, 50.0), MID, 1)), 0)
     found = some(run.capture(None))
     known = np.isfinite(found.momentum)
     assert known.tolist() == [True, True, False, False, False, True]

@@ -190,12 +190,12 @@ def test_several_publishers_and_frames_of_one_sensor(talk: Talk) -> None:
     with talk.graph.stranger('wheel_odometry') as other:
         other.create_publisher(String, 'odom', 10)
         talk.send()
-        talk.hear('odom', WARN, 'not heard is what /wheel_odometry sends there as std_msgs/msg/String')
+        talk.hear('odom', WARN, 'not read: /wheel_odometry sends there as std_msgs/msg/String')
     talk.send()
     talk.hear('odom', OK, 'Hz')
     frames = cycle(['odom', '/odom', 'map'])
     talk.send(odometry=lambda message: setattr(message.header, 'frame_id', next(frames)))
-    talk.hear('samples', WARN, "the base is located in the frames 'odom', 'map', which are taken for one")
+    talk.hear('samples', WARN, "the base is located in the frames 'odom', 'map', which count as one")
 
 
 # -- an estimate that nothing follows

@@ -98,7 +98,7 @@ def test_a_planned_motion_is_followed_and_tells_what_was_uncertain(graph: Graph,
     motions = graph.collect('/estimator/motion', JointTrajectory)
     states = graph.collect('/joint_states', JointState, qos(10_000))
     given = {
-        'robot_description_file': CONFIG / 'servicer7.urdf', 'joint_rate': 20.0, 'odometry_rate': 20.0, 'step': 0.05,
+        'robot_description_file': CONFIG / 'servicer7.urdf', 'joint_rate': 20.0, 'odometry_rate': 20.0,
         'real_time_factor': 4.0, 'wait_for_subscribers': 1, 'motion.kind': 'trajectory',
         'motion.trajectory_file': tmp_path / 'first.yaml', **{f'noise.{name}': size for name, size in NOISE.items()},
     }  # fmt: skip

@@ -160,7 +160,7 @@ def topics_of_a_running_estimator(running: Graph) -> dict[str, str]:
 
 
 def has_field(type_name: str, path: str) -> bool:
-    """Tell whether a message type has a field like inertia.com.x or covariance[3]."""
+    """Return whether a message type has a field like inertia.com.x or covariance[3]."""
     if not path:
         return True
     name, _, rest = path.partition('.')

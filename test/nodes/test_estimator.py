@@ -32,7 +32,7 @@ from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.nodes.publishers import last_of_each_window
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, qos
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import TimedMessage
 from simulated import CONFIG
 from streams import EPOCH, every_bit, offline, run, urdf

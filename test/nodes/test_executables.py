@@ -126,7 +126,7 @@ ARGUMENTS = {
 
 
 def takes_signals(process: subprocess.Popen[str]) -> bool:
-    """Tell whether a handler for SIGTERM is there; Python itself has none."""
+    """Return whether a handler for SIGTERM is there; Python itself has none."""
     status = Path(f'/proc/{process.pid}/status').read_text()
     caught = re.search(r'^SigCgt:\s*(\w+)$', status, re.MULTILINE)
     return caught is not None and bool(int(caught[1], 16) >> (signal.SIGTERM - 1) & 1)

@@ -37,18 +37,24 @@ from streams import run
 class Inner:
     """A group."""
 
-    gain: float = parameter(0.5, 'A gain.', minimum=0.0, maximum=2.0)
+    gain: float = parameter(0.5, minimum=0.0, maximum=2.0)
+    """A gain."""
 
 
 @dataclass(frozen=True)
 class Example:
     """Parameters of every kind."""
 
-    rate: float = parameter(10.0, 'A rate.', unit='Hz', minimum=0.0, exclusive_minimum=True)
-    count: int = parameter(3, 'A number of things.', minimum=1)
-    shape: str = parameter('round', 'A shape.', choices=('round', 'square'))
-    active: bool = parameter(False, 'Whether it is on.')
-    places: tuple[float, ...] = parameter((), 'Some places.', unit='m')
+    rate: float = parameter(10.0, unit='Hz', minimum=0.0, exclusive_minimum=True)
+    """A rate."""
+    count: int = parameter(3, minimum=1)
+    """A number of things."""
+    shape: str = parameter('round', choices=('round', 'square'))
+    """A shape."""
+    active: bool = parameter(False)
+    """Whether it is on."""
+    places: tuple[float, ...] = parameter((), unit='m')
+    """Some places."""
     start: tuple[float, ...] = parameter((1.0, 2.0), 'A start.', lengths=(2,))
     inner: Inner = field(default_factory=Inner)
 

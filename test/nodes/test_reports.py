@@ -11,7 +11,7 @@ import pytest
 from made_runs import budget, estimate
 from mbaid_ros.core.sensors.levels import SensorLevels
 from mbaid_ros.nodes.reports import ERROR, OK, RunLog, RunState, estimate_report, headline
-from mbaid_ros.session import summarise
+from mbaid_ros.session.model_summary import summarise
 from simulated import robot
 
 

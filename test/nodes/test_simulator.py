@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from graph import Graph, Process
-from mbaid_ros.nodes.pace import Pace
+from mbaid_ros.nodes.simulator import Pace
 from mbaid_ros.nodes.subscriptions import qos
 from simulated import CONFIG
 from streams import run

@@ -18,7 +18,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS, SENSOR_NOISE, ErrorBudget
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import as_json, summary
-from mbaid_ros.replay.report import html
+from mbaid_ros.replay.report.page import html
 from mbaid_ros.replay.run import replay_bag
 from simulated import robot
 
@@ -55,12 +55,12 @@ def test_a_robot_known_as_well_as_by_default_is_limited_by_that_and_no_warning_s
     assert shares[SENSOR_NOISE] < 0.2 * shares['link:base_link']
     assert 'All of the variance' not in html([made])
     assert re.fullmatch(
-        r'of single joints joint\d tells most of i[xyz]{2}: [\d.]+ deg there and back in 10 s bring it .* to .* %',
+        r'of single joints joint\d improves i[xyz]{2} most: [\d.]+ deg there and back in 10 s reduce it .* to .* %',
         made.advice,
     )
     assert f'next: {made.advice}\n' in f'{summary(made)}\n'
     assert as_json(made)['advice'] == made.advice
-    assert f'What motion would help most: {made.advice}.' in html([made])
+    assert f'The motion that would help most: {made.advice}.' in html([made])
 
 
 def test_the_json_has_stage_and_shares() -> None:

@@ -19,10 +19,10 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.core.robot.urdf_edit import change_inertial
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.replay.start import calibrate as main
 from mbaid_ros.replay.start import replay
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.motion import random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, without_linear_momentum
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
@@ -46,7 +46,7 @@ def described(folder: Path) -> Path:
     """Write a URDF that is off, and parameters."""
     cad = free_urdf()
     for link in perturbed(free_model(), PRIORS, 7).links:
-        cad = change_inertial(cad, link.name, physical(link.parameters))
+        cad = replace_inertial(cad, link.name, physical(link.parameters))
     (folder / 'cad.urdf').write_text(cad, encoding='utf-8')
     (folder / 'calibrate.yaml').write_text(PARAMETERS, encoding='utf-8')
     return folder
@@ -98,7 +98,6 @@ def test_the_json_has_links_covariance_and_what_is_identifiable(result: Any) -> 
     assert np.linalg.eigvalsh(matrix / np.sqrt(np.outer(np.diag(matrix), np.diag(matrix))))[0] > -1e-9
     found = result['identifiability']
     assert (found['unknowns'], found['rank'], len(found['base_parameters'])) == (80, 59, 59)
-    assert sum(each['directions'] for each in found['cannot_be_told_apart']) == 21
     first = found['base_parameters'][0]
     assert first['words'] == 'mass of base_link, with all the mass that joint1 carries'
     masses = [link['estimate']['mass'] for link in result['links'].values()]
@@ -156,7 +155,7 @@ def test_data_that_contradict_the_model_end_with_4_and_no_urdf(
     ('parameters', 'arguments', 'code', 'reason'),
     [
         ('prior.mass_relative_std: 0.0\n    prior.inertia_relative_std: 0.0', [], 2, 'nothing fixes the scale'),
-        ('prior.com_std: 0.0', [], 3, 'and no prior speaks of them; add prior.com_std'),
+        ('prior.com_std: 0.0', [], 3, 'data and prior do not determine'),
         ('prior.com_std: -1.0', [], 2, "parameter 'prior.com_std' is -1.0 m; accepted: a number >= 0 m"),
         ('prior.links.link2.com_std: big', [], 2, "parameter 'prior.links.link2.com_std' is 'big'"),
         ('prior.links.link2.colour: 1.0', [], 2, 'known: prior.links.<link>.com_std'),
@@ -196,7 +195,7 @@ def test_a_model_that_would_be_overwritten_or_has_an_unphysical_prior_is_refused
     values = physical(load_model(urdf).link('link3').parameters)
     values[4] *= 9.0
     model = tmp_path / 'odd.urdf'
-    model.write_text(change_inertial(urdf, 'link3', values), encoding='utf-8')
+    model.write_text(replace_inertial(urdf, 'link3', values), encoding='utf-8')
     assert main([str(place / 'before'), '--model', str(model)]) == 2
     assert "link 'link3' has an inertia that no body has" in capsys.readouterr().err
 
@@ -244,9 +243,9 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     model = true_robot(free_model(), errors, ('link7',))
     motion = random_sinusoids(np.linspace(0.5, -0.4, 7), 4, 2, 1.0, 12.0, 30.0)
     start = without_linear_momentum(model, state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02)))
-    before = Simulation(model, motion, start, 0.05).advance(np.arange(1200) / 20.0)
+    before = Simulation(model, motion, start).advance(np.arange(1200) / 20.0)
     recorded.write(folder / 'before', free_model(), sensed(before, 1, errors))
-    after = configured_motion('servicer7', 30.0, 20.0, 0.05, errors)
+    after = configured_motion('servicer7', 30.0, 20.0, errors)
     recorded.write(folder / 'after', free_model(), sensed(after, 2, errors))
     options = ['--params', str(folder / 'calibrate.yaml'), '--json', str(folder / 'out.json')]
     arguments = [str(folder / 'before'), '--model', str(folder / 'cad.urdf'), '--output', str(folder / 'out.urdf')]

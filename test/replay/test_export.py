@@ -241,7 +241,7 @@ def test_a_body_that_cannot_be_is_not_written(capsys: pytest.CaptureFixture[str]
         (['{file}', '--result', '0'], "'0' is not accepted"),
         (['{file}', '--topic', '/a'], "--topic /a is for a bag, which '"),
         (['{broken}'], 'is not JSON'),
-        (['{other}'], 'accepted: what replay --json writes'),
+        (['{other}'], 'accepted: a file of replay --json'),
         (['{calibration}'], 'is a calibration, whose URDF calibrate --output writes'),
         (['{file}', '--format', 'urdf', '--model', str(CONFIG / 'table1.urdf')], "link 'link7' is not in"),
     ],

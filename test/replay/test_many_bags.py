@@ -10,7 +10,7 @@ import pytest
 import recorded
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.report import html
+from mbaid_ros.replay.report.page import html
 from mbaid_ros.replay.run import replay_bag
 from mbaid_ros.replay.start import replay as main
 from simulated import CONFIG

@@ -33,7 +33,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the result of a run of eight seconds."""
     folder = tmp_path_factory.mktemp('run')
     noise = [f'noise.{name}:={size}' for name, size in NOISE.items()]
-    rates = ['joint_rate:=20.0', 'odometry_rate:=20.0', 'step:=0.05', 'duration:=8.0']
+    rates = ['joint_rate:=20.0', 'odometry_rate:=20.0', 'duration:=8.0']
     given = [word for each in (*noise, *rates) for word in ('-p', each)]
     params = ['--params', str(CONFIG / 'servicer7_simulator.yaml')]
     assert simulate([*MODEL, *params, *given, '--output', str(folder / 'bag')]) == 0
@@ -64,7 +64,7 @@ def test_a_motion_from_where_a_run_has_ended(result: Path, planned: dict[str, An
     for known in planned['relative_std'].values():
         assert known['after'] <= known['now']
     assert planned['notes'][0].startswith('of single joints joint')
-    assert planned['notes'][1].startswith('moved at the end of the run, and have to rest before')
+    assert planned['notes'][1].startswith('moved at the end of the run, and must rest before')
 
 
 def test_the_report_says_and_draws_it(result: Path, planned: dict[str, Any]) -> None:
@@ -98,7 +98,7 @@ def test_the_motion_as_yaml_and_as_a_message_is_the_same(result: Path, planned: 
 def test_a_simulated_robot_follows_it(result: Path, tmp_path: Path) -> None:
     motion = ['--trajectory', str(result.parent / 'motion.yaml'), '-p', 'motion.trajectory_begin:=0.5']
     # Accelerations have kinks, which the integration takes for smooth within a step.
-    rates = ['-p', 'joint_rate:=10.0', '-p', 'odometry_rate:=10.0', '-p', 'step:=0.01']  # as long as it takes
+    rates = ['-p', 'joint_rate:=10.0', '-p', 'odometry_rate:=10.0']  # as long as it takes
     assert simulate([*MODEL, *motion, *rates, '--output', str(tmp_path / 'bag')]) == 0
     with BagReader(str(tmp_path / 'bag')) as bag:
         positions = np.array([message.position for _, message, _ in bag.read(['/joint_states'])])
@@ -120,7 +120,7 @@ def test_a_simulated_robot_follows_it(result: Path, tmp_path: Path) -> None:
         ({'status': None}, ['-p', 'target_link:=link1'], "parameter 'target_link' is 'link1', and '"),
         ({}, ['-p', 'plan.stuck:=[elbow]'], "names 'elbow'; accepted: joint1, joint2"),
         ({}, ['-p', 'plan.relative_std:=[0.0]'], 'accepted: numbers > 0, one or ten'),
-        ({}, ['-p', 'plan.relative_std:=[10.0]', '-p', 'plan.duration:=0.0'], 'known as well as is wanted already'),
+        ({}, ['-p', 'plan.relative_std:=[10.0]', '-p', 'plan.duration:=0.0'], 'has the wanted precision already'),
         ({}, ['--yaml', '/none/of/it.yaml'], "--yaml '/none/of/it.yaml' cannot be written"),
     ],
 )

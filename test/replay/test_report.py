@@ -17,12 +17,11 @@ import recorded
 from made_runs import BODY, HOSTILE, STD, estimate, event, hostile_urdf, planar, pose, run
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.replay.report import html
-from mbaid_ros.replay.report.page import comparison
+from mbaid_ros.replay.report.page import comparison, html
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.saved import Truth
 from mbaid_ros.replay.start import replay as main
-from mbaid_ros.session import summarise
+from mbaid_ros.session.model_summary import summarise
 from simulated import CONFIG
 
 

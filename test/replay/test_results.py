@@ -114,18 +114,9 @@ def arrivals(times: list[float]) -> Arrivals:
     return made
 
 
-def test_rate_and_course_of_a_steady_topic() -> None:
-    topic = arrivals([5.0 + 0.01 * index for index in range(1001)]).statistics('/a', 'x', 1001, 5 * SECOND)
+def test_rate_of_a_steady_topic() -> None:
+    topic = arrivals([5.0 + 0.01 * index for index in range(1001)]).statistics('/a', 'x', 1001)
     assert topic.rate == pytest.approx(100.0)
-    assert topic.gaps == ()
-    assert [rate for _, rate in topic.course[:-1]] == pytest.approx([100.0] * (len(topic.course) - 1))
-    assert topic.course[0][0] == pytest.approx(10.0 / len(topic.course) / 2, rel=0.1)
-
-
-def test_a_gap_is_told_with_its_place_and_length() -> None:
-    times = [0.01 * index for index in range(1001) if not 300 < index < 350]
-    topic = arrivals(times).statistics('/a', 'x', len(times), 0)
-    assert np.array(topic.gaps) == pytest.approx(np.array([[3.0, 0.5]]))
 
 
 # -- What is told of motions that follow in campaigns.

@@ -13,9 +13,8 @@ import pytest
 
 from mbaid_ros.config.calibration import read_calibration
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.files import load_parameter_file, read_robot_description
 from mbaid_ros.config.parameters import build
-from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.replay.saved import read_identified, read_truth, truth_beside

@@ -21,7 +21,8 @@ from mbaid_ros.core.sensors.base import measured_orientation
 from mbaid_ros.core.sensors.gyro import DeadReckoning
 from mbaid_ros.messages import IMU_FRAME, ImuReader
 from mbaid_ros.replay.start import replay
-from mbaid_ros.session import Session, obstacles
+from mbaid_ros.session.explanation import obstacles
+from mbaid_ros.session.session import Session
 from simulated import CONFIG
 from streams import urdf
 
@@ -229,7 +230,7 @@ def test_that_no_message_tells_it_is_told(covariance: float) -> None:
     said = messages('ets7', 2.0, 0, NOISE)
     session, found = taken(said, 'ets7', ORIENTED, untold)
     assert not found
-    assert any('no message on imu has told one; accepted: a unit quaternion' in each for each in obstacles(session))
+    assert any('no message on imu has one; accepted: a unit quaternion' in each for each in obstacles(session))
     assert obstacles(taken(said, 'ets7', ORIENTED)[0]) == []
 
 

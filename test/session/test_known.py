@@ -24,13 +24,13 @@ from mbaid_ros.core.unknowns.base import TwistBias
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.environment import Gravity
 from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
-from mbaid_ros.session import Session
 from mbaid_ros.session.posterior import (
     EXACT_ROBOT,
     declared_exact,
     nominal_model,
     with_known_errors,
 )
+from mbaid_ros.session.session import Session
 from mbaid_ros.session.settings import declared_uncertainty
 from servicing import LINKS, standard_parameters
 from simulated import robot
@@ -154,7 +154,7 @@ def moved_joint(distance: float = 1e-4) -> dict[str, Any]:
     ('found', 'parameters', 'reason'),
     [
         ('[1, 2', {}, 'is no calibration: Expecting'),
-        ('[]', {}, 'is no calibration: it is no object of JSON; accepted: what calibrate --json writes'),
+        ('[]', {}, 'is no calibration: it is no object of JSON; accepted: a file of calibrate --json'),
         ({'mass': 1.0}, {}, "is no calibration: it lacks 'links'"),
         ({'links': {}, 'joints': {}, 'covariance': None}, {}, 'is no calibration: '),
         ({**content(), 'joints': moved_joint()}, {}, "joint 'joint4' is elsewhere in the robot description than in"),

@@ -9,7 +9,7 @@ import pytest
 
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.session import summarise
+from mbaid_ros.session.model_summary import summarise
 from mbaid_ros.session.robot import mesh_points
 
 FINE = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'

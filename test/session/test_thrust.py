@@ -14,7 +14,7 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.sensors.external_momentum import LATE_THRUST
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from observed import MID, kernel, observe, true_body
 from simulated import robot
 from thrusting import FORCE_TORQUE, OFF, ON, Timed, messages, pulse, pushed

@@ -16,7 +16,8 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.sensors.external_momentum import NOT_ASKED_FOR, OTHER_MOMENTUM_FRAME
 from mbaid_ros.replay.run import BAG_TYPES
-from mbaid_ros.session import Session, intake_warnings
+from mbaid_ros.session.explanation import intake_warnings
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from sessions import URDF, feed, nees, session, simulated
 
@@ -32,7 +33,7 @@ LIMIT = float(chi2.isf(1e-3, 10))
 def spinning(seconds: float = SECONDS, **wheels: object) -> tuple[SimulatedRun, tuple[TimedMessage, ...]]:
     """Return the servicer's run with wheels that store up to 5 N m s each, and its messages."""
     own = {f'wheels.{name}': each for name, each in wheels.items()}
-    run = simulated(SECONDS, joint_rate=50.0, odometry_rate=50.0, step=0.02, **{**WHEELS, **RAMP, **own})
+    run = simulated(SECONDS, joint_rate=50.0, odometry_rate=50.0, **{**WHEELS, **RAMP, **own})
     return run, tuple(run.read(seconds))
 
 

@@ -105,7 +105,7 @@ def test_the_known_momentum_of_a_wheel_fixes_the_scale() -> None:
         phase=np.vstack((arm.phase, [-0.5 * np.pi, 0.0])),
     )
     start = state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02))
-    truth = Simulation(model, motion, start, 0.05).advance(np.arange(1200) / 20.0)
+    truth = Simulation(model, motion, start).advance(np.arange(1200) / 20.0)
     priors = (GENERAL,) * 8
     squares = []
     for seed in range(3):

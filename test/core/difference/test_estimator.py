@@ -81,7 +81,7 @@ def test_random_trees_with_all_types_of_joints(seed: int) -> None:
     unknown = MomentumKernel(model, model.last_link)
     motion = random_sinusoids(np.zeros(model.joints), seed, 2, 0.8, 4.0, 12.0)
     start = state(motion.start, motion.reference(0.0)[1], (0.02, -0.05, 0.03), 0.1)
-    truth = Simulation(model, motion, start, 0.02).advance(np.arange(200) * 0.05)
+    truth = Simulation(model, motion, start).advance(np.arange(200) * 0.05)
     last = identify(unknown, truth, LOW)[-1]
     assert last.identifiable.all()
     assert (np.abs(last.parameters - true_body(unknown)) < 1e-6 * last.std).all()

@@ -18,7 +18,7 @@ from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.session.posterior import KnownRobot
@@ -86,6 +86,13 @@ def test_exact_data_give_the_exact_body(robot: MomentumKernel, servicer: Truth) 
     assert last.time_offset == pytest.approx(0.0, abs=1e-6)
     assert not last.warnings
     assert not last.events
+
+
+def test_knots_follow_data_better_than_any_sensor_s(robot: MomentumKernel, servicer: Truth) -> None:
+    finest = SensorNoise(*(1e-3 * np.array([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4])))
+    history = follow(robot, until(observe(servicer, finest, 1), 15.0), finest)
+    assert not any(each.status == 'inconsistent' or each.events for each in history)
+    assert np.all(np.abs(errors(history[-1], robot)) < 4.5 * history[-1].std)
 
 
 @pytest.mark.long

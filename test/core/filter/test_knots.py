@@ -11,7 +11,7 @@ from mbaid_ros.core.geometry import Array, exp, log
 from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.core.samples import Samples
 
-COUNT = 12
+COUNT = 14
 MIDDLE = 1.3  # s
 
 
@@ -46,14 +46,14 @@ def averaged(samples: Samples, start: float, spacing: float, count: int, origin:
     return averages([samples], np.array([start]), spacing, count, origin)
 
 
-def knots_of(spacing: float, samples: int, jitter: float = 0.0, interval: int = 5) -> Knots:
+def knots_of(spacing: float, samples: int, jitter: float = 0.0, interval: int = 5, late: float = 0.0) -> Knots:
     """Return knots of so many samples each, one interval of them about MIDDLE.
 
-    Sample times jitter by a part of their spacing, symmetric in each knot.
+    Sample times jitter by a part of their spacing, symmetric in each knot, and are `late` by a part of a knot.
     """
     start = MIDDLE - (interval + 1) * spacing
     inner = (np.arange(samples) + 0.5) / samples - 0.5
-    inner = inner + jitter * np.sin(7.0 * inner) / samples
+    inner = inner + late + jitter * np.sin(7.0 * inner) / samples
     time = (start + (np.arange(COUNT) + 0.5)[:, None] * spacing + inner * spacing).ravel()
     return averaged(sampled(time), start, spacing, COUNT, np.zeros(3))
 
@@ -63,11 +63,11 @@ def order(error: list[float]) -> float:
 
 
 @pytest.mark.parametrize('samples', [1, 2, 5])
-@pytest.mark.parametrize('jitter', [0.0, 0.5])
-def test_midpoints_are_of_fourth_order(samples: int, jitter: float) -> None:
+@pytest.mark.parametrize(('jitter', 'late'), [(0.0, 0.0), (0.5, 0.0), (0.0, 0.1)])
+def test_midpoints_are_of_fourth_order(samples: int, jitter: float, late: float) -> None:
     found: dict[str, list[float]] = {}
     for spacing in (0.2, 0.1):
-        inner = midpoints(knots_of(spacing, samples, jitter), spacing)[5:6]
+        inner = midpoints(knots_of(spacing, samples, jitter, late=late), spacing)[5:6]
         time = np.array([MIDDLE])
         ends = (time - spacing / 2, time + spacing / 2)
         for name, error in (
@@ -81,8 +81,17 @@ def test_midpoints_are_of_fourth_order(samples: int, jitter: float) -> None:
         ):
             found.setdefault(name, []).append(float(np.abs(error).max()))
     for name, sizes in found.items():
-        assert sizes[1] < 1e-12 or order(sizes) > 3.3, (name, sizes)
+        least = 2.7 if late and name == 'turn' else 3.3  # two rotations over the offset count as commuting
+        assert sizes[1] < 2e-7 or order(sizes) > least, (name, sizes)
         assert sizes[0] < 3e-4, name
+
+
+def test_ends_follow_the_line_of_their_neighbours_corrections() -> None:
+    error = []
+    for spacing in (0.1, 0.05):
+        middle = midpoints(knots_of(spacing, 5, interval=0), spacing)
+        error.append(float(np.abs(middle.base_position[0] - position(np.array([MIDDLE]))[0]).max()))
+    assert order(error) > 3.3
 
 
 @pytest.mark.parametrize('place', [1, 5, COUNT - 2])

@@ -7,9 +7,9 @@ import pytest
 
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.planning.limits import BaseLimits, JointLimits, joint_limits
+from mbaid_ros.planning.goal import BaseLimits, JointLimits, joint_limits
+from mbaid_ros.planning.motions import SIMPLE, simple_motion
 from mbaid_ros.planning.splines import Splines
-from mbaid_ros.planning.unplanned import SIMPLE, simple_motion
 from mbaid_ros.simulation.steered import Followed
 from planned import FASTEST, Begun, planner
 from simulated import robot

@@ -18,8 +18,8 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.trajectory.posterior import End
 from mbaid_ros.planning.collisions import Collisions, no_mesh
+from mbaid_ros.planning.goal import BaseLimits
 from mbaid_ros.planning.information import Grid
-from mbaid_ros.planning.limits import BaseLimits
 from mbaid_ros.planning.plan import Plan
 from mbaid_ros.planning.search import drawn_legs, speeds_of
 from mbaid_ros.session.methods import make_reporting
@@ -110,7 +110,7 @@ def test_the_base_of_a_known_robot_moves_as_the_simulated_one_does(identified: B
     motions = planner(identified).motions
     drawn = motions.within(FASTEST * speeds_of(drawn_legs(1, 7, np.random.default_rng(2)), motions.splines.count))
     trajectory = motions.splines.trajectory(drawn[0], motions.start, identified.kernel.model.joint_names)
-    truth = follow(identified.kernel, begin, trajectory, trajectory.duration, 0.0125)  # finer, as ramps are short
+    truth = follow(identified.kernel, begin, trajectory, trajectory.duration)
     known = identified.knowledge.state
     known[6:12], known[BODY] = total_momentum(identified.kernel.model, truth)[0], identified.kernel.target.parameters
     floating = replace(
@@ -158,7 +158,7 @@ def test_what_no_motion_improves_is_told_with_where_it_comes_from() -> None:
     assert not plan.reached
     single, beyond = plan.notes[:2]
     assert re.match(
-        r'of single joints joint\d tells most of \w+: [\d.]+ deg there and back in 10 s bring it from', single
+        r'of single joints joint\d improves \w+ most: [\d.]+ deg there and back in 10 s reduce it from', single
     )
     assert re.match(r'\d+ % of the variance that the motion leaves of \w+ comes from zero:joint6: better', beyond)
 

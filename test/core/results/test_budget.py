@@ -70,7 +70,7 @@ def test_what_is_not_determined_counts_nowhere() -> None:
         {SENSOR_NOISE: 0.6, 'link:base_link': 0.3, 'zero:joint6': 0.1}
     )
     nothing = ErrorBudget(CAUSES, np.full((10, 3), np.nan))
-    assert (nothing.told(STD), nothing.dominant(STD), nothing.grouped(STD)) == ('', {}, {})
+    assert (nothing.main_causes(STD), nothing.dominant(STD), nothing.grouped(STD)) == ('', {}, {})
 
 
 @pytest.mark.parametrize('times', [2.0, 10.0, 1e3])
@@ -93,10 +93,10 @@ def test_more_data_leave_at_least_what_is_said(times: float) -> None:
 def test_what_an_estimate_rests_on_comes_by_the_parameter_it_matters_most_for() -> None:
     shares = budget().shares
     unchecked = (shares > 0.2) & [False, True, True]
-    found = ErrorBudget(CAUSES, shares, unchecked).resting()
+    found = ErrorBudget(CAUSES, shares, unchecked).unobservable()
     link = 'link base_link (90 % of mass, 30 % of centre of mass, 30 % of inertia)'
     assert found == f'{link}, zero of joint6 (85 % of centre of mass)'
-    assert budget().resting() == ''
+    assert budget().unobservable() == ''
 
 
 BODY = np.array([0.28, 1e-3, -2e-3, 3e-3, 2.2e-4, 1e-5, -2e-5, 3.1e-4, 1.5e-5, 4e-4])

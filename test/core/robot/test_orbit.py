@@ -181,7 +181,7 @@ def test_the_rows_lack_what_the_orbit_has_brought(seed: int) -> None:
     rng = np.random.default_rng(seed)
     model = load_model(random_urdf(rng, joints=6))
     kernel = MomentumKernel(model, model.last_link, model.links[1].name)
-    truth = configured_motion('servicer7', 1.0, 20.0, 0.05)
+    truth = configured_motion('servicer7', 1.0, 20.0)
     positions, rates, rotation, twist = random_state(rng, model.joints, len(truth))
     samples = replace(
         observe(truth, MID),
@@ -212,7 +212,7 @@ def test_the_rows_lack_what_the_orbit_has_brought(seed: int) -> None:
 def test_what_is_left_of_a_simulated_robot_is_constant(name: str) -> None:
     """The simulator's bodies, the estimator's columns: P and L less what the orbit has brought, over a minute."""
     values = load_parameter_file(CONFIG / f'{name}_simulator.yaml', 'simulator')
-    values |= {**declared(mean_motion=0.02), 'initial.base_position': [8.0, -4.0, 6.0], 'step': 0.05}
+    values |= {**declared(mean_motion=0.02), 'initial.base_position': [8.0, -4.0, 6.0]}
     model = robot(name)
     truth = make_simulation(build(SimulatorConfig, values), model).advance(np.arange(1200) * 0.05)
     samples = FallingFrame(orbit(0.02), model, relative_twist=True).applied(observe(truth, MID), 0)

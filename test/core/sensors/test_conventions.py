@@ -21,7 +21,7 @@ from observed import MID, configured_motion, observe, windows
 
 @cache
 def motion(robot: str, seconds: float) -> Truth:
-    return configured_motion(robot, seconds, 100.0, 0.02)
+    return configured_motion(robot, seconds, 100.0)
 
 
 def verdict(declared: str, samples: Samples) -> TwistFrame:
@@ -86,7 +86,7 @@ READINGS: dict[str, Callable[[Array, Array, Array], tuple[Array, Array]]] = {
 
 @cache
 def moved(robot: str) -> Truth:
-    return configured_motion(robot, 20.0, 100.0, 0.02)
+    return configured_motion(robot, 20.0, 100.0)
 
 
 def seen(robot: str = 'servicer7', seed: int = 1) -> Samples:

@@ -16,14 +16,14 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples
 from mbaid_ros.core.sensors.rates import fit, with_rates
-from mbaid_ros.session import make_estimator
+from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion, kernel, observe, windows
 
 
 @cache
 def motion(robot: str, seconds: float) -> Truth:
-    return configured_motion(robot, seconds, 100.0, 0.02)
+    return configured_motion(robot, seconds, 100.0)
 
 
 def stripped(samples: Samples) -> Samples:

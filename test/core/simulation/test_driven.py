@@ -67,7 +67,7 @@ def test_a_trajectory_of_other_joints_or_another_place_is_refused() -> None:
 def test_a_run_is_told_to_follow_on_the_way() -> None:
     path = str(CONFIG / 'servicer7.urdf')
     config = SimulatorConfig(
-        robot_description_file=path, joint_rate=10.0, odometry_rate=10.0, step=0.05, motion=MotionConfig(kind='random')
+        robot_description_file=path, joint_rate=10.0, odometry_rate=10.0, motion=MotionConfig(kind='random')
     )
     run = SimulatedRun(config, SERVICER.urdf, BAG_TYPES)
     before = [timed.message for timed in run.read(1.0) if timed.topic == 'joint_states']

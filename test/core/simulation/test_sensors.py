@@ -14,12 +14,11 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.sensors.external_momentum import Thrust
-from mbaid_ros.simulation.capture import CaptureSimulation, Target
+from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, Target, ThrustSimulation
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Motion, Passive
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
-from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
 from observed import LOW, observe
 from simulated import robot, state
 
@@ -64,8 +63,7 @@ def test_the_covariances_are_those_of_the_noise() -> None:
     assert np.diag(base.twist_covariance) == pytest.approx([25e-6] * 3 + [36e-8] * 3)
 
 
-TIME = 3.33  # s, between two steps
-STEP = 0.05
+TIME = 3.33  # s
 TARGET = Target(TIME, LINK, physical(alone()), np.array([0.004, -0.006, 0.003]), np.array([0.02, -0.03, 0.015]))
 INSTANTS = np.concatenate((np.arange(0.0, TIME, 0.1), [TIME - 1e-6, TIME], np.arange(TIME + 0.1, 8.0, 0.1)))
 
@@ -73,7 +71,7 @@ INSTANTS = np.concatenate((np.arange(0.0, TIME, 0.1), [TIME - 1e-6, TIME], np.ar
 def capturing() -> CaptureSimulation:
     motion = servicer_motion()
     start = state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02))
-    return CaptureSimulation(free_model(), motion, start, STEP, TARGET)
+    return CaptureSimulation(free_model(), motion, start, TARGET)
 
 
 @pytest.fixture(scope='module', name='truth')
@@ -114,7 +112,7 @@ def test_after_it_both_move_as_one(truth: Truth) -> None:
     start = state(after.joint_position[0], after.joint_velocity[0])
     values = {**vars(start), 'base_position': after.base_position[0], 'base_orientation': after.base_orientation[0]}
     values['velocity'] = velocity[0]
-    again = Simulation(joined, servicer_motion().later(TIME), type(start)(**values), 0.02)
+    again = Simulation(joined, servicer_motion().later(TIME), type(start)(**values))
     expected = again.advance(after.time - TIME)
     assert after.base_position == pytest.approx(expected.base_position, abs=1e-8)
     assert after.joint_position == pytest.approx(expected.joint_position, abs=1e-8)
@@ -122,7 +120,7 @@ def test_after_it_both_move_as_one(truth: Truth) -> None:
 
 WRENCH = np.array([6.0, -6.0, 5.0, 3.0, 2.7, -3.0])
 ODOM = 'odom'
-BEGIN, END = 1.013, 1.527  # s, between steps
+BEGIN, END = 1.013, 1.527  # s
 TIMES = np.arange(0.0, 3.0, 0.01)
 
 
@@ -134,7 +132,7 @@ def start() -> State:
 
 def thrusting(frame: str = 'base_link', motion: Motion | None = None, wrench: Array = WRENCH) -> ThrustSimulation:
     pulse = Pulse(BEGIN, END, None if frame == ODOM else robot('servicer7').link(frame), wrench)
-    return ThrustSimulation(robot('servicer7'), motion or servicer_motion(), start(), 0.05, pulse)
+    return ThrustSimulation(robot('servicer7'), motion or servicer_motion(), start(), pulse)
 
 
 @pytest.mark.parametrize('frame', ['base_link', 'link4', ODOM])

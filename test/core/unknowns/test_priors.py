@@ -75,7 +75,7 @@ def test_a_mass_that_is_known_is_the_one_to_start_from() -> None:
     """Poor encoders in a plane: bodies of quite other masses fit as well, but for what is declared."""
     robot = kernel('table1')
     mass = physical(robot.target.parameters)[0]
-    cut = windows(observe(configured_motion('table1', 20.0, RATE, 0.05), HIGH, 3))
+    cut = windows(observe(configured_motion('table1', 20.0, RATE), HIGH, 3))
     starts = []
     for target in (TargetPrior(), TargetPrior(1.01 * mass, 0.01 * mass)):
         estimates = make(robot, HIGH, uncertainty=replace(DEFAULT, target=target)).update(cut, 0)

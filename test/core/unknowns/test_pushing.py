@@ -23,7 +23,7 @@ from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.core.unknowns.environment import Pushing, external
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from simulated import robot
 
 TURNED = exp(np.array([[0.3, -0.2, 0.9]]))

@@ -133,7 +133,7 @@ def test_of_bodies_that_are_off_as_a_whole_the_target_is_found_within_what_is_re
     """No motion tells a factor on all bodies: the target is as far off as they are, and its interval has to say so."""
     robot = kernel('ets7')
     errors = replace(ModelErrors.none(robot.model.joints), bodies=share * robot.known)
-    truth = configured_motion('ets7', 30.0, 20.0, 0.05, errors)
+    truth = configured_motion('ets7', 30.0, 20.0, errors)
     last = identify(robot, truth, MID, 1, method='trajectory', known_links__relative_std=0.01)[-1]
     away = (last.parameters - true_body(robot)) / last.std
     assert last.identifiable.all()
