@@ -140,7 +140,7 @@ def test_a_plane_shows_four_parameters(method: str) -> None:
 @weighted
 def test_exact_data_give_the_exact_body(method: str) -> None:
     last = MAKE[method]().update(windows(observe(motion(), LOW)), 0)[-1]
-    assert np.all(np.abs(last.parameters - TRUE)[IN_PLANE] < 0.02 * last.std[IN_PLANE])
+    assert np.all(np.abs(last.parameters - TRUE)[IN_PLANE] < 0.1 * last.std[IN_PLANE])
 
 
 @weighted

@@ -9,7 +9,6 @@ from mbaid_ros.calibration.structure import Mechanism, Structure, base_parameter
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel
-from random_robots import random_state
 from simulated import robot
 
 NORMAL = {'table1': np.array([0.0, 0.0, 1.0]), 'servicer7': None, 'ets7': None}
@@ -49,16 +48,6 @@ def test_base_parameters_hold_all_that_momentum_tells(name: str) -> None:
     leading = found.regressor[:, [parameter.leading for parameter in parameters]]
     whole = found.regressor @ (theta / found.scale)
     assert leading @ values == pytest.approx(whole, abs=1e-5 * float(np.abs(whole).max()))
-
-
-def momentum_of(kernel: MomentumKernel, direction: Array, resting: tuple[int, ...], posture: Array) -> Array:
-    """Return the momentum of a direction of theta at states of the test's own."""
-    rng = np.random.default_rng(77)
-    position, velocity, rotation, twist = random_state(rng, kernel.model.joints, 30)
-    position[:, list(resting)] = posture[list(resting)]
-    velocity[:, list(resting)] = 0.0
-    states = kernel.states_of(rotation, position, velocity, twist)
-    return np.asarray(np.concatenate([states.regressor_of(link) for link in kernel.unknown], axis=2) @ direction)
 
 
 def test_words_an_engineer_reads() -> None:
