@@ -7,7 +7,8 @@ for the user. The result does not depend on how the readings are cut into calls.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -21,6 +22,13 @@ from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 _FEWEST = 10  # readings with a symptom, from which it is no accident
 _SOURCES = 0.02  # share of readings from another source: single outliers, which are dropped, are fewer
 _SPIKE = 50.0  # standard deviations, and times the motion over two readings, of a step to another source and back
+_BETWEEN = 1.5  # times the interval before, that readings around one of another source are apart: else one is missing
+_LATEST = 3  # readings that are kept: a spike shows with those around it, and their intervals with the one before
+_TWO_SOURCES = (
+    'joint states come from two sources that contradict each other, {} by {}: stop one of the publishers, or give '
+    'each a topic of its own'
+)
+_WRONG_VALUES = 'joint states hold wrong values now and then, {} by {}, which are left out: look at the driver'
 _QUARTER = 0.5 * np.pi  # rad between two readings: of a half turn the direction is not known
 _FAR = 1000.0  # rad, that no arm turns by, in degrees neither
 _MOST_STEPS = 0.5  # share of such steps: outliers and turns of wrapped angles are fewer
@@ -33,13 +41,14 @@ _CERTAIN = 1e6  # log-likelihood that such a cause counts as: more than a filter
 
 @dataclass
 class _Readings:
-    """The readings of one kind of message: the latest two, and what earlier ones have shown."""
+    """The readings of one kind of message: the latest ones, and what earlier ones have shown."""
 
     joints: tuple[int, ...]
     stamps: StampPattern
     last: Array | None = None
+    last_stamp: Stamps | None = None
     count: int = 0
-    spikes: int = 0
+    spikes: dict[bool, int] = field(default_factory=dict)  # readings between others, or in place of one
     whole: Flags | None = None
     range: tuple[Array, Array] | None = None
     rates: bool = False  # whether the latest ones have velocities
@@ -93,7 +102,11 @@ class PlainFaults:
             self._found.setdefault(symptom, (since, Reason(text, 'note', _CERTAIN)))
 
     def _check(self, readings: _Readings, stamp: Stamps, position: Array) -> None:
-        joined = position if readings.last is None else np.concatenate((readings.last, position))
+        joined, stamps = position, stamp
+        if readings.last is not None and readings.last_stamp is not None:
+            joined = np.concatenate((readings.last, position))
+            stamps = np.concatenate((readings.last_stamp, stamp))
+        readings.last, readings.last_stamp = joined[-_LATEST:], stamps
         for symptom, (severity, check) in CHECKS.items():
             if symptom not in self._found:
                 place, text = check(self._model, self._noise, readings, joined, len(position))
@@ -102,15 +115,21 @@ class PlainFaults:
         lowest, highest = _range(readings, position)
         readings.range = lowest[-1], highest[-1]
         readings.count += len(position)
-        readings.last = joined[-2:]
+        readings.last_stamp = stamps[-_LATEST:]
 
 
 Check = Callable[[RobotModel, float, _Readings, Array, int], tuple[int, str]]
 
 
-def _two_sources(model: RobotModel, noise: float, readings: _Readings, joined: Array, new: int) -> tuple[int, str]:
-    """Test for readings far from both neighbours, which agree with each other: another publisher's."""
-    if len(joined) < 3:
+def _spikes(
+    model: RobotModel, noise: float, readings: _Readings, joined: Array, new: int, *, between: bool
+) -> tuple[int, str]:
+    """Test for readings far from both neighbours, which agree with each other.
+
+    Those of another publisher come `between` the readings, others in place of one.
+    """
+    stamp = readings.last_stamp
+    if len(joined) <= _LATEST or stamp is None:
         return 0, ''
     step = np.diff(joined, axis=0)
     slides = np.array(model.prismatic)[model.transmission.independent[list(readings.joints)]]
@@ -119,9 +138,14 @@ def _two_sources(model: RobotModel, noise: float, readings: _Readings, joined: A
     counts = joined == np.round(joined)  # of an encoder, which flip by one
     spike = np.minimum(np.abs(there), np.abs(back)) > _SPIKE * (noise + np.abs(there + back))
     spike &= ~(counts[:-2] & counts[1:-1] & counts[2:])
+    any_spike = np.any(spike, axis=1)  # of readings from the second on
+    # Two sources by turns: the one before is a spike, too.
+    apart = (stamp[3:] - stamp[1:-2] < _BETWEEN * (stamp[1:-2] - stamp[:-3])) | any_spike[:-1]
+    there, spike = there[1:], spike[1:]
     late = min(new, len(spike))  # each spike is known with the reading after it
-    seen = readings.spikes + np.cumsum(np.any(spike[-late:], axis=1))
-    readings.spikes = int(seen[-1])
+    own = any_spike[1:] & (apart == between)
+    seen = readings.spikes.get(between, 0) + np.cumsum(own[-late:])
+    readings.spikes[between] = int(seen[-1])
     number = readings.count + new - late + 1 + np.arange(late)
     certain = np.flatnonzero((seen >= _FEWEST) & (seen >= _SOURCES * number))
     if not len(certain):
@@ -129,10 +153,8 @@ def _two_sources(model: RobotModel, noise: float, readings: _Readings, joined: A
     row = len(spike) - late + int(certain[0])
     joint = int(np.argmax(np.abs(there[row]) * spike[row])) if spike[row].any() else int(np.argmax(np.abs(there[row])))
     name, unit = _named(model, readings, joint)
-    return new - late + int(certain[0]), (
-        f'joint states come from two sources that contradict each other, {name} by {abs(there[row, joint]):.2g} '
-        f'{unit}: stop one of the publishers, or give each a topic of its own'
-    )
+    text = _TWO_SOURCES if between else _WRONG_VALUES
+    return new - late + int(certain[0]), text.format(name, f'{abs(there[row, joint]):.2g} {unit}')
 
 
 def _range(readings: _Readings, position: Array) -> tuple[Array, Array]:
@@ -192,7 +214,8 @@ def _too_fast(model: RobotModel, _noise: float, readings: _Readings, joined: Arr
 
 # By symptom: how grave it is, and its test. Readings that contradict each other make any estimate inconsistent.
 CHECKS: Mapping[str, tuple[Severity, Check]] = {
-    'two sources': ('conflict', _two_sources),
+    'two sources': ('conflict', partial(_spikes, between=True)),
+    'wrong values': ('note', partial(_spikes, between=False)),
     'ticks': ('conflict', _ticks),
     'too fast': ('conflict', _too_fast),
 }

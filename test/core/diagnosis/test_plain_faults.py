@@ -9,7 +9,7 @@ from mbaid_ros.core.diagnosis.plain_faults import PlainFaults
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.samples import JointStream
+from mbaid_ros.core.samples import JointStream, Stamps
 from simulated import CONFIG, robot
 
 COUNT, JOINTS, SPACING = 400, 7, 20_000_000
@@ -23,10 +23,11 @@ def motion(seed: int) -> Array:
     return np.asarray(0.5 * np.sin(rate * time + phase) + 1e-4 * generator.standard_normal((COUNT, JOINTS)))
 
 
-def found(position: Array, pieces: int, stamp: int = 10**18) -> Estimate:
+def found(position: Array, pieces: int, stamp: int = 10**18, stamps: Stamps | None = None) -> Estimate:
     faults = PlainFaults(robot('servicer7'), 1e-4)
+    stamps = SPACING * np.arange(len(position)) if stamps is None else stamps
     for piece in np.array_split(np.arange(len(position)), pieces):
-        faults.add({ALL: JointStream(piece * SPACING, position[piece], np.full((len(piece), JOINTS), np.nan))})
+        faults.add({ALL: JointStream(stamps[piece], position[piece], np.full((len(piece), JOINTS), np.nan))})
     return faults.applied(Estimate('trajectory', 'estimating', 0.0, stamp))
 
 
@@ -38,17 +39,28 @@ def test_clean_readings_show_nothing(pieces: int) -> None:
 
 
 @pytest.mark.parametrize('pieces', [1, 7, COUNT])
-@pytest.mark.parametrize('every', [2, 5, 20])
+@pytest.mark.parametrize('every', [1, 2, 5, 20])
 def test_a_second_source_is_named_first(every: int, pieces: int) -> None:
     rows = np.arange(COUNT)
-    mixed = np.where((rows % (every + 1) == every)[:, None], 0.0, motion(1)[rows * every // (every + 1)])
-    estimate = found(mixed, pieces)
+    other = rows % (every + 1) == every
+    number = rows - (rows + 1) // (every + 1)  # of the readings of the first source
+    mixed, stamps = np.where(other[:, None], 0.0, motion(1)[number]), number * SPACING + other * SPACING // 2
+    estimate = found(mixed, pieces, stamps=stamps)
     assert estimate.status == 'inconsistent'
     assert estimate.causes[0][0].startswith('joint states come from two sources that contradict each other, joint')
-    first = next(row for row in rows if found(mixed, 1, int(row * SPACING)).status == 'inconsistent')
+    first = next(row for row in rows if found(mixed, 1, int(stamps[row]), stamps).status == 'inconsistent')
     assert first < 15 * (every + 1)
-    assert found(mixed, pieces, int(first * SPACING)).status == 'inconsistent'
-    assert found(mixed, pieces, int((first - 1) * SPACING)).status == 'estimating'
+    assert found(mixed, pieces, int(stamps[first]), stamps).status == 'inconsistent'
+    assert found(mixed, pieces, int(stamps[first]) - 1, stamps).status == 'estimating'
+
+
+@pytest.mark.parametrize('pieces', [1, COUNT])
+def test_wrong_values_in_place_of_readings_are_no_second_source(pieces: int) -> None:
+    position = motion(2)
+    position[12::25] = 0.0
+    estimate = found(position, pieces)
+    assert estimate.status == 'estimating'
+    assert estimate.warnings[0].startswith('joint states hold wrong values now and then, joint')
 
 
 def test_a_joint_that_rests_at_the_turn_of_its_wrapped_angle_is_no_second_source() -> None:
