@@ -22,6 +22,7 @@ from mbaid_ros.replay.start import noise_at_rest, replay
 from mbaid_ros.testing import running, wait_for_estimate
 
 FAR = 5.0  # standard deviations
+BRIEF = '25'  # s, of a bag, that show a cause
 
 
 def outcomes(kinds: Sequence[Kind]) -> Iterator[list[str]]:
@@ -50,6 +51,7 @@ def replayed(kind: Kind, bag: Path, robot: Path, folder: Path) -> tuple[str, boo
     """Return what a user of `replay` sees first, and whether it is right."""
     errors, result = io.StringIO(), folder / 'result.json'
     words = [str(bag), '--model', str(robot), '--params', str(kind.source.parameters), '--json', str(result)]
+    words += ['--end', BRIEF] if kind.right else []
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(errors):
         code = replay([*words, *kind.arguments])
     if code == 2:

@@ -194,7 +194,7 @@ def axes(position: Any = None, turn: Rotation | None = None) -> Change:
     return change
 
 
-def clock(step: float, at: float = 30.0) -> Change:
+def clock(step: float, at: float = 10.0) -> Change:
     """Set the clock by a step (s) at a time (s)."""
 
     def change(message: Any, _number: int, time: float) -> None:

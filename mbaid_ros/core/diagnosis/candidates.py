@@ -146,8 +146,8 @@ class CandidateCauses:
             passes = self.extended(*suspected).widened(cause, gains[cause][1])
             text = _text_of(passes, cause)
             yield Candidate(text, passes, windows, at, of_twist=cause in OF_TWIST)
-        likely = [fit for fit in fits[1:] if fit.misfit < _LIKELY * fits[0].misfit]
-        for fit in sorted(likely, key=lambda each: float(f'{each.misfit:.2g}'))[:_TRIED]:
+        likely = [fit for fit in fits[1:] if fit.exists and fit.misfit < _LIKELY * fits[0].misfit]
+        for fit in sorted(likely, key=lambda each: each.misfit)[:_TRIED]:
             other = replace(self.layout, kernel=fit.convention.kernel)
             passes = replace(self, layout=other).extended()
             yield Candidate(fit.convention.text, passes, fit.convention.windows(windows), fit.point(other))

@@ -24,6 +24,8 @@ _MOST_PAIRS = 12  # joints, up to which all pairs (66) are tried: of twenty they
 _UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
 # s, late or early by 50 ms to half a second: less is within the prior of the time offset.
 _DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))
+_MOVES = 0.01  # rad or m, that a joint moves at least for the links on both sides to be told apart
+_LIGHTEST = -0.05  # times the known mass, that a fitted one is at least: noise may make that of an empty hand negative
 _TURN = 2.0 * np.pi  # rad or m, which the readings of an arm hardly reach: in degrees or millimetres they go further
 _RIDGE = 1e-9  # relative, of the fit: what the motion does not show stays near zero
 
@@ -37,9 +39,14 @@ class Convention:
     windows: Callable[[Sequence[Window]], Sequence[Window]] = list  # what windows are then
     joint_range: float = 0.0  # rad or m, that joint readings exceed at least where it may be so
     base_range: float = 0.0  # m, that positions of the base do
+    moving: int | None = None  # joint that has to move
 
     def possible(self, windows: Sequence[Window]) -> bool:
         """Tell whether windows may be of it: joints in degrees make whole turns, lengths in millimetres are long."""
+        if self.moving is not None:
+            position = np.concatenate([each.knots.joint_position[:, self.moving] for each in windows])
+            if not np.nanmax(position, initial=-np.inf) - np.nanmin(position, initial=np.inf) > _MOVES:
+                return False
         if self.joint_range and _largest(each.knots.joint_position for each in windows) < self.joint_range:
             return False
         return not self.base_range or _largest(each.knots.base_position for each in windows) > self.base_range
@@ -87,7 +94,7 @@ def _targets(kernel: MomentumKernel) -> Iterator[Convention]:
     for body, name in last.items() if len(kernel.unknown) == 1 else ():
         if body != kernel.target.body:
             text = f'the unknown body seems to be held by {name}, not {kernel.target.name}: set target_link: {name}'
-            yield Convention(text, kernel.identifying(name))
+            yield Convention(text, kernel.identifying(name), moving=body - 1 if body else None)
 
 
 def _masses(kernel: MomentumKernel) -> Iterator[Convention]:
@@ -182,6 +189,11 @@ class Fit:
     convention: Convention
     parameters: Array  # (16,) (P, L, phi), L about the run's origin
     misfit: float  # mean squared velocity of the base that is not explained, angular ones times the robot's size
+
+    @property
+    def exists(self) -> bool:
+        """Whether a body may have the fitted mass."""
+        return bool(self.parameters[6] > _LIGHTEST * np.sum(self.convention.kernel.known[:, 0]))
 
     def point(self, layout: Layout) -> Point:
         """Return where windows are linearised."""

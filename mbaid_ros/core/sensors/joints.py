@@ -25,6 +25,8 @@ REDUNDANT = 'joints that other messages hold, too'
 # Standard deviations that a part changes by from one message to the next while it rests: a message of joints at rest
 # may serve several times, as nothing of it is interpolated.
 _STILL = 6.0
+_GOES_ON = 1_000_000_000  # ns, that messages with all joints may pause
+_NEVER = -(1 << 62)  # ns
 _AT_REST = 10  # times the longest interpolated interval, that such messages may be apart
 
 _AGREES = 0.5  # rad, that a fast joint's step is off what its velocity says
@@ -102,6 +104,7 @@ class JointMerge:
         self._parts: dict[Joints, _Part] = {}
         self._used: list[int] | None = None
         self._own: Counter[str] = Counter()
+        self._newest = [_NEVER, _NEVER]  # ns, stamps of messages with all joints, and with some
 
     @property
     def dropped(self) -> Counter[str]:
@@ -115,8 +118,9 @@ class JointMerge:
 
     @property
     def partial(self) -> bool:
-        """Whether the joints come in parts."""
-        return bool(self._parts)
+        """Whether the joints come in parts, and not all at once as well."""
+        whole, some = self._newest
+        return bool(self._parts) and some > whole + _GOES_ON
 
     @property
     def missing(self) -> Joints:
@@ -134,6 +138,8 @@ class JointMerge:
         """Add measurements by their joints, in the order of arrival; return those of all joints."""
         whole = streams.get(tuple(range(len(self._turning))))
         some = {joints: stream for joints, stream in streams.items() if stream is not whole}
+        for place, given in enumerate(([] if whole is None else [whole], some.values())):
+            self._newest[place] = max((self._newest[place], *(int(each.stamp[-1]) for each in given if len(each.stamp))))
         for joints in some:
             self._expect(joints)
         if whole is not None and self._parts and not self.missing:
