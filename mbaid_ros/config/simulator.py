@@ -52,8 +52,8 @@ class MotionConfig:
 
     kind: str = parameter(
         'passive',
-        'Motion of the joints: passive (no torque), sinusoids (those given), random (drawn ones) or trajectory (a '
-        'file).',
+        'Motion of the joints: passive (no torque; random for a robot with joints that mimic others), sinusoids (those '
+        'given), random (drawn ones) or trajectory (a file).',
         choices=MOTIONS,
     )
     amplitudes: tuple[float, ...] = parameter(

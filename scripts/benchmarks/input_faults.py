@@ -176,7 +176,10 @@ def fixed(noise: float, speed: float = 0.0) -> Change:
     def change(message: Any, _number: int, time: float) -> None:
         turn = Rotation.from_rotvec(0.05 * noise * RANDOM.standard_normal(3))
         pose_of(message, noise * RANDOM.standard_normal(3) + [speed * time, 0, 0], turn.as_quat())
-        for part, size, mean in ((message.twist.twist.linear, noise, speed), (message.twist.twist.angular, noise / 10, 0.0)):
+        for part, size, mean in (
+            (message.twist.twist.linear, noise, speed),
+            (message.twist.twist.angular, noise / 10, 0.0),
+        ):
             part.x, part.y, part.z = (size * RANDOM.standard_normal(3) + [mean, 0.0, 0.0]).tolist()
 
     return change
@@ -276,7 +279,10 @@ def slow_joint(joint: int, every: int) -> Make:
     def parts(message: Any, time: int) -> Iterable[tuple[Any, int]]:
         nonlocal count
         count += 1
-        for chosen in ([each != joint for each in range(len(message.name))], [each == joint for each in range(len(message.name))]):
+        for chosen in (
+            [each != joint for each in range(len(message.name))],
+            [each == joint for each in range(len(message.name))],
+        ):
             some = deepcopy(message)
             some.name = [name for name, own in zip(message.name, chosen, strict=True) if own]
             some.position, some.velocity = message.position[chosen], message.velocity[chosen]
@@ -287,7 +293,13 @@ def slow_joint(joint: int, every: int) -> Make:
 
 
 def with_part(
-    name: str, angle: Callable[[float], float], speed: float, every: int = 1, *, rates: bool = True, wrapped: bool = True
+    name: str,
+    angle: Callable[[float], float],
+    speed: float,
+    every: int = 1,
+    *,
+    rates: bool = True,
+    wrapped: bool = True,
 ) -> Make:
     """Return what adds a light joint on the base, in messages of its own where they are fewer."""
 

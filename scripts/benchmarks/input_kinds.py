@@ -43,7 +43,9 @@ KINDS = (
     Kind('4 a joint parked at a half turn, at rest', files.parked, 'joint_position: 1.0e-04', at_rest=True),
     Kind('5 a wheel at 8 rad a reading', faults.with_part('wheel', lambda t: 400.0 * t, 400.0)),
     Kind('5 the same, on and on', faults.with_part('wheel', lambda t: 400.0 * t, 400.0, wrapped=False), live=True),
-    Kind('5 a wheel at -3 rad a reading', faults.with_part('wheel', lambda t: -150.0 * t, -150.0), arguments=TRAJECTORY),
+    Kind(
+        '5 a wheel at -3 rad a reading', faults.with_part('wheel', lambda t: -150.0 * t, -150.0), arguments=TRAJECTORY
+    ),
     Kind('5 a wheel at 60 rad a reading', faults.with_part('wheel', lambda t: 3e3 * t, 3e3), arguments=DIFFERENCE),
     Kind(
         '5 a wheel at 2 rad a reading, no velocity',
@@ -60,7 +62,10 @@ KINDS = (
     Kind('7 of two joints, 25 Hz', faults.second_stream(2, 0.007, np.zeros_like, slice(2, 4), rates=True), live=True),
     Kind('7 a pose of planning', faults.second_stream(3, 0.01, lambda q: 0 * q + 0.3, rates=False), TWO, source=ETS7),
     Kind('8 default namespace in the URDF', files.replaced('<robot ', '<robot xmlns="urdf" ')),
-    Kind('8 mark of the byte order, namespace with a prefix', files.replaced('<robot ', '<robot xmlns:xacro="x" ', '<', '\ufeff<')),
+    Kind(
+        '8 mark of the byte order, namespace with a prefix',
+        files.replaced('<robot ', '<robot xmlns:xacro="x" ', '<', '\ufeff<'),
+    ),
     Kind('9 a base without inertia', files.inertia('base_link', 0.0), 'no inertia'),
     Kind('9 a base with an inertia 1e6 times as large', files.inertia('base_link', 1e6), 'base_link'),
     Kind('9 the same of a link', files.inertia('link3', 1e6), 'link3', TRAJECTORY),
@@ -107,7 +112,11 @@ KINDS = (
     Kind('14 parts in another order', faults.in_parts(slice(3, 6), slice(0, 3)), source=ETS7),
     Kind('15 three seconds of lost tracking', changed(None, faults.lost(20.0, 23.0))),
     Kind('15 none for the first two seconds', changed(None, faults.lost(0.0, 2.0)), live=True),
-    Kind('15 ten seconds of poses of NaN', changed(None, faults.lost(15.0, 25.0, [np.nan] * 3, [np.nan] * 4)), source=ETS7),
+    Kind(
+        '15 ten seconds of poses of NaN',
+        changed(None, faults.lost(15.0, 25.0, [np.nan] * 3, [np.nan] * 4)),
+        source=ETS7,
+    ),
     Kind('15 quaternions of zeros, at rest', files.parked, 'base_orientation: 5', at_rest=True),
     Kind('15 quaternions of zeros for a second', changed(None, faults.lost(30.0, 31.0, (0, 0, 0), (0, 0, 0, 0)))),
     Kind('16 poses stamped in batches of 5', changed(None, faults.batched(5)), 'base come in batches'),
@@ -118,12 +127,16 @@ KINDS = (
     Kind('18 a joint that moves, at 5 Hz', faults.slow_joint(6, 10), 'joint7'),
     Kind('19 velocities of zero', changed(faults.velocities(lambda _q, v: 0 * v)), arguments=DIFFERENCE),
     Kind('19 of one joint', changed(faults.velocities(lambda _q, v: 0 * v, 3)), arguments=DIFFERENCE),
-    Kind('19 constant velocities', changed(faults.velocities(lambda _q, v: 0 * v + 0.1)), arguments=DIFFERENCE, live=True),
+    Kind(
+        '19 constant velocities', changed(faults.velocities(lambda _q, v: 0 * v + 0.1)), arguments=DIFFERENCE, live=True
+    ),
     Kind('19 the positions as velocities', changed(faults.velocities(lambda q, _v: q))),
     Kind('19 velocities in degrees a second', changed(faults.velocities(lambda _q, v: 57.3 * v)), arguments=DIFFERENCE),
     Kind('20 ticks, 4096 a turn', changed(faults.units(4096 / 2 / np.pi, 2048.0, whole=True)), WHOLE),
     Kind('20 ticks of one joint', changed(faults.units(652.0, 0.0, 3, whole=True)), 'joint4 reads whole', live=True),
-    Kind('20 ticks, 65536 a turn', changed(faults.units(65536 / 2 / np.pi, whole=True)), WHOLE, DIFFERENCE, source=ETS7),
+    Kind(
+        '20 ticks, 65536 a turn', changed(faults.units(65536 / 2 / np.pi, whole=True)), WHOLE, DIFFERENCE, source=ETS7
+    ),
     Kind('20 degrees', changed(faults.units(180.0 / np.pi)), DEGREES),
     Kind('20 whole degrees', changed(faults.units(180.0 / np.pi, whole=True)), WHOLE, source=ETS7),
     Kind('22 a bag of ROS 1', files.ros1, 'ROS 1'),

@@ -59,7 +59,9 @@ def conventions(kernel: MomentumKernel) -> Iterator[Convention]:
     yield Convention('', kernel)
     for joint, name in enumerate(names):
         text = f'the sign of {name} is wrong: turn it round in the driver or the URDF'
-        yield Convention(text, kernel, partial(_joints, change=partial(np.multiply, np.where(order == joint, -1.0, 1.0))))
+        yield Convention(
+            text, kernel, partial(_joints, change=partial(np.multiply, np.where(order == joint, -1.0, 1.0)))
+        )
     for one, other in combinations(range(count), 2) if count <= _MOST_PAIRS else ():
         swapped = order.copy()
         swapped[[one, other]] = other, one
@@ -115,7 +117,10 @@ def _masses(kernel: MomentumKernel) -> Iterator[Convention]:
     for unit in _UNITS:
         change = (1.0 / unit - 1.0) * kernel.known
         change[0] = 0.0
-        yield Convention(f'the moving links ({moving}) are {unit:g} times as heavy as they are: a wrong unit?', kernel.corrected(change))
+        yield Convention(
+            f'the moving links ({moving}) are {unit:g} times as heavy as they are: a wrong unit?',
+            kernel.corrected(change),
+        )
 
 
 def _inverse(knots: Knots) -> Knots:

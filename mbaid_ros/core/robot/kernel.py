@@ -128,7 +128,9 @@ class MomentumKernel:
     def identifying(self, target: str) -> MomentumKernel:
         """Return a kernel whose unknown link is another one; the one before is as the robot description has it."""
         other, before = self.model.link(target), self.target.name
-        known = self.known + self.model.body_parameters(without=(target,)) - self.model.body_parameters(without=(before,))
+        known = (
+            self.known + self.model.body_parameters(without=(target,)) - self.model.body_parameters(without=(before,))
+        )
         return self._with(target=other, unknown=(other,), known=known)
 
     def displaced(self, origins: Array, tilts: Array) -> MomentumKernel:

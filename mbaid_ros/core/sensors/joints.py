@@ -139,7 +139,9 @@ class JointMerge:
         whole = streams.get(tuple(range(len(self._turning))))
         some = {joints: stream for joints, stream in streams.items() if stream is not whole}
         for place, given in enumerate(([] if whole is None else [whole], some.values())):
-            self._newest[place] = max((self._newest[place], *(int(each.stamp[-1]) for each in given if len(each.stamp))))
+            self._newest[place] = max(
+                (self._newest[place], *(int(each.stamp[-1]) for each in given if len(each.stamp)))
+            )
         for joints in some:
             self._expect(joints)
         if whole is not None and self._parts and not self.missing:

@@ -174,6 +174,6 @@ def test_limits_may_be_set_aside() -> None:
     assert np.array_equal(motion.amplitude, followed(drawn, model.transmission).amplitude)
 
 
-def test_joints_that_follow_others_cannot_be_passive() -> None:
-    with pytest.raises(ParameterError, match="other_jaw of 'gripper' mimic other joints; accepted: sinusoids, random"):
-        make_motion(SimulatorConfig(), load_model(GRIPPER))
+def test_joints_that_follow_others_move_at_random_by_default() -> None:
+    model = load_model(GRIPPER)
+    assert isinstance(make_motion(SimulatorConfig(), model), Sinusoids)
