@@ -34,7 +34,7 @@ class DisturbanceConfig:
     constant: str = parameter(
         'none',
         'Axes of a constant external force and torque that trajectory estimates: body, on the base link, or inertial, '
-        'as on a tilted table; none: estimated only if the data show one.',
+        'on the base or at the common centre of mass as the data show; none: estimated only if the data show one.',
         choices=CONSTANT_FORCES,
     )
     torque_std: float = parameter(
