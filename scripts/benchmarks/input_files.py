@@ -152,7 +152,7 @@ def table(separator: str = ',', first: str = '', end: str = '\n', *, degrees: bo
                 base = np.concatenate((place, turn.as_quat()))
                 if rows:
                     rows[-1][1:8] = base
-        header = ['time', *'x y z qx qy qz qw'.split(), *names]
+        header = ['time', *['x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'], *names]
         lines = [separator.join(header), *(separator.join(f'{each:.12g}' for each in row) for row in rows[1:])]
         (folder / 'run.csv').write_text(first + end.join(lines) + end, encoding='utf-8', newline='')
         (folder / 'columns.yaml').write_text(_columns(names, separator))
