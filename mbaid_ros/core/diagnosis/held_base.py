@@ -38,20 +38,28 @@ class HeldBase:
 
     def __init__(self, kernel: MomentumKernel) -> None:
         self._kernel = kernel
+        self._pushed: Array = np.zeros(6)  # by thrust, at the end of the latest window
+        self._begin()
+        # Of an unknown base, or a robot without moving parts, the known links determine no reaction.
+        self._done = kernel.target.body == 0 or kernel.model.joints == 0
+
+    def _begin(self) -> None:
         self._count, self._bends = 0, 0.0
         self._squares: Array = np.zeros((9, 9))  # products of (1, t, t^2), p and c, sums over the windows
         self._latest: list[Array] = []  # the means of the latest windows
         self._origin: Array = np.zeros(6)
-        # Of an unknown base, or a robot without moving parts, the known links determine no reaction.
-        self._done = kernel.target.body == 0 or kernel.model.joints == 0
 
     def update(self, window: Samples) -> Reason | None:
         """Add a window; return a reason once, when the base is known to be held."""
         if self._done:
             return None
         part = window[np.unique(np.linspace(0, len(window) - 1, _READ).astype(np.intp))]
-        if np.any(window.impulse) or not np.all(np.isfinite(part.pose_covariance[:, 0, 0])):
-            self._done = True  # thrust moves the base, or nothing measures where it is
+        if not np.all(np.isfinite(part.pose_covariance[:, 0, 0])):
+            self._done = True  # nothing measures where it is
+            return None
+        pushed, self._pushed = np.any(window.impulse != self._pushed), window.impulse[-1]
+        if pushed:  # thrust moves the base
+            self._begin()
             return None
         bodies = self._kernel.states(part).known
         centre = np.sum(bodies[..., 1:4], axis=1) / np.sum(bodies[..., 0], axis=1)[:, None]
