@@ -51,7 +51,7 @@ def replayed(kind: Kind, bag: Path, robot: Path, folder: Path) -> tuple[str, boo
     """Return what a user of `replay` sees first, and whether it is right."""
     errors, result = io.StringIO(), folder / 'result.json'
     words = [str(bag), '--model', str(robot), '--params', str(kind.source.parameters), '--json', str(result)]
-    words += ['--end', BRIEF] if kind.right else []
+    words += ['--end', BRIEF] if kind.right and not kind.whole else []
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(errors):
         code = replay([*words, *kind.arguments])
     if code == 2:

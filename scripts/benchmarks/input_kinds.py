@@ -23,11 +23,12 @@ class Kind:
     at_rest: bool = False
     source: Source = SERVICER7
     live: bool = False  # whether it goes through the node
+    whole: bool = False  # whether the cause needs all of the bag
 
 
 DIFFERENCE, TRAJECTORY = ('--method', 'difference'), ('--method', 'trajectory')
 TWO, NO_FLOAT = 'joint states come from two sources', 'the base does not move while the arm does'
-WHOLE, DEGREES = 'reads whole numbers', 'are in degrees'
+WHOLE, DEGREES = 'reads whole numbers', 'far beyond its limits in the robot description: degrees'
 
 KINDS = (
     Kind('1 chunks without message index', files.rewritten(**files.UNINDEXED)),
@@ -73,7 +74,7 @@ KINDS = (
     Kind('10 joints new every 0.3 s', faults.held(15), 'too few joint states for windows', source=ETS7),
     Kind('10 the same, with longer windows', faults.held(15), arguments=('-p', 'window:=1.5'), source=ETS7),
     Kind('10 joints new every 0.06 s', faults.held(3), arguments=DIFFERENCE, live=True),
-    Kind('10 one joint new every 0.2 s', faults.held(10, 3)),
+    Kind('10 one joint new every 0.2 s', faults.held(10, 3), 'joint4 repeats its readings'),
     Kind('11 positions in other axes', changed(None, faults.axes([[1, 0, 0], [0, 0, -1], [0, 1, 0]])), '(x, -z, y) in'),
     Kind(
         '11 two axes exchanged, one turned round',
@@ -81,7 +82,9 @@ KINDS = (
         '(y, x, -z) in',
         source=ETS7,
     ),
-    Kind('11 left-handed axes', changed(None, faults.axes(np.diag([1, -1, 1]))), '(x, -y, z) in', TRAJECTORY),
+    Kind(
+        '11 left-handed axes', changed(None, faults.axes(np.diag([1, -1, 1]))), '(x, -y, z) in', TRAJECTORY, whole=True
+    ),
     Kind(
         '11 the frame turned by 90 degrees',
         changed(None, faults.axes(turn=Rotation.from_euler('z', 90, degrees=True))),
@@ -112,7 +115,12 @@ KINDS = (
     Kind('14 each joint by itself', faults.in_parts(*(slice(k, k + 1) for k in range(7)), whole=False), live=True),
     Kind('14 parts in another order', faults.in_parts(slice(3, 6), slice(0, 3)), source=ETS7),
     Kind('15 three seconds of lost tracking', changed(None, faults.lost(20.0, 23.0))),
-    Kind('15 none for the first two seconds', changed(None, faults.lost(0.0, 2.0)), live=True),
+    Kind(
+        '15 none for the first two seconds',
+        changed(None, faults.lost(0.0, 2.0)),
+        'first 100 poses of the base',
+        live=True,
+    ),
     Kind(
         '15 ten seconds of poses of NaN',
         changed(None, faults.lost(15.0, 25.0, [np.nan] * 3, [np.nan] * 4)),
@@ -125,7 +133,7 @@ KINDS = (
     Kind('16 joints stamped in batches of 10', changed(faults.batched(10)), 'joint states come in batches', live=True),
     Kind('18 a finger at rest, at 2.5 Hz', faults.with_part('finger', lambda _: 0.1, 0.0, 20)),
     Kind('18 at 5 Hz', faults.with_part('finger', lambda _: -0.7, 0.0, 10), source=ETS7),
-    Kind('18 a joint that moves, at 5 Hz', faults.slow_joint(6, 10), 'joint7'),
+    Kind('18 a joint that moves, at 5 Hz', faults.slow_joint(6, 10)),
     Kind('19 velocities of zero', changed(faults.velocities(lambda _q, v: 0 * v)), arguments=DIFFERENCE),
     Kind('19 of one joint', changed(faults.velocities(lambda _q, v: 0 * v, 3)), arguments=DIFFERENCE),
     Kind(

@@ -23,13 +23,15 @@ _SOURCES = 0.02  # share of readings from another source: single outliers, which
 _SPIKE = 50.0  # standard deviations, and times the motion over two readings, of a step to another source and back
 _BETWEEN = 1.5  # times the interval before, that readings around one of another source are apart: else one is missing
 _LATEST = 3  # readings that are kept: a spike shows with those around it, and their intervals with the one before
+_STEP = 20.0  # standard deviations of a step after repeats: those of a coarse encoder are smaller
 _QUARTER = 0.5 * np.pi  # rad between two readings: of a half turn the direction is not known
 _WRAPPED = 2.1 * np.pi  # rad, range of wrapped angles at most
 _FAR = 1000.0  # rad, that no arm turns by, in degrees neither
 _MOST_STEPS = 0.5  # share of steps of a quarter turn: outliers and turns of wrapped angles are fewer
 _COARSE = 10.0  # rad or m, range of whole numbers from which they are no positions
+_BEYOND, _LONG = 2.0, 1.0  # times its limits that no joint reaches; m, that a prismatic one reads in millimetres
 _HEAVY = 0.01  # share of the robot's mass, from which a link's inertia matters
-_POSITION = 1e-3  # m, noise of the base's position, at most
+_POSITION, _ORIENTATION = 1e-3, 1e-4  # m, rad, noise of the base's poses
 _REACH = 10.0  # times the robot's size, that no link's radius of gyration reaches
 _CERTAIN = 1e6  # log-likelihood that such a cause counts as: more than a filter finds for any other
 
@@ -40,6 +42,7 @@ class _Readings:
 
     names: tuple[str, ...]
     slides: Flags  # whether each joint is prismatic
+    bounds: Array  # rad or m, far beyond the limits of each joint
     stamps: StampPattern
     last: JointStream | None = None
     count: int = 0
@@ -58,6 +61,7 @@ class _View:
     lowest: Array  # (N, k) of all readings until each
     highest: Array
     slides: Flags
+    bounds: Array
     rates: bool
     noise: float
 
@@ -82,6 +86,7 @@ class PlainFaults:
         self._model, self._noise = model, noise
         self._kinds: dict[tuple[int, ...], _Readings] = {}
         self._base = StampPattern('the poses of the base', _POSITION)
+        self._zeros: int | None = 0  # poses at the begin; None once there are others
         described = _inertia(model)
         self._found: dict[str, tuple[int, Reason]] = {}  # by symptom: from which stamp on (ns), and the reason
         if described:
@@ -90,7 +95,9 @@ class PlainFaults:
     def add(self, streams: Mapping[tuple[int, ...], JointStream], base: BaseStream | None = None) -> None:
         """Add readings (N, k), by the joints that they are of, and of the base, in the order of arrival."""
         if base is not None and len(base.stamp):
-            self._follow(self._base, base.stamp, base.position)
+            turns = _POSITION / _ORIENTATION * base.rotation.reshape(-1, 9)
+            self._follow(self._base, base.stamp, np.concatenate((base.position, turns), axis=1))
+            self._begin(base)
         count = len(self._model.independent_joints)
         for kind, stream in streams.items():
             columns = [column for column, joint in enumerate(kind) if joint < count]
@@ -102,17 +109,36 @@ class PlainFaults:
 
     def applied(self, estimate: Estimate) -> Estimate:
         """Return an estimate with the reasons that were plain by its end, the gravest first."""
-        reasons = [reason for since, reason in self._found.values() if since <= estimate.stamp]
+        reasons = [reason for _, (since, reason) in sorted(self._found.items(), key=_rank) if since <= estimate.stamp]
         if not reasons:
             return estimate
         told = with_reasons(estimate, reasons)
         plain = tuple(reason.text for reason in reasons)
         return replace(told, warnings=(*plain, *(text for text in told.warnings if text not in plain)))
 
+    def _begin(self, base: BaseStream) -> None:
+        """Look at how poses begin: those of zeros, before what locates the base has seen it, end at once."""
+        if self._zeros is None:
+            return
+        away = np.maximum(np.abs(base.position).max(axis=1), np.abs(base.rotation - np.eye(3)).max(axis=(1, 2)))
+        self._zeros += int(np.argmax(away > 0.0)) if away.any() else len(away)
+        if away.any():
+            first = int(np.argmax(away > 0.0))
+            if self._zeros >= _FEWEST and away[first] > _ORIENTATION:
+                text = (
+                    f'the first {self._zeros} poses of the base are zero: tracking had not begun; read the bag with '
+                    '--start, or start the estimator later'
+                )
+                self._found['zeros'] = int(base.stamp[first]), Reason(text, 'note', _CERTAIN)
+            self._zeros = None
+
     def _nothing(self, joints: list[int]) -> _Readings:
-        slides = np.array(self._model.prismatic, dtype=bool)[self._model.transmission.independent[joints]]
+        own = self._model.transmission.independent[joints]
+        slides = np.array(self._model.prismatic, dtype=bool)[own]
+        limits = np.array([max(-each.lower, each.upper) for each in self._model.limits])[own]
         names = tuple(self._model.independent_joints[joint] for joint in joints)
-        return _Readings(names, slides, StampPattern('the joint states', self._noise))
+        bounds = np.maximum(_BEYOND * limits, np.where(slides, _LONG, _WRAPPED))
+        return _Readings(names, slides, bounds, StampPattern('the joint states', self._noise))
 
     def _follow(self, pattern: StampPattern, stamp: Stamps, position: Array) -> None:
         """Look at the stamps; wrong ones are a cause where anything is wrong."""
@@ -126,7 +152,7 @@ class PlainFaults:
         lowest = np.minimum(np.minimum.accumulate(joined.position), low)
         highest = np.maximum(np.maximum.accumulate(joined.position), high)
         readings.rates |= bool(np.isfinite(stream.velocity).any())
-        own = readings.slides, readings.rates, self._noise
+        own = readings.slides, readings.bounds, readings.rates, self._noise
         view = _View(joined.stamp, joined.position, len(stream.stamp), lowest, highest, *own)
         for symptom, (severity, share, shows, words) in CHECKS.items():
             flags = shows(view)[-view.new :]
@@ -167,6 +193,13 @@ def _spikes(view: _View) -> tuple[Flags, Flags]:
     return spike[1:] & between, spike[1:] & ~between
 
 
+def _held(view: _View) -> Flags:
+    """Return readings that are new after repeats while other joints were new; coarse encoders have small steps."""
+    new = np.diff(view.position, axis=0) != 0.0
+    far = (np.abs(view.step[2:]) > _STEP * view.noise) & (view.position[3:] != np.round(view.position[3:]))
+    return np.asarray(far & new[2:] & ~new[1:-1] & ~new[:-2] & np.any(new[1:-1], axis=1, keepdims=True))
+
+
 def _by(view: _View, place: int, joint: int) -> str:
     """Return the largest recent step of a joint."""
     return f'{np.max(np.abs(view.step[max(place - _LATEST, 0) : place, joint])):.2g}'
@@ -204,6 +237,12 @@ CHECKS: Mapping[str, tuple[Severity, float, Shows, Words]] = {
             'at the driver'
         ),
     ),
+    'held': (
+        'note',
+        _SOURCES,
+        _held,
+        lambda *_: '{name} repeats its readings while other joints have new ones: read it as often as the others',
+    ),
     'ticks': (
         'conflict',
         1.0,
@@ -222,7 +261,22 @@ CHECKS: Mapping[str, tuple[Severity, float, Shows, Words]] = {
             'velocity; publish velocities, or read it more often'
         ),
     ),
+    'limits': (
+        'conflict',
+        _MOST_STEPS,
+        lambda view: (np.abs(view.position) > view.bounds) & (view.position != np.round(view.position)),
+        lambda view, place, joint: (
+            f'{{name}} reads {view.position[place, joint]:.3g}, far beyond its limits in the robot description: '
+            'degrees, millimetres or encoder ticks, not {unit}? Convert them in the driver'
+        ),
+    ),
 }
+
+
+def _rank(found: tuple[str, tuple[int, Reason]]) -> tuple[bool, int]:
+    """Return the order of a symptom: the gravest first, then as in the table."""
+    symptom, (_, reason) = found
+    return reason.severity == 'note', list(CHECKS).index(symptom) if symptom in CHECKS else -1
 
 
 def _inertia(model: RobotModel) -> str:

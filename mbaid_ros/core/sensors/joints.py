@@ -104,6 +104,8 @@ class JointMerge:
         self._parts: dict[Joints, _Part] = {}
         self._used: list[int] | None = None
         self._own: Counter[str] = Counter()
+        self.slow: Joints = ()  # joints whose messages were too far apart
+        self._slowest: int | None = None  # which of the parts beside the leading one holds them
         self._newest = [_NEVER, _NEVER]  # ns, stamps of messages with all joints, and with some
 
     @property
@@ -206,6 +208,9 @@ class JointMerge:
         stamps = [stream.stamp for stream in streams if stream is not None]
         still = [self._still(stream) for stream in streams if stream is not None]
         chosen = lead.stamp[self._usable(lead.stamp, stamps, once, still)]
+        if self._slowest is not None:
+            part = others[self._slowest]
+            self.slow = tuple(part.joints[place] for place in part.own)
         merged = self._interpolated(lead[np.isin(lead.stamp, chosen)], leader, others) if len(chosen) else None
         for part in others:
             if part.waiting is not None:
@@ -239,6 +244,8 @@ class JointMerge:
         apart = ~early & np.any([gap > most for gap, most in zip(gaps, longest, strict=True)], axis=0)
         self._own[NO_PARTNER] += int(np.sum(early))
         self._own[PARTNER_GAP] += int(np.sum(apart))
+        if np.any(apart):
+            self._slowest = int(np.argmax([np.max(gap[apart]) for gap in gaps]))
         usable: npt.NDArray[np.bool_] = ~early & ~apart
         for index in np.flatnonzero(usable):
             used = [int(other[end[index]]) for other, end, new in zip(others, right, once, strict=True) if new]
