@@ -146,7 +146,7 @@ class _Reading:
         return np.asarray(used)
 
     def notes(self) -> tuple[str, ...]:
-        """Return what has been left out, in words."""
+        """Return a sentence about the rows left out."""
         return tuple(f'{count} {what} left out: no number there' for what, count in self._left_out.items() if count)
 
     def _raw(self, value: Any, where: str) -> Array:

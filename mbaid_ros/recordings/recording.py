@@ -23,7 +23,7 @@ STORED_MOMENTUM = '/stored_momentum'
 DESCRIPTION = '/robot_description'
 MODEL_FILE, PARAMETER_FILE, TRUTH_FILE = 'robot.urdf', 'estimator.yaml', 'truth.json'
 ODOMETRY_FRAME = 'odom'
-_LATEST = 4e9  # s, which is about what a stamp can hold
+_LATEST = 4e9  # s, about the largest stamp
 
 _TYPES = {
     JOINT_STATES: 'sensor_msgs/msg/JointState',

@@ -112,7 +112,7 @@ _SOURCE_2021 = f"""
   These are of 2023; of the arm of 2021 no link has been weighed by itself. {COMMANDS_FILE}, of 2017, has a
   lighter and shorter arm (0.273, 0.263, 0.104 kg; 0.2889 m from joint to joint), but the markers on elbow and wrist in
   the logs of 2021 (columns 54 to 57)
-  move on a circle of 0.306 m about the shoulder, and the base shifts by 1.46 times what the lighter arm would make it.
+  move on a circle of 0.306 m about the shoulder, and the base shifts 1.46 times as far as with the lighter arm.
   The shoulder: (0.250, -0.0895) m from the origin of the poses, round which the elbow's marker goes in two of the runs
   (15_33 and 16_13). model_param(8) and (7), b0 and phi about an axis that is turned by 90 degrees against the
   motion capture's, have it 20 mm from there, at (0.239, -0.072) m; the origin of the poses is not the centre of mass.
@@ -128,7 +128,7 @@ def read_spot_2021(path: Path, commands: Path | None = None) -> Recording:
     Raises
     ------
     DataError
-        A file is not what it should be.
+        A file has another format.
     """
     table = np.asarray(read_matlab(path, ('rt_dataPacket',))['rt_dataPacket'])
     if table.ndim != 2 or table.shape[1] != _COLUMNS_2021 or not np.issubdtype(table.dtype, np.floating):
@@ -194,8 +194,8 @@ _SOURCE_2023 = f"""
   phi is about an axis that is turned by 90 degrees against the motion capture's: the shoulder is at phi - 90 degrees.
   Moments about x and y do not matter on a table and are half of those about z.
 
-  What was to be captured, of the same file: in March BLACK, 12.039 kg and 0.225692 kg m^2; in April BLUE, 10.726 kg and
-  0.194438 kg m^2.
+  The bodies to be captured, of the same file: in March BLACK, 12.039 kg and 0.225692 kg m^2; in April BLUE, 10.726 kg
+  and 0.194438 kg m^2.
 """
 
 CHASER_2023 = Chaser('spot_red_2023', 11.211, 0.20215, (SHOULDER[0], SHOULDER[1] - math.pi / 2.0), 0.0, SPOT_ARM)
@@ -232,8 +232,8 @@ def read_spot_2023(path: Path) -> Recording:
         robot=planar_urdf(CHASER_2023, _SOURCE_2023),
         parameters=resource('spot_2023.yaml'),
         notes=(
-            'thrust is what was commanded, turned into axes of the base',
-            'what was to be captured is nowhere held firmly: there is no truth.json',
+            'thrust is the commanded one, turned into axes of the base',
+            'the body to be captured is nowhere held firmly: there is no truth.json',
         ),
         span=_SPAN_2023,
     )

@@ -51,7 +51,7 @@ def few_windows(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @cache
 def motion() -> Truth:
-    return configured_motion('table1', SECONDS, RATE, 0.05)
+    return configured_motion('table1', SECONDS, RATE)
 
 
 def seen(method: str, seed: int = 1) -> Samples:

@@ -13,8 +13,10 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.environment import Pushing
-from mbaid_ros.session import Session, methods, reading, session, settings, storage
+from mbaid_ros.session import methods, reading, session, settings
 from mbaid_ros.session.planning import plan_settings
+from mbaid_ros.session.session import Session
+from mbaid_ros.session.settings import storage
 from simulated import robot
 from streams import urdf
 

@@ -27,22 +27,22 @@ _DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))
 _MOVES = 0.01  # rad or m, that a joint moves at least for the links on both sides to be told apart
 _LIGHTEST = -0.05  # times the known mass, that a fitted one is at least: noise may make that of an empty hand negative
 _TURN = 2.0 * np.pi  # rad or m, which the readings of an arm hardly reach: in degrees or millimetres they go further
-_RIDGE = 1e-9  # relative, of the fit: what the motion does not show stays near zero
+_RIDGE = 1e-9  # relative, of the fit: unobservable numbers stay near zero
 
 
 @dataclass(frozen=True, eq=False)
 class Convention:
     """How the readings or the robot may be meant."""
 
-    text: str  # the mistake, and what to do
-    kernel: MomentumKernel  # of the robot then
-    windows: Callable[[Sequence[Window]], Sequence[Window]] = list  # what windows are then
+    text: str  # the mistake and its remedy
+    kernel: MomentumKernel  # of the robot under this hypothesis
+    windows: Callable[[Sequence[Window]], Sequence[Window]] = list  # the windows under this hypothesis
     joint_range: float = 0.0  # rad or m, that joint readings exceed at least where it may be so
     base_range: float = 0.0  # m, that positions of the base do
     moving: int | None = None  # joint that has to move
 
     def possible(self, windows: Sequence[Window]) -> bool:
-        """Tell whether windows may be of it: joints in degrees make whole turns, lengths in millimetres are long."""
+        """Return whether the windows may follow this convention: degrees make whole turns, millimetres are long."""
         if self.moving is not None:
             position = np.concatenate([each.knots.joint_position[:, self.moving] for each in windows])
             if not np.nanmax(position, initial=-np.inf) - np.nanmin(position, initial=np.inf) > _MOVES:

@@ -162,7 +162,7 @@ class FilterPasses:
         return np.array(found[::-1])
 
     def gains(self, base: SquareRootInformation, declared: Collection[str]) -> dict[str, tuple[float, float]]:
-        """Return what each cause would gain by a wider prior, and how many times as wide; some have been declared."""
+        """Return the gain of each cause by a wider prior, and the factor of its width; some have been declared."""
         values, covariance = MeanAndCovariance.of(base, self.variables).unknowns(self.layout)
         found = {}
         for place, cause in enumerate(self.layout.causes):
@@ -206,7 +206,7 @@ def another_body(gaussian: SquareRootInformation, variables: Variables, *, excha
 
 
 def attempted(passes: Work[T]) -> Work[T | None]:
-    """Return what passes come to; None where they start at a robot that cannot be."""
+    """Return the result of the passes; None if they start at a robot that cannot exist."""
     try:
         return (yield from passes)
     except np.linalg.LinAlgError:

@@ -74,7 +74,7 @@ class _View:
 
 
 class PlainFaults:
-    """Follows joint readings as they arrive, and names what is plain in them.
+    """Follows joint readings as they arrive, and names faults that need no model.
 
     Parameters
     ----------
@@ -112,9 +112,9 @@ class PlainFaults:
         reasons = [reason for _, (since, reason) in sorted(self._found.items(), key=_rank) if since <= estimate.stamp]
         if not reasons:
             return estimate
-        told = with_reasons(estimate, reasons)
+        explained = with_reasons(estimate, reasons)
         plain = tuple(reason.text for reason in reasons)
-        return replace(told, warnings=(*plain, *(text for text in told.warnings if text not in plain)))
+        return replace(explained, warnings=(*plain, *(text for text in explained.warnings if text not in plain)))
 
     def _begin(self, base: BaseStream) -> None:
         """Look at how poses begin: those of zeros, before what locates the base has seen it, end at once."""

@@ -12,15 +12,15 @@ import numpy as np
 import scipy.linalg
 
 from mbaid_ros.core import chi_square
-from mbaid_ros.core.array_record import ArrayRecord, Queue
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White, first_solutions
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.linear_algebra import inverse_root, is_positive, solve_definite, solve_symmetric
+from mbaid_ros.core.samples import ArrayRecord, Queue
 
 _ITERATIONS_AT_START = 12  # at most: from first solutions far away, steps are halved again and again
 _ITERATIONS_WARM = 2  # a window: it starts at the last solution, and the next window continues
-# Lengths of a step that are tried, each half the last: what does not help at a sixteenth is not in this direction.
+# Lengths of a step that are tried, each half the last: if a sixteenth does not help, the direction is wrong.
 _HALVINGS = 5
 # Redundant equations from which a solution that explains the data is no accident, and the chance that it seems not to.
 _ENOUGH, _UNLIKELY = 50, 1e-3
@@ -262,7 +262,7 @@ class SlidingWindow:
         return eiv.uncertain_share(self.windows.equations[-1:], *self._regularised(self.x)) < _LARGEST_SHARE
 
     def _regularised(self, x: Array) -> tuple[Array, Array]:
-        """Return x (u,) and a factor of its covariance, both held within the typical sizes where data say nothing."""
+        """Return x (u,) and a factor of its covariance, both of typical size in directions without data."""
         size = self._typical
         values, vectors = np.linalg.eigh(self._signal * size * size[:, None])
         values = np.maximum(values, 0.0)

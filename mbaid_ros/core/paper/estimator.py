@@ -18,8 +18,8 @@ from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.core.samples import Samples
 
-# The covariance of what is not excited grows without limit: it is held at this many times the initial one. What is
-# excited, however weakly, stays below: differenced rows at 100 Hz bring Izz of the paper's case to 2e4 times.
+# The covariance of unexcited parameters grows without limit: it is held at this many times the initial one. Excited
+# parameters, however weakly, stay below: differenced rows at 100 Hz bring Izz of the paper's case to 2e4 times.
 _LARGEST_GROWTH = 1e6
 
 
@@ -64,9 +64,9 @@ class RecursiveLeastSquares:
         return self.estimate
 
 
-# An unknown counts as determined once the start, zero, makes less than this of its size. Its variance would not tell:
+# An unknown counts as determined once the start, zero, makes less than this of its size. Its variance would not decide:
 # differenced rows are small, and in the paper's case the variance of Izz stays above the initial one. A smaller share
-# holds back by a second what is right to 1 % already.
+# holds back by a second values that are right to 1 % already.
 _REMAINING = 0.02
 _SETTLED_WINDOWS = 10  # whose estimates have to agree for a run to be converged
 THRUST = 'thrust was commanded, which the methods of the paper do not account for: difference and trajectory do'
@@ -74,36 +74,24 @@ THRUST = 'thrust was commanded, which the methods of the paper do not account fo
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """Settings of the paper's methods.
+    """Settings of the paper's methods."""
 
-    Attributes
-    ----------
-    form : 'main' (eq. 22) or 'difference' (eq. 25)
-    forgetting_factor, initial_covariance : of the recursive least squares
-    reference : sample that the difference form compares with: the one before, or the first
-    lag : samples between the two; 0 takes `reference`
-    total_angular_momentum : (L_x, L_y, L_z) kg m^2/s about the odometry origin, needed by the main form
-    settled : largest relative change over the last ten windows that counts as converged
-    length : m, that changes of the CoM are taken relative to
-    """
-
-    form: Literal['main', 'difference']
-    forgetting_factor: float
-    initial_covariance: float
+    form: Literal['main', 'difference']  # 'main' (eq. 22) or 'difference' (eq. 25)
+    forgetting_factor: float  # of the recursive least squares
+    initial_covariance: float  # of the recursive least squares
+    # sample that the difference form compares with: the one before, or the first
     reference: Literal['previous', 'first']
-    lag: int
+    lag: int  # samples between the two; 0 takes `reference`
+    # (L_x, L_y, L_z) kg m^2/s about the odometry origin, needed by the main form
     total_angular_momentum: tuple[float, ...]
-    settled: float
-    length: float
+    settled: float  # largest relative change over the last ten windows that counts as converged
+    length: float  # m, that changes of the CoM are taken relative to
 
 
 class PaperEstimator:
     """Identifies one link by the paper's recursion (total linear momentum zero).
 
-    Raises
-    ------
-    ParameterError
-        The main form without the total angular momentum.
+    Raises ParameterError: The main form without the total angular momentum.
     """
 
     needs_rates = True
@@ -216,5 +204,5 @@ class PaperEstimator:
 
 
 def _inertia_scale(parameters: Array) -> Array:
-    """Return what changes of the six elements of inertia are measured by: the largest moment that is known."""
+    """Return the unit of changes of the six elements of inertia: the largest known moment."""
     return np.full(6, np.max(np.abs(parameters[[4, 7, 9]]), initial=1e-12))

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel, cantilever_inertias
 from mbaid_ros.core.robot.kinematics import Configuration
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
 from mbaid_ros.core.robot.sensitivity import force_cross, motion_cross
+from mbaid_ros.core.samples import ArrayRecord
 
 
 def spring_constants(kernel: MomentumKernel, known: Array) -> tuple[Array, Array]:
@@ -154,7 +154,7 @@ class PassiveMotion:
 
 
 def through_springs(kernel: MomentumKernel, axes: Array, gamma: Array) -> Array:
-    """Return Gamma H^-1 H_dq (N, 6, n): what the momenta along the passive joints, held, take off that of joint rates.
+    """Return Gamma H^-1 H_dq (N, 6, n): the part of the joint rates' momentum that held passive joints cancel.
 
     `axes` (N, n, 6) are the unit twists of all joints, `gamma` (N, 6, n) the momenta of their unit rates.
     """

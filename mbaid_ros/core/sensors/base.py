@@ -171,12 +171,12 @@ def measured_orientation(imu: ImuStream | None) -> BaseStream | None:
     """Return the orientations of the base that an IMU measures; None if it measures none."""
     if imu is None:
         return None
-    told = np.isfinite(imu.rotation).all(axis=(1, 2))
-    if not np.any(told):
+    measured = np.isfinite(imu.rotation).all(axis=(1, 2))
+    if not np.any(measured):
         return None
-    base = orientation_only(imu.stamp[told], imu.rotation[told], imu.rotation_covariance[told])
+    base = orientation_only(imu.stamp[measured], imu.rotation[measured], imu.rotation_covariance[measured])
     declared = base.declared.copy()
-    declared[:, 1] = imu.declared[told]
+    declared[:, 1] = imu.declared[measured]
     return replace(base, declared=declared)
 
 

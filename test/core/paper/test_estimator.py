@@ -138,26 +138,6 @@ def test_step_by_step_is_the_weighted_least_squares_with_a_prior(factor: float) 
     assert rls.covariance == pytest.approx(np.linalg.inv(information), rel=1e-11, abs=1e-13)
 
 
-def test_what_remains_of_the_start() -> None:
-    rows, _ = problem(steps=3)
-    true = np.array([1.0, -2.0, 0.5, 3.0])
-    rls = recursion(rows, rows @ true, 0.9)
-    assert rls.estimate - true == pytest.approx(rls.remaining @ -true, rel=1e-9, abs=1e-13)
-    assert recursion(rows[:1], rows[:1] @ true, 0.9).remaining == pytest.approx(
-        np.eye(UNKNOWNS) - rows[0].T @ np.linalg.solve(rows[0] @ rows[0].T + 0.9 / PRIOR * np.eye(2), rows[0]),
-        abs=1e-12,
-    )
-
-
-def test_forgetting_follows_a_change() -> None:
-    rows, _ = problem(steps=400)
-    before, after = np.array([1.0, -2.0, 0.5, 3.0]), np.array([2.0, -1.0, 0.5, -3.0])
-    right_side = np.concatenate((rows[:200] @ before, rows[200:] @ after))
-    # 0.9^200 = 7e-10 of the past is left.
-    assert recursion(rows, right_side, 0.9).estimate == pytest.approx(after, rel=1e-8)
-    assert np.abs(recursion(rows, right_side, 1.0).estimate - after).max() > 0.1
-
-
 @pytest.mark.parametrize('excited', [0, 2])
 def test_the_covariance_stays_bounded_symmetric_and_positive_without_excitation(excited: int) -> None:
     """One step with a factor of 0.01 forgets as much as 458 steps of 0.99: 2200 of them as much as a million."""
