@@ -71,7 +71,7 @@ KINDS = (
     Kind('9 a base with an inertia 1e6 times as large', files.inertia('base_link', 1e6), 'base_link'),
     Kind('9 the same of a link', files.inertia('link3', 1e6), 'link3', TRAJECTORY),
     Kind('10 joints new every 0.1 s', faults.held(5)),
-    Kind('10 joints new every 0.3 s', faults.held(15), 'too few joint states for windows', source=ETS7),
+    Kind('10 joints new every 0.3 s', faults.held(15), 'too few joint states for windows', source=ETS7, whole=True),
     Kind('10 the same, with longer windows', faults.held(15), arguments=('-p', 'window:=1.5'), source=ETS7),
     Kind('10 joints new every 0.06 s', faults.held(3), arguments=DIFFERENCE, live=True),
     Kind('10 one joint new every 0.2 s', faults.held(10, 3), 'joint4 repeats its readings'),

@@ -112,7 +112,7 @@ class PlainFaults:
         reasons = [reason for _, (since, reason) in sorted(self._found.items(), key=_rank) if since <= estimate.stamp]
         if not reasons:
             return estimate
-        explained = with_reasons(estimate, reasons)
+        explained = with_reasons(estimate, reasons[::-1])  # the last one leads the causes
         plain = tuple(reason.text for reason in reasons)
         return replace(explained, warnings=(*plain, *(text for text in explained.warnings if text not in plain)))
 

@@ -18,7 +18,7 @@ _EVEN = 0.5  # part of the usual interval, that those around a step differ by: o
 _GAP = 5.0  # usual intervals that make a gap
 _STEADY, _MISSING = 0.2, 0.3  # part by which the speed changes over a gap, and of its motion that is there at most
 _FAR = 50.0  # standard deviations that a gap's motion should be at least
-_AROUND = 3  # readings that a step is looked at with, before and after
+_AROUND = 6  # readings that a step is looked at with, before and after
 
 Found = tuple[str, int, str]  # symptom, from which stamp on (ns), and in words
 
