@@ -42,6 +42,8 @@ _TUMBLING = (
     'no joint has moved yet: tumbling determines the moments of inertia but for a common factor; calibrate gives their '
     'ratios'
 )
+_FEWEST = 3  # samples of a window, whose knots are too far apart with fewer
+_SPARSE = 'too few joint states for windows of {:g} s: read the joints more often, or set window to {:g} or more'
 _REPORTED = np.concatenate((BODY_PLACES, np.arange(MOMENTUM.start, MOMENTUM.stop)))  # (body, momentum) of the state
 
 
@@ -159,6 +161,8 @@ class TrajectoryEstimator:
         elif moved:
             doing = 'looking for a start in' if run.searching else 'collecting'
             reason = f'{doing} the first {self._settings.start} windows'
+        elif len(window) < _FEWEST:
+            reason = _SPARSE.format(self._settings.window, _FEWEST * self._settings.window)
         else:
             reason = _AT_REST if self._settings.located else _TUMBLING
         if moved:
