@@ -188,7 +188,7 @@ def _described(config: EstimatorConfig, kernel: MomentumKernel, given: Mapping[s
     if min(stds) <= 0.0 or target.parameters[0] <= 0.0:
         raise ParameterError(
             f"parameter '{name}' is of the link that is identified; accepted: mass_relative_std, com_std and "
-            'inertia_relative_std, all above 0, and an <inertial> in the robot description, or target_prior.mass instead'
+            'inertia_relative_std, all above 0, and an <inertial> in the URDF, or target_prior.mass instead'
         )
     if config.target_prior.mass_std > 0.0:
         raise ParameterError(f"parameters '{name}' and 'target_prior' are both of the same link; accepted: one")

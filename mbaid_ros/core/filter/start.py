@@ -137,7 +137,11 @@ class MultiStart:
         bodies of quite another mass explain the windows as well: the results with the mass held show those.
         """
         held: list[BatchResult] = []
-        for guess in self._guesses([window for stack in stacks[0] for window in stack.windows]):
+        guesses = self._guesses([window for stack in stacks[0] for window in stack.windows])
+        if self.batch.variables.described:
+            result = yield from self.batch.converge(stacks, guesses[0], self.batch.prior(self.hypotheses[0]))
+            return [] if result is None else [result]
+        for guess in guesses:
             prior = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS, float(guess.parameters[MASS]))
             result = yield from self.batch.converge(stacks, guess, prior, mass_held=True)
             held += [] if result is None else [result]
@@ -183,7 +187,7 @@ class MultiStart:
         return bool(np.all(shift <= _LARGEST_SHIFT * result.deviation))
 
     def _guesses(self, windows: Sequence[Window]) -> list[Point]:
-        """Return points with balls as target: of the declared mass, or of parts of the known mass.
+        """Return points with balls as target, of the declared mass or of parts of the known mass; or the prior's.
 
         The robot is at rest, or turns as the gyro measures where no pose locates the base.
         """
@@ -193,26 +197,17 @@ class MultiStart:
         lengths = np.linalg.norm(kernel.model.positions, axis=1)
         length = float(np.sum(lengths)) * min(1.0, _LINKS / max(len(lengths), 1))
         guesses: list[Point] = []
-        described = self._described(windows, declared)
+        if self.batch.variables.described:
+            return [self.batch.layout.point(self._beginning(self.batch.variables.mean[BODY], windows))]
         for mass in [declared] if declared > 0.0 else parts:
-            state = np.concatenate((np.zeros(BODY.stop), self.batch.layout.known.mean))
-            state[BODY.start] = mass
-            state[[BODY.start + 4, BODY.start + 7, BODY.start + 9]] = mass * (_GUESSED_RADIUS * max(length, 0.1)) ** 2
-            if described is not None:
-                state[BODY] = mass / described[0] * described
-            state[ANGULAR] = angular_momentum(kernel, state[BODY], windows)
-            guesses.append(self.batch.layout.point(state))
+            ball = np.zeros(10)
+            ball[0], ball[[4, 7, 9]] = mass, mass * (_GUESSED_RADIUS * max(length, 0.1)) ** 2
+            guesses.append(self.batch.layout.point(self._beginning(ball, windows)))
         return guesses
 
-    def _described(self, windows: Sequence[Window], mass: float) -> Array | None:
-        """Return the URDF's (10,) parameters of a base that is sought with a declared mass while nothing locates it.
-
-        Its joints are light beside it then, and a ball of their length is far from it.
-        """
-        target = self.batch.layout.kernel.target
-        located = bool(np.isfinite(windows[0].noise.pose).all())
-        return (
-            target.parameters
-            if mass > 0.0 and not located and target.body == 0 and target.parameters[0] > 0.0
-            else None
-        )
+    def _beginning(self, body: Array, windows: Sequence[Window]) -> Array:
+        """Return the state with a body (10,), as the windows begin."""
+        state = np.concatenate((np.zeros(BODY.stop), self.batch.layout.known.mean))
+        state[BODY] = body
+        state[ANGULAR] = angular_momentum(self.batch.layout.kernel, body, windows)
+        return state
