@@ -30,7 +30,7 @@ _HOUR = 3600.0  # s
 _LONG = 5.0  # s without a reading that the gyro or the torque did not change: a loss of signal
 _ITERATIONS, _CLOSE = 20, 1e-6  # of the momentum at the start; N m s
 _FINE = 1e-5  # rad: residuals below it count alike
-_THRUSTERS = 300.0  # N m s: 10 times what hours without thrusters leave
+_THRUSTERS = 300.0  # N m s: 10 times the misfit of hours without thrusters
 _HELD = 1.0  # s: a joint that stands is sent once, and is read as often as the rates
 
 
@@ -88,8 +88,8 @@ def _orbit(folder: Path, span: tuple[float, float], time: Array) -> tuple[dict[s
 
     LVLH does not turn evenly: the orbit is no circle, and the flattened Earth turns its plane by some 1e-6 rad/s. An
     inclination of 1 mrad to the plane is 0.4 N m of gravity gradient, so the axes follow the plane. Positions come
-    every 10 s, some with stamps that are seconds late; what they turn further than a circle are a drift and two
-    harmonics of the orbit, fitted to least absolute deviations.
+    every 10 s, some with stamps that are seconds late; their turn beyond a circle is a drift and two harmonics
+    of the orbit, fitted to least absolute deviations.
     """
     track = [_channel(folder, name, span) for name in (*_POSITION, *_VELOCITY)]
     own = track[0][0]

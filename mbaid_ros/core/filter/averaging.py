@@ -8,20 +8,21 @@ from itertools import pairwise
 import numpy as np
 
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots, averages, bridged, with_course
-from mbaid_ros.core.filter.window import Window, WindowNoise, window_noises
+from mbaid_ros.core.filter.window import Window, WindowNoise, window_noises, with_truncation
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples, SensorNoise
 
 _KNOT = 0.05  # s, wanted spacing of knots: errors of the fourth-order formulas are then below the noise
+# Knots in a period of the fastest passive joint, everything else held: a free robot swings up to twice as fast.
+_KNOTS_A_PERIOD = 12.0
 _FEWEST_KNOTS = 5  # of a window: the window before it needs four of them
-_MOVED = (
-    10.0  # deviations of one sample that a joint's knots range over once it has moved: noise reaches nine in an hour
-)
+# Range of a joint's knots from which it has moved, in deviations of one sample: noise reaches nine in an hour.
+_MOVED = 10.0
 
 
 @dataclass(frozen=True)
 class Averaged:
-    """What a window adds: the one before it with all its neighbours, and itself without the later ones, if unbroken.
+    """The windows that a new one completes: the one before it with all its neighbours, itself without later ones.
 
     `moved`: whether a joint has moved by more than its noise by then.
     """
@@ -41,6 +42,7 @@ class KnotAveraging:
     length : s, of a window
     gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity
     orientation_measured : whether anything but the gyro measures the orientation of the base
+    fastest : Hz, highest natural frequency of passive joints; 0 without any
 
     Attributes
     ----------
@@ -48,8 +50,16 @@ class KnotAveraging:
     """
 
     def __init__(
-        self, joints: int, noise: SensorNoise, length: float, gyro: float = 0.0, *, orientation_measured: bool = True
+        self,
+        joints: int,
+        noise: SensorNoise,
+        length: float,
+        gyro: float = 0.0,
+        *,
+        orientation_measured: bool = True,
+        fastest: float = 0.0,
     ) -> None:
+        self._wanted = min(_KNOT, 1.0 / (_KNOTS_A_PERIOD * fastest)) if fastest else _KNOT
         self._orientation_measured = orientation_measured
         self._course: Array = np.zeros(36)
         self._gyro = gyro
@@ -66,10 +76,10 @@ class KnotAveraging:
         self._moved = False
 
     def take(self, windows: list[Samples]) -> list[Averaged]:
-        """Return what closed windows add to the chain."""
+        """Return the windows that closed ones complete."""
         if not self._knots_a_window:
             self.origin = windows[0].base_position[0].copy()
-            self._knots_a_window = knots_a_window(windows[0], self._length)
+            self._knots_a_window = knots_a_window(windows[0], self._length, self._wanted)
         length, count = self._length, self._knots_a_window
         numbers = [int(np.floor((window.time[0] + 1e-9) / length)) for window in windows]
         new = averages(windows, np.array(numbers) * length, length / count, count, self.origin)
@@ -136,18 +146,20 @@ class KnotAveraging:
         if after and empty[end - 1]:
             end -= 1
         parts = knots[first:end]
+        if any(empty[first:end]):
+            parts = bridged(parts)
         return Window(
-            knots=bridged(parts) if any(empty[first:end]) else parts,
+            knots=parts,
             inside=slice(begin - first, begin - first + count - (0 if end > begin + count else 1)),
             spacing=self._length / count,
-            noise=noise,
+            noise=with_truncation(noise, parts, at_an_end=not (earlier and after)),
             start=(self._number - (1 if after else 0)) * self._length,
             fresh=not earlier,
             origin=self.origin,
         )
 
 
-def knots_a_window(window: Samples, length: float) -> int:
-    """Return the number of knots in a window of a length in s: 50 ms each, and no fewer samples than knots."""
+def knots_a_window(window: Samples, length: float, wanted: float) -> int:
+    """Return the number of knots in a window of a length in s: as wanted, s apart, and no fewer samples than knots."""
     spacing = float(np.median(np.diff(window.time))) if len(window) > 1 else length
-    return max(round(length / max(_KNOT, spacing)), _FEWEST_KNOTS)
+    return max(round(length / max(wanted, spacing)), _FEWEST_KNOTS)

@@ -14,17 +14,18 @@ from mbaid_ros.core.filter.initialisation import Initialisation
 from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.start import Start
 from mbaid_ros.core.filter.state import BODY, Layout, Point, near_part
+from mbaid_ros.core.filter.swing_start import resolved_frequencies
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.filter.window import Window
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.unknowns.environment import Hypothesis
 
 # The point moves when the estimate is this far from its reference (squared Mahalanobis distance, of 20 to 200
 # numbers): directions that nothing sees gain less information by that than their priors have. It moves along directions
-# whose relative deviation is below the second number, and along those whose offset squared, what is left of second
+# whose relative deviation is below the second number, and along those whose offset squared, the remainder of second
 # order, exceeds a tenth of their deviation. An unknown's unit is about 1 % of its size.
 _HELD, _WELL_KNOWN, _CURVED, _UNIT = 16.0, 1e-3, 0.1, 0.01
 
@@ -32,10 +33,10 @@ _HELD, _WELL_KNOWN, _CURVED, _UNIT = 16.0, 1e-3, 0.1, 0.01
 class LinearisationPoint:
     """The linearisation point of the windows to come (trajectory.md, eq. 6).
 
-    Each window is blind along some directions: all masses and momenta growing together, say, or CoM and odometry mount
-    displaced together. Linearised at another point these are others, and together the windows would seem to see them.
-    So the point follows the estimate along the directions that are well known, and rests along the others unless the
-    estimate is far.
+    Each window is blind along some directions, such as all masses and momenta growing together, or CoM and odometry
+    mount displaced together. Linearised at another point these are others, and together the windows would seem to see
+    them. So the point follows the estimate along the directions that are well known, and rests along the others unless
+    the estimate is far.
 
     Attributes
     ----------
@@ -113,7 +114,7 @@ class Phase(Enum):
 
 
 class FilterRun:
-    """Estimates the state window by window, under several hypotheses of what acts or drifts.
+    """Estimates the state window by window, under several hypotheses of forces and drifts.
 
     Parameters
     ----------
@@ -141,6 +142,8 @@ class FilterRun:
         self._latest: HypothesisFilter | None = None  # the best hypothesis, with the window that is still open
         self._newest: Window | None = None  # the latest window that has been filtered
         self._offered: Callable[[], Point] | None = None  # a start that another method has found
+        # Of passive joints: whose frequency was resolved when the linearisation was frozen; later data do not mend it.
+        self._frozen_resolved: Flags = np.ones(layout.kernel.springs.count, dtype=bool)
         self.phase = Phase.COLLECTING
         self.planar = len(variables.measured) < 6
 
@@ -216,6 +219,12 @@ class FilterRun:
         """Largest deflections (f,) of passive joints so far, rad or m."""
         return self._linearised.largest_deflections
 
+    @property
+    def resolved(self) -> Flags:
+        """Which passive joints' frequencies (f,) the data resolve."""
+        seconds = 0.0 if self._newest is None else self._newest.start + self._newest.length
+        return self._frozen_resolved & resolved_frequencies(self._layout, self.moments_of_first(), seconds)
+
     def curvatures(self, *, explained: bool) -> tuple[Curvature, ...]:
         """Return the nonlinearity of the windows; about the present estimate only where the model explains the data."""
         return self._initialisation.curvatures(explained=explained)
@@ -272,12 +281,13 @@ class FilterRun:
                 self._latest = update_hypothesis(self._latest, still_open, white, self._variables)
 
     def offer(self, point: Callable[[], Point]) -> None:
-        """Take what makes a point that the next search may begin at."""
+        """Keep a point that the next search may begin at."""
         self._offered = point
 
     def restart(self) -> None:
         """Give up the solution; windows that are still kept are searched again."""
         self.phase, self._bank, self._latest = Phase.COLLECTING, (), None
+        self._frozen_resolved[:] = True
         self._initialisation.restart()
 
     def run_slice(self) -> bool:
@@ -299,8 +309,9 @@ class FilterRun:
 
     def _freeze_if_possible(self) -> None:
         """Relinearise no window again where the initialisation allows it."""
+        resolved = self.resolved
         if self._initialisation.may_freeze(best(self._bank).gaussian):
-            self.phase = Phase.TRACKING
+            self.phase, self._frozen_resolved = Phase.TRACKING, resolved
 
     def _best_point(self) -> Point | None:
         return self._point_of(best(self._bank)) if self._bank else None

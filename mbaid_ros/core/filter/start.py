@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.filter.bank import LONGEST_AT_A_GUESS, Bank, best, clamped, far_better
+from mbaid_ros.core.filter.bank import LONGEST_AT_A_GUESS, NO_JUMPS, Bank, best, clamped, far_better
 from mbaid_ros.core.filter.batch import MASS, BatchIteration, BatchResult, Relinearised, Work
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.state import ANGULAR, BODY, BODY_PLACES, Point
+from mbaid_ros.core.filter.state import ANGULAR, BODY, BODY_PLACES, Layout, Point
+from mbaid_ros.core.filter.swing_start import likeliest_frequencies, swing_held
 from mbaid_ros.core.filter.window import STACK, Stack, Window, in_stacks, stacked
 from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.results.reporting import Curvature
@@ -57,49 +58,32 @@ _LARGEST_SHIFT = 1.0  # standard deviations that noise in the rows may move a re
 
 @dataclass(frozen=True)
 class Start:
-    """The outcome of a search.
+    """The outcome of a search."""
 
-    Attributes
-    ----------
-    bank : of all hypotheses
-    point : at which they are linearised
-    accepted : whether the search has converged to one acceptable point
-    covariance : (10, 10) of the body, of the windows that were searched
-    curvature : computes how near linear the windows are about the point; None where it is not accepted
-    """
-
-    bank: Bank
-    point: Point
-    accepted: bool
-    covariance: Array
+    bank: Bank  # of all hypotheses
+    point: Point  # at which they are linearised
+    accepted: bool  # whether the search has converged to one acceptable point
+    covariance: Array  # (10, 10) of the body, of the windows that were searched
+    # computes how near linear the windows are about the point; None where it is not accepted
     curvature: Work[Curvature] | None
 
 
 @dataclass(frozen=True)
 class MultiStart:
-    """Searches the point that windows lead to.
+    """Searches the point that windows lead to."""
 
-    Attributes
-    ----------
-    batch : iterates over the windows
-    hypotheses : the first is the one to beat
-    """
-
-    batch: BatchIteration
-    hypotheses: tuple[Hypothesis, ...]
+    batch: BatchIteration  # iterates over the windows
+    hypotheses: tuple[Hypothesis, ...]  # the first is the one to beat
 
     def search(self, windows: list[Window], points: Sequence[Callable[[], Point | None]]) -> Work[Start]:
         """Return the start that batch iterations lead to, from earlier points or else from guesses.
+
+        Raises LinAlgError: Neither points nor guesses lead to a robot that can exist.
 
         Parameters
         ----------
         windows : in order; those that are added during the search are only filtered
         points : make earlier solutions, or None; each is tried only where the one before leads nowhere
-
-        Raises
-        ------
-        LinAlgError
-            Neither points nor guesses lead to a robot that can exist.
         """
         count, stacks = len(windows), in_stacks(windows)
         results: list[BatchResult] = []
@@ -131,28 +115,35 @@ class MultiStart:
         return Start(bank, relinearised.point, accepted, covariance, curvature)
 
     def _from_guesses(self, stacks: list[list[Stack]]) -> Work[list[BatchResult]]:
-        """Return what the windows lead to with each guessed mass held, and from the best of these with any mass.
+        """Return the solutions with each guessed mass held, and from the best of these with any mass.
 
         Where the rows are as noisy as the motion is large, an iteration may converge with narrow intervals although
         bodies of quite another mass explain the windows as well: the results with the mass held show those.
         """
         held: list[BatchResult] = []
-        guesses = self._guesses([window for stack in stacks[0] for window in stack.windows])
         if self.batch.variables.described:
-            result = yield from self.batch.converge(stacks, guesses[0], self.batch.prior(self.hypotheses[0]))
+            guess = self.batch.layout.point(self._beginning(self.batch.variables.mean[BODY], stacks[0][0].windows))
+            result = yield from self.batch.converge(stacks, guess, self.batch.prior(self.hypotheses[0]))
             return [] if result is None else [result]
-        for guess in guesses:
+        batch = swing_held(self.batch, stacks)
+        for guess in self._guesses([window for stack in stacks[0] for window in stack.windows], batch.layout):
             prior = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS, float(guess.parameters[MASS]))
-            result = yield from self.batch.converge(stacks, guess, prior, mass_held=True)
+            result = yield from batch.converge(stacks, guess, prior, mass_held=True)
             held += [] if result is None else [result]
         free: list[BatchResult] = []
         for start in sorted(held, key=lambda each: each.merit, reverse=True):
             prior = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS)
-            result = yield from self.batch.converge(stacks, start.point, prior)
+            result = yield from batch.converge(stacks, start.point, prior)
             free += [] if result is None else [result]
             if result is not None and result.acceptable:
                 break
-        return free + held
+        if batch is self.batch or not free + held:
+            return free + held
+        rough = max(free + held, key=lambda each: each.merit)
+        prior = self.batch.prior(self.hypotheses[0], NO_JUMPS)
+        point = yield from likeliest_frequencies(self.batch, stacks, rough.point, prior)
+        result = yield from self.batch.converge(stacks, point, self.batch.prior(self.hypotheses[0]))
+        return [] if result is None else [result]
 
     def _choose_hypothesis(
         self, stacks: list[list[Stack]], result: BatchResult
@@ -182,12 +173,12 @@ class MultiStart:
         return other.relinearised, bank, True
 
     def _is_hardly_shifted(self, result: BatchResult) -> bool:
-        """Tell whether the correction for noise in the rows is small."""
+        """Return whether the correction for noise in the rows is small."""
         shift = np.abs(result.moments.shift[self.batch.layout.parameters])
         return bool(np.all(shift <= _LARGEST_SHIFT * result.deviation))
 
-    def _guesses(self, windows: Sequence[Window]) -> list[Point]:
-        """Return points with balls as target, of the declared mass or of parts of the known mass; or the prior's.
+    def _guesses(self, windows: Sequence[Window], layout: Layout) -> list[Point]:
+        """Return points with balls as target: of the declared mass, or of parts of the known mass.
 
         The robot is at rest, or turns as the gyro measures where no pose locates the base.
         """
@@ -197,12 +188,10 @@ class MultiStart:
         lengths = np.linalg.norm(kernel.model.positions, axis=1)
         length = float(np.sum(lengths)) * min(1.0, _LINKS / max(len(lengths), 1))
         guesses: list[Point] = []
-        if self.batch.variables.described:
-            return [self.batch.layout.point(self._beginning(self.batch.variables.mean[BODY], windows))]
         for mass in [declared] if declared > 0.0 else parts:
             ball = np.zeros(10)
             ball[0], ball[[4, 7, 9]] = mass, mass * (_GUESSED_RADIUS * max(length, 0.1)) ** 2
-            guesses.append(self.batch.layout.point(self._beginning(ball, windows)))
+            guesses.append(layout.point(self._beginning(ball, windows)))
         return guesses
 
     def _beginning(self, body: Array, windows: Sequence[Window]) -> Array:

@@ -36,10 +36,10 @@ from mbaid_ros.core.trajectory.solution import (
 from mbaid_ros.core.trajectory.target_runs import TargetRuns, TrajectorySettings
 from mbaid_ros.core.unknowns.catalogue import underestimated_text
 
-_AT_REST = 'no joint has moved yet: joints at rest tell nothing of one body alone'
+_AT_REST = 'no joint has moved yet: with joints at rest no single body is observable'
 _TUMBLING = (
-    'no joint has moved yet: how a body tumbles tells its moments of inertia but for a common factor; calibrate gives '
-    'their ratios'
+    'no joint has moved yet: tumbling determines the moments of inertia but for a common factor; calibrate gives their '
+    'ratios'
 )
 _REPORTED = np.concatenate((BODY_PLACES, np.arange(MOMENTUM.start, MOMENTUM.stop)))  # (body, momentum) of the state
 
@@ -61,6 +61,7 @@ class TrajectoryEstimator:
             settings.window,
             settings.gyro,
             orientation_measured=settings.orientation_measured,
+            fastest=kernel.springs.fastest,
         )
         self._runs = TargetRuns(kernel, settings, self._plane)
         self._samples = 0
@@ -107,11 +108,12 @@ class TrajectoryEstimator:
         sizes = moments.sizes(layout)
         verdict = self._with_causes(run, judge(self._runs.evidence(run, sizes, window)))
         verdict = with_undeclared_orbit(verdict, moments, layout)
-        # Where the data contradict the model, the verdict names what would have to be further off.
+        # Where the data contradict the model, the verdict names the declarations that would have to be wrong.
         too_small = [underestimated_text(*each) for each in sizes.sure if verdict.adequate]
         acting = filtered.hypothesis.disturbed and filtered.hypothesis.physical
-        estimated = [f'{filtered.hypothesis.name}; estimated along, which widens the intervals'] if acting else []
-        flexible = passive_joints(moments, layout, run.largest_deflections) if layout.kernel.springs.count else ()
+        estimated = [f'{filtered.hypothesis.name}; it is estimated, too, which widens the intervals'] if acting else []
+        swinging = layout.kernel.springs.count > 0
+        flexible = passive_joints(moments, layout, run.largest_deflections, run.resolved) if swinging else ()
         x, factor = moments.published(sizes, layout, _REPORTED)
         covariance = (factor @ factor.T + moments.variables.outside[np.ix_(_REPORTED, _REPORTED)]) * verdict.widening
         return Solved(
@@ -152,14 +154,14 @@ class TrajectoryEstimator:
     def _no_solution(self, run: FilterRun, now: Instant, window: Samples, *, moved: bool) -> NoSolution:
         isolation = self._runs.isolation
         if run.started:
-            reason = 'the motion so far leads to no solution that stays: more of it is needed'
+            reason = 'no convergent solution yet: more motion is needed'
         elif moved:
             doing = 'looking for a start in' if run.searching else 'collecting'
             reason = f'{doing} the first {self._settings.start} windows'
         else:
             reason = _AT_REST if self._settings.located else _TUMBLING
         if moved:
-            # A run that has lost its solution has not explained what contradicted it.
+            # A run that has lost its solution has not explained the contradiction.
             isolation.follow(run, suspicious=run.unexplained or isolation.suspicious)
         return NoSolution(
             status='waiting' if moved and not run.started else 'not_identifiable',
@@ -201,7 +203,7 @@ class TrajectoryEstimator:
 
     @property
     def disturbed(self) -> bool:
-        """Whether the solution explains the data by what acts from outside, or by joints that are stamped late."""
+        """Whether the solution explains the data by an external force, or by joints that are stamped late."""
         run = self._runs.run
         if run is None or not run.started:
             return False

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown, Words, diagonal
 
 FREQUENCY, DAMPING, SWING, DISTURBANCE = 'frequency', 'damping', 'swing', 'disturbance'
@@ -42,8 +42,10 @@ class SpringErrors(Unknown):
     in_equations = False
 
     def moved(self, side: NominalModel, value: Array) -> NominalModel:
-        """Return the nominal model with these springs; a damper never drives."""
+        """Return the nominal model with these springs, or with the joints held; a damper never drives."""
         springs, each = side.kernel.springs, value.reshape(-1, 2)
+        if not springs.count:
+            return side
         rate = springs.rate * np.exp(each[:, 0])
         return replace(
             side,
@@ -63,8 +65,10 @@ class StartingSwing(Unknown):
     of_a_chain = True
 
     def moved(self, side: NominalModel, value: Array) -> NominalModel:
-        """Return the nominal model with this start."""
+        """Return the nominal model with this start, or with the joints held."""
         springs = side.kernel.springs
+        if not springs.count:
+            return side
         return replace(
             side, kernel=side.kernel.swinging(replace(springs, start=springs.start + value.reshape(-1, 2).T))
         )
@@ -72,7 +76,7 @@ class StartingSwing(Unknown):
 
 @dataclass(frozen=True, eq=False)
 class SwingNoise(Unknown):
-    """Of each passive joint: what excites it beside the model, as two quadratures of a swing that wanders.
+    """Unmodelled excitation of each passive joint, as two quadratures of a swing, Gauss-Markov processes.
 
     White noise drives a spring with a damper to a swing whose amplitudes are first-order Gauss-Markov processes, with
     the time constant of the damping.
@@ -85,7 +89,7 @@ class SwingNoise(Unknown):
     correlation: Array
 
     words: ClassVar = {
-        DISTURBANCE: Words('what excites passive joints', 'flexible.<joint>.disturbance_std'),
+        DISTURBANCE: Words('unmodelled excitation of passive joints', 'flexible.<joint>.disturbance_std'),
     }
     in_equations = False
 
@@ -103,6 +107,17 @@ class SwingNoise(Unknown):
         """Return zero."""
         del deviation
         return np.zeros_like(value)
+
+
+# Standard deviation of the phase, rad, up to which a frequency is resolved: beyond it, the sum of squares has more than
+# one minimum within a few deviations. Times 1/(rate ratio) that a swing keeps its phase.
+_RESOLVED, _COHERENT = 0.35, 3.0
+
+
+def resolved(rates: Array, ratios: Array, relative: Array, seconds: float) -> Flags:
+    """Return which frequencies (f,) are resolved after a time, with relative standard deviations; rates in rad/s."""
+    times = np.minimum(seconds, _COHERENT / (np.maximum(ratios, _SLOWEST) * rates))
+    return np.asarray(relative * rates * times < _RESOLVED)
 
 
 _SLOWEST = 1e-3  # damping ratio, as which less counts: the amplitudes' time constant is finite
