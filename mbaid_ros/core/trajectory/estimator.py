@@ -34,7 +34,6 @@ from mbaid_ros.core.trajectory.solution import (
     thrusters,
 )
 from mbaid_ros.core.trajectory.target_runs import TargetRuns, TrajectorySettings
-from mbaid_ros.core.unknowns.bodies import KnownTarget
 from mbaid_ros.core.unknowns.catalogue import underestimated_text
 
 _AT_REST = 'no joint has moved yet: with joints at rest no single body is observable'
@@ -95,7 +94,7 @@ class TrajectoryEstimator:
         run = self._runs.present(self._averaging.origin)  # a new one if motion or target have changed
         ready, still_open = (each and self._runs.used(each) for each in (knots.ready, knots.still_open))
         # Predict the twist, linearise, update every hypothesis, choose.
-        moved = knots.moved or isinstance(self._settings.uncertainty.target, KnownTarget)
+        moved = knots.moved or self._runs.variables.described
         run.take(ready, still_open, moved=moved)
         self._runs.isolation.take(ready, window)
         time = float(window.time[-1])
