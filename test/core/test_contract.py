@@ -138,6 +138,12 @@ def test_a_plane_shows_four_parameters(method: str) -> None:
 
 
 @weighted
+def test_exact_data_give_the_exact_body(method: str) -> None:
+    last = MAKE[method]().update(windows(observe(motion(), LOW)), 0)[-1]
+    assert np.all(np.abs(last.parameters - TRUE)[IN_PLANE] < 0.1 * last.std[IN_PLANE])
+
+
+@weighted
 def test_errors_are_as_large_as_the_covariance_says(method: str) -> None:
     last = followed(method)[-1]
     assert last.residual == pytest.approx(1.0, abs=0.25)

@@ -134,6 +134,15 @@ def told(std: float) -> dict[str, object]:
     return SecondMotion('planned', trajectory, 0.4, np.array([0.1, 0.2]), ASKED).as_json(last, np.ones(10))
 
 
+def test_the_least_known_of_what_can_be_known_counts() -> None:
+    assert told(0.2)['after'] == pytest.approx(0.2)
+    found = SecondMotionStatistics.from_runs([told(0.2), told(np.nan), told(0.2)])
+    assert found is not None
+    assert found.after == pytest.approx(0.2)
+    assert found.halvings == pytest.approx(2.0)
+    assert 'from 40 to 20 %, halved 2.0 times a minute' in str(found)
+
+
 def test_what_is_not_determined_in_the_end_is_told() -> None:
     assert told(np.nan)['after'] is None
     found = SecondMotionStatistics.from_runs([told(np.nan)])

@@ -9,7 +9,6 @@ from mbaid_ros.calibration.structure import Mechanism, Structure, base_parameter
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel
-from random_robots import random_state
 from simulated import robot
 
 NORMAL = {'table1': np.array([0.0, 0.0, 1.0]), 'servicer7': None, 'ets7': None}
@@ -38,14 +37,17 @@ def test_the_rank_is_that_of_the_theory(name: str) -> None:
     assert structure(mechanism(model, NORMAL[name])).rank == theory(model, planar=name == 'table1')
 
 
-def momentum_of(kernel: MomentumKernel, direction: Array, resting: tuple[int, ...], posture: Array) -> Array:
-    """Return the momentum of a direction of theta at states of the test's own."""
-    rng = np.random.default_rng(77)
-    position, velocity, rotation, twist = random_state(rng, kernel.model.joints, 30)
-    position[:, list(resting)] = posture[list(resting)]
-    velocity[:, list(resting)] = 0.0
-    states = kernel.states_of(rotation, position, velocity, twist)
-    return np.asarray(np.concatenate([states.regressor_of(link) for link in kernel.unknown], axis=2) @ direction)
+@pytest.mark.parametrize('name', NORMAL)
+def test_base_parameters_hold_all_that_momentum_tells(name: str) -> None:
+    model = robot(name)
+    found = structure(mechanism(model, NORMAL[name]))
+    parameters = found.base_parameters()
+    assert len(parameters) == found.rank
+    theta = np.random.default_rng(1).normal(size=found.unknowns)
+    values = [parameter.factors @ theta / found.scale[parameter.leading] for parameter in parameters]
+    leading = found.regressor[:, [parameter.leading for parameter in parameters]]
+    whole = found.regressor @ (theta / found.scale)
+    assert leading @ values == pytest.approx(whole, abs=1e-5 * float(np.abs(whole).max()))
 
 
 def test_words_an_engineer_reads() -> None:

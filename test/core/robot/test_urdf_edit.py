@@ -44,9 +44,6 @@ def test_any_way_to_write_a_link(link: str) -> None:
     assert replace_inertial(changed, 'tool', IDENTIFIED) == changed
 
 
-VALUES = np.array([157.25, 0.1, -0.2, 1 / 3, 30.1, 0.5, -0.25, 40.0, 1e-3, 50.0])
-
-
 @pytest.mark.parametrize('name', ['table1', 'ets7', 'servicer7'])
 def test_every_link_reads_back(name: str) -> None:
     urdf = (CONFIG / f'{name}.urdf').read_text()
