@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import ast
+import csv
 import re
 import runpy
+from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
 import yaml
 
+from benchmarks.pictures import pictured
 from documents import DOCUMENTS, README, REFERENCE, ROOT, names
 from made_runs import run
 from mbaid_ros import limits
@@ -162,14 +165,45 @@ def test_the_pages_stay_short() -> None:
         assert max([0, *(len(table.splitlines()) - 2 for table in tables)]) <= 40, page
 
 
-@pytest.mark.parametrize('folder', ['mbaid_ros', 'scripts'])
-def test_messages_help_and_docstrings_are_in_plain_words(folder: str) -> None:
-    found = []
+def texts(folder: str) -> Iterator[tuple[str, str]]:
+    """Yield the strings of a folder's code, docstrings included, with file and line."""
     for path in sorted((ROOT / folder).rglob('*.py')):
         for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                found += [f'{path.relative_to(ROOT)}:{node.lineno}: {word}' for word in VAGUE.findall(node.value)]
-    assert found == []
+                yield f'{path.relative_to(ROOT)}:{node.lineno}', node.value
+
+
+def test_a_long_table_becomes_a_picture_with_its_rows_beside_it(tmp_path: Path) -> None:
+    header, *rows = [
+        'robot, encoders, after | method | coverage',
+        '--- | --- | ---',
+        *(f'a, {n} s | b | 95 %' for n in range(41)),
+    ]
+    short = f'Words.\n\n| {header} |\n| {rows[0]} |\n| {rows[1]} |\n'
+    whole = '\n'.join(f'| {row} |' for row in (header, *rows))
+    assert pictured(short, tmp_path / 'page.md', 'few') == short
+    text = pictured(f'{short}\n{whole}', tmp_path / 'page.md', 'many')
+    assert text.startswith(short)
+    for name in re.findall(r'\]\((.*?)\)', text):
+        assert (tmp_path / name).is_file()
+    with (tmp_path / 'data' / 'page-many.csv').open(encoding='utf-8') as file:
+        assert [' | '.join(row) for row in csv.reader(file)] == [header, *rows[1:]]
+
+
+@pytest.mark.parametrize('folder', ['mbaid_ros', 'scripts'])
+def test_messages_help_and_docstrings_are_in_plain_words(folder: str) -> None:
+    found = {place: VAGUE.findall(text) for place, text in texts(folder)}
+    assert {place: words for place, words in found.items() if words} == {}
+
+
+def test_messages_of_the_page_on_troubleshooting_exist() -> None:
+    page = (ROOT / 'docs' / 'how-to' / 'troubleshooting.md').read_text(encoding='utf-8')
+    rows = page[page.index('| message | fix |') : page.index('## Exit codes')]
+    messages = re.findall(r'^\| ([^-].*?) \|', rows, re.MULTILINE)[1:] + re.findall(r'^## "(.*)"$', page, re.MULTILINE)
+    parts = [part.strip() for each in messages for part in re.split(r'\.\.\.|[;,]|/\w+|\(.*?\)', each)]
+    code = '\n'.join(text for _, text in texts('mbaid_ros')).lower()
+    assert len(messages) > 10
+    assert [part for part in parts if len(part) > 6 and part.lower() not in code] == []
 
 
 def test_equations_that_are_cited_exist() -> None:

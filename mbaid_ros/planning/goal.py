@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, fields
-from typing import Literal
 
 import numpy as np
 
@@ -12,8 +11,6 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.simulation.motion import independent_limits
-
-Criterion = Literal['worst', 'mean', 'volume']
 
 _SHARP = 8  # exponent of the mean that stands for the worst, smooth enough to be climbed
 
@@ -24,20 +21,15 @@ class Wanted:
 
     relative: Array  # (10,) relative standard deviations wanted
     asked: Flags  # (10,) which of them count
-    # the cost: the worst of the ratios to the wanted precision, their mean square, or their volume
-    criterion: Criterion = 'worst'
 
     def ratio(self, relative: Array) -> Array:
         """Return the largest ratio (...) of (..., 10) to the wanted precision: 1 is reached."""
         return np.asarray((relative / self.relative)[..., self.asked].max(axis=-1))
 
     def cost(self, relative: Array) -> Array:
-        """Return the cost of the search, (...)."""
+        """Return the cost of the search, (...): the largest ratio, made smooth."""
         ratios = (relative / self.relative)[..., self.asked]
-        if self.criterion == 'volume':
-            return np.asarray(np.exp(np.log(ratios).mean(axis=-1)))
-        power = _SHARP if self.criterion == 'worst' else 2
-        return np.asarray((ratios**power).mean(axis=-1) ** (1.0 / power))
+        return np.asarray((ratios**_SHARP).mean(axis=-1) ** (1.0 / _SHARP))
 
 
 @dataclass(frozen=True, eq=False)

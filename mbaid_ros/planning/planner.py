@@ -14,7 +14,7 @@ from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.planning.assurance import Assurance, beyond_motion, single_joint
 from mbaid_ros.planning.collisions import Collisions, Efforts, ReadMesh, no_mesh
-from mbaid_ros.planning.goal import BaseLimits, Criterion, Wanted, joint_limits
+from mbaid_ros.planning.goal import BaseLimits, Wanted, joint_limits
 from mbaid_ros.planning.information import Grid, Information
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import (
@@ -44,7 +44,6 @@ class PlanSettings:
     # duration, longest: s; the first 0 for the shortest that reaches them
     duration: float = 0.0
     longest: float = 300.0
-    criterion: Criterion = 'worst'  # as `Wanted` has it
     # joint_velocity, joint_acceleration: that no joint exceeds, rad/s and rad/s^2, or m
     joint_velocity: float = np.inf
     joint_acceleration: float = 0.1
@@ -78,7 +77,7 @@ class Planner:
     ) -> None:
         self._settings, self._mesh = settings, mesh
         self.information = Information(knowledge, reporting)
-        self._wanted = Wanted(settings.relative, self.information.asked, settings.criterion)
+        self._wanted = Wanted(settings.relative, self.information.asked)
         model = knowledge.layout.kernel.model
         limits = joint_limits(
             model,

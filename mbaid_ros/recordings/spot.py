@@ -45,23 +45,14 @@ SPOT_ARM_SOURCE = """\
 
 @dataclass(frozen=True)
 class Chaser:
-    """A base with an arm.
+    """A base with an arm."""
 
-    Attributes
-    ----------
-    name : of the robot
-    mass, inertia : of the base, kg; kg m^2 about z
-    shoulder : m, distance of the first joint from the base's origin, and rad, its direction there
-    zero : rad, direction of the first link from the base's x axis where the first joint reads 0
-    links : of the arm, from the base on
-    """
-
-    name: str
-    mass: float
-    inertia: float
-    shoulder: tuple[float, float]
-    zero: float
-    links: tuple[ArmLink, ArmLink, ArmLink]
+    name: str  # of the robot
+    mass: float  # of the base, kg; kg m^2 about z
+    inertia: float  # of the base, kg; kg m^2 about z
+    shoulder: tuple[float, float]  # m, distance of the first joint from the base's origin, and rad, its direction there
+    zero: float  # rad, direction of the first link from the base's x axis where the first joint reads 0
+    links: tuple[ArmLink, ArmLink, ArmLink]  # of the arm, from the base on
 
 
 def planar_urdf(chaser: Chaser, source: str) -> str:
@@ -125,10 +116,7 @@ CHASER_2021 = Chaser('spot_red_2021', 16.9478, 0.2709, (0.2655, -0.3438), 0.0, S
 def read_spot_2021(path: Path, commands: Path | None = None) -> Recording:
     """Return the run of a ``*__stitched.mat``; without `commands`, the arm's motion is a file in a folder above it.
 
-    Raises
-    ------
-    DataError
-        A file has another format.
+    Raises DataError: A file has another format.
     """
     table = np.asarray(read_matlab(path, ('rt_dataPacket',))['rt_dataPacket'])
     if table.ndim != 2 or table.shape[1] != _COLUMNS_2021 or not np.issubdtype(table.dtype, np.floating):
@@ -206,10 +194,7 @@ def read_spot_2023(path: Path) -> Recording:
 
     The columns are those of ``ApplyDataDictionaryCE.m``; the pose of the motion capture is new 16 times a second.
 
-    Raises
-    ------
-    DataError
-        It is none.
+    Raises DataError: It is none.
     """
     table = read_table(path, header=False).values
     if table.shape[1] not in _COLUMNS_2023:

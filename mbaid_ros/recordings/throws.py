@@ -32,21 +32,14 @@ _PITCH, _BLOCK_HEIGHT = 18e-3, -22e-3
 
 @dataclass(frozen=True)
 class Thrown:
-    """The body that the device is bolted to; both move as one.
-
-    Attributes
-    ----------
-    name : in words
-    mass : kg
-    inertia : (3, 3) about its own centre of mass, kg m^2
-    """
+    """The body that the device is bolted to; both move as one."""
 
     BASE: ClassVar[str] = 'device'
     JOINT: ClassVar[str] = 'flywheel'
 
-    name: str
-    mass: float
-    inertia: Array
+    name: str  # in words
+    mass: float  # kg
+    inertia: Array  # (3, 3) about its own centre of mass, kg m^2
 
     @property
     def moments(self) -> Array:
@@ -128,17 +121,13 @@ _FEWEST = 100  # samples of a flight
 def read_tudelft_throw(path: Path, thrown: str = '', *, dead_reckoned: bool = False) -> Recording:
     """Return the throw in a blackbox log or CSV.
 
+    Raises DataError: It is no such log, there is no flight in it, or orangebox is missing.
+    Raises ParameterError: The thrown body is not known.
+
     Parameters
     ----------
     thrown : which of OBJECTS the device was bolted to; empty takes it from the log's folder
     dead_reckoned : also make poses of the integrated gyro and accelerometer, in a frame that falls along
-
-    Raises
-    ------
-    DataError
-        It is no such log, there is no flight in it, or orangebox is missing.
-    ParameterError
-        The thrown body is not known.
     """
     table = _read(path)
     time = (table[:, 0] - table[0, 0]) * 1e-6

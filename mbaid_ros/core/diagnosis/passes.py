@@ -84,10 +84,7 @@ class FilterPasses:
     def refined(self, windows: Sequence[Window], point: Point, hypothesis: Hypothesis) -> Work[HypothesisFilter]:
         """Return the best of some passes, each linearised at the estimate of the one before.
 
-        Raises
-        ------
-        LinAlgError
-            The first point is of no robot that can be.
+        Raises LinAlgError: The first point is of no robot that can be.
         """
         best: HypothesisFilter | None = None
         for _ in range(_REFINEMENTS):

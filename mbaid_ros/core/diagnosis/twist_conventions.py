@@ -23,21 +23,13 @@ _MILLIMETRE = 1e-3  # m: a unit
 
 @dataclass(frozen=True)
 class _Motion:
-    """How the base moved over W windows: rad and m, (angular, linear) in odometry axes.
+    """How the base moved over W windows: rad and m, (angular, linear) in odometry axes."""
 
-    Attributes
-    ----------
-    step, read : (W, 6) by the poses, and as the twist is read
-    arm : (W, 3, 3) share of a point away from the base's in the linear step, m, per metre in base axes
-    middle : (W, 3, 3) rotation of the base in the middle of each
-    noise : (W, 6) standard deviation of the difference between the two
-    """
-
-    step: Array
-    read: Array
-    arm: Array
-    middle: Array
-    noise: Array
+    step: Array  # (W, 6) by the poses, and as the twist is read
+    read: Array  # (W, 6) by the poses, and as the twist is read
+    arm: Array  # (W, 3, 3) share of a point away from the base's in the linear step, m, per metre in base axes
+    middle: Array  # (W, 3, 3) rotation of the base in the middle of each
+    noise: Array  # (W, 6) standard deviation of the difference between the two
 
     def misfit(self, meant: Array) -> float:
         """Return the mean normalised square of the steps less (W, 6)."""

@@ -79,17 +79,13 @@ class MarginalisedPrior:
 
     def __init__(self, floor: Array) -> None:
         self._floor = floor
-        self._constant, self._windows = 0.0, 0
+        self._constant = 0.0
         self._sum: Array = np.zeros_like(floor)
         self._sum_right: Array = np.zeros(len(floor))
         self.information: Array = self._sum
         self.right_side: Array = self._sum_right
         self.noise_information: Array = np.zeros_like(floor)
         self.equations = 0
-
-    def __len__(self) -> int:
-        """Return the number of windows taken."""
-        return self._windows
 
     def add(self, linear: Linearisation, noise_information: Array, x: Array) -> None:
         """Add a quadratic form around x (u,), without the noise's own information (u, u), and that by itself."""
@@ -99,7 +95,6 @@ class MarginalisedPrior:
         self._constant += linear.cost - 2.0 * float(linear.gradient @ x) + float(x @ linear.information @ x)
         self.noise_information = self.noise_information + noise_information
         self.equations += linear.equations
-        self._windows += 1
         idle = self.noise_information + self._floor
         self.information, self.right_side = self._sum, self._sum_right
         if is_positive(self._sum - idle):
@@ -248,11 +243,6 @@ class SlidingWindow:
         rows = self.windows.white.rows
         self.cross_information = self._past_cross + CrossInformation.from_rows(rows, self.windows.columns)
         return replace(linear, information=linear.information + self._marginalised.noise_information)
-
-    @property
-    def marginalised(self) -> int:
-        """Number of windows that are no longer solved again."""
-        return len(self._marginalised)
 
     @property
     def certain(self) -> bool:

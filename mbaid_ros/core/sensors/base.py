@@ -185,17 +185,11 @@ _SMALLEST, _LARGEST = 1e-24, 1e12
 
 
 class Usable(NamedTuple):
-    """A covariance (6, 6) that can weight data.
-
-    Attributes
-    ----------
-    own : whether its linear and its angular block are as given
-    wrong : whether a given block was not used; zeros mean not set
-    """
+    """A covariance (6, 6) that can weight data."""
 
     matrix: Array
-    own: tuple[bool, bool]
-    wrong: bool
+    own: tuple[bool, bool]  # whether its linear and its angular block are as given
+    wrong: bool  # whether a given block was not used; zeros mean not set
 
 
 def usable_covariance(given: Array, default: Array) -> Usable:

@@ -70,7 +70,6 @@ class Thrust:
 
     Parameters
     ----------
-    model : RobotModel
     hold : ns, longest time that a command counts
     uncertain : frames of thrusters whose thrust may differ from the command
 
@@ -229,8 +228,6 @@ class FallingFrame:
 
     Parameters
     ----------
-    orbit : Orbit
-    model : RobotModel
     relative_twist : whether a measured twist is relative to the frame of the odometry
     epoch : ns, stamp at which the axes of odometry and falling frame agree; None for the first stamp
     located : whether anything locates the base; else its frame moves with the common centre of mass, about which the
@@ -317,7 +314,6 @@ class StoredMomentum:
 
     Parameters
     ----------
-    model : RobotModel
     frame : name of the link whose axes are used; links fixed to it are accepted as well. Empty accepts nothing
 
     Attributes

@@ -38,22 +38,14 @@ Stream = TypeVar('Stream', BaseStream, JointStream, ImuStream)
 
 
 class Channels(NamedTuple):
-    """Channels of one kind: a position, an orientation, each joint.
+    """Channels of one kind: a position, an orientation, each joint."""
 
-    Attributes
-    ----------
-    values : from N readings to (N, c, w) numbers of c channels, which move along straight lines for a moment
-    size : length of a change of a channel's numbers, per unit of the quantity
-    declared : from N readings to the (N, c) standard deviations of the quantity
-    local : from N readings to (N, c, k) coordinates about the first one
-    quartile : lower quartile of a channel's error, in its standard deviations
-    """
-
+    # from N readings to (N, c, w) numbers of c channels, which move along straight lines for a moment
     values: Callable[[Any], Array]
-    size: float
-    declared: Callable[[Any], Array]
-    local: Callable[[Any], Array]
-    quartile: float = _QUARTILE_OF_THREE
+    size: float  # length of a change of a channel's numbers, per unit of the quantity
+    declared: Callable[[Any], Array]  # from N readings to the (N, c) standard deviations of the quantity
+    local: Callable[[Any], Array]  # from N readings to (N, c, k) coordinates about the first one
+    quartile: float = _QUARTILE_OF_THREE  # lower quartile of a channel's error, in its standard deviations
 
 
 def _pose_std(base: BaseStream, block: int) -> Array:

@@ -46,21 +46,14 @@ Places = npt.NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Fit(ArrayRecord):
-    """A polynomial fitted to N instants, for any number of signals; for many windows with leading axes.
+    """A polynomial fitted to N instants, for any number of signals; for many windows with leading axes."""
 
-    Attributes
-    ----------
-    values, slopes : (..., N, d + 1) the polynomials and their derivatives (1/s) at the instants
-    solve : (..., d + 1, N) from measurements to coefficients
-    mean_gain : (...) variance of the mean slope over that of one measurement, 1/s^2
-    tilt : (...) variance of the slope's trend, at the root mean square of the instants, over that of its mean
-    """
-
+    # values, slopes: (..., N, d + 1) the polynomials and their derivatives (1/s) at the instants
     values: Array
     slopes: Array
-    solve: Array
-    mean_gain: Array
-    tilt: Array
+    solve: Array  # (..., d + 1, N) from measurements to coefficients
+    mean_gain: Array  # (...) variance of the mean slope over that of one measurement, 1/s^2
+    tilt: Array  # (...) variance of the slope's trend, at the root mean square of the instants, over that of its mean
 
     def smooth(self, measured: Array) -> tuple[Array, Array]:
         """Return values and derivatives of (..., N, k) signals."""
