@@ -87,7 +87,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         values=values,
         block_covariance=covariance,
         thrusters=told.thrusters(),
-        flexible=told.passive_joints(kernel),
+        flexible=told.passive_joints(kernel, max(float(run[-1].time[-1] - run[0].time[0]) for run in runs)),
         carried=told.carried,
         corrections=corrections,
         momentum=momentum,

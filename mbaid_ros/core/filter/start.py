@@ -138,7 +138,7 @@ class MultiStart:
         bodies of quite another mass explain the windows as well: the results with the mass held show those.
         """
         held: list[BatchResult] = []
-        batch = swing_held(self.batch, stacks)
+        batch = swing_held(self.batch)
         for guess in self._guesses([window for stack in stacks[0] for window in stack.windows], batch.layout):
             prior = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS, float(guess.parameters[MASS]))
             result = yield from batch.converge(stacks, guess, prior, mass_held=True)
