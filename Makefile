@@ -18,25 +18,23 @@ unexport MBAID_ROS_SOURCED _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # The tests start hundreds of processes: what one has compiled, the others need not compile again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo bags test test-long test-basilisk fuzz attack lint clean demo-plan paper-table docs
+.PHONY: help setup demo bags test test-long test-basilisk fuzz lint clean paper-table docs
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make setup   virtual environment, pinned packages and colcon build; then: . install/setup.bash"
 	@echo "make demo    set-up, then identify a captured body on a live ROS 2 graph"
-	@echo "make demo-plan  set-up, then identify, plan, move and identify on a live graph, until all is known to 1 %"
 	@echo "make bags    set-up, then make the bags of bags/ anew"
 	@echo "make test    set-up, lint, types, then every test but the long ones, which make test-long runs"
 	@echo "make test-basilisk  set-up, then what is compared with Basilisk, which is installed for it (some minutes)"
-	@echo "make fuzz    set-up, then damaged bags and other files through replay, and messages through the node (ARGS=\"--inputs N\")"
-	@echo "make attack  set-up, then kills and calls on a live graph (some minutes; ARGS=--help)"
+	@echo "make fuzz    set-up, then damaged bags and other files through the executables (ARGS=\"--inputs N\")"
 	@echo "make lint    set-up, lint and types"
 	@echo "make docs    set-up, then the pages of docs/ as a site in build/docs (installs Sphinx for itself; Python 3.11 or later)"
 	@echo "make clean   remove what the others made"
 	@echo "make benchmark-NAME  set-up, then measure, and write the tables of a page in docs/ (ARGS=\"--seeds 10\", ARGS=--help)"
 	@echo "             NAME: accuracy, model-errors, disturbances, speed, planning, orbit (an hour each on two cores), starts,"
-	@echo "             honesty, benches, day, peers (half an hour), calibration (minutes); make paper-table likewise (seconds)"
+	@echo "             honesty, benches, peers (half an hour), calibration (minutes); make paper-table likewise (seconds)"
 	@echo "HASHES=1     with setup: only packages whose SHA-256 is in requirements.lock"
 	@echo "PYTHON=...   the Python to build with, 3.10 to 3.13 (for the first set-up, or after make clean)"
 
@@ -45,9 +43,6 @@ setup: install/.built
 
 demo: install/.built
 	@. ./install/setup.sh && python3 scripts/demo.py
-
-demo-plan: install/.built
-	@. ./install/setup.sh && python3 scripts/demo_plan.py $(ARGS)
 
 bags: install/.built
 	@. ./install/setup.sh && python3 scripts/make_bags.py $(ARGS)
@@ -69,12 +64,7 @@ test-long: install/.built
 	@. ./install/setup.sh && pytest -n 2 --dist worksteal -m long
 
 fuzz: install/.built
-	@. ./install/setup.sh && export OPENBLAS_NUM_THREADS=1 && python3 scripts/fuzz_files.py $(ARGS) \
-	  && python3 scripts/fuzz_messages.py $(ARGS)
-
-# What it writes is committed.
-attack: install/.built
-	@. ./install/setup.sh && OPENBLAS_NUM_THREADS=1 python3 scripts/live_attack.py --output docs $(ARGS)
+	@. ./install/setup.sh && export OPENBLAS_NUM_THREADS=1 && python3 scripts/fuzz_files.py $(ARGS)
 
 lint: install/.built
 	$(STEP) "ruff"

@@ -37,7 +37,7 @@ def run(main_function: Callable[[list[str]], int], argv: Sequence[str] | None = 
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except BrokenPipeError:
-        # Whoever read the output has gone. Python flushes once more when it ends: let it write to nowhere.
+        # The reader of the output has gone. Python flushes once more when it ends: let it write to nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_BROKEN_PIPE
     except OSError as error:  # a full disk, a folder without permission
@@ -79,20 +79,14 @@ class ArgumentParser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raise the error instead of printing the usage and leaving.
 
-        Raises
-        ------
-        ParameterError
-            Always.
+        Raises ParameterError: Always.
         """
         raise ParameterError(f'{message} (see --help)')
 
     def parse(self, argv: Sequence[str]) -> argparse.Namespace:
         """Return the arguments; options may stand between positional ones.
 
-        Raises
-        ------
-        ParameterError
-            An argument that is unknown, missing or not accepted.
+        Raises ParameterError: An argument that is unknown, missing or not accepted.
         """
         if '_ARGCOMPLETE' in os.environ:
             complete(self)

@@ -30,10 +30,8 @@ def read_text(
 ) -> str:
     """Return the content of a text file of at most `limit` characters, without a byte order mark.
 
-    Raises
-    ------
-    MbaidError
-        The file cannot be read, is no regular file, is no text (`accepted` ends that message), or is longer.
+    Raises MbaidError: The file cannot be read, is no regular file, is no text (`accepted` ends that message), or is
+    longer.
     """
     require_regular(path, kind, error)
     try:
@@ -53,10 +51,7 @@ def read_text(
 def require_writable(option: str, path: str | None) -> None:
     """Refuse, before the long work, a file of an option that could not be written after it; None is no file.
 
-    Raises
-    ------
-    ParameterError
-        It is in no folder that exists, or a folder itself.
+    Raises ParameterError: It is in no folder that exists, or a folder itself.
     """
     if path is not None and (not path or not Path(path).parent.is_dir() or Path(path).is_dir()):
         raise ParameterError(f"{option} '{path}' cannot be written; accepted: a file in a folder that exists")
@@ -65,10 +60,7 @@ def require_writable(option: str, path: str | None) -> None:
 def write_text(path: str | Path, text: str) -> None:
     """Write a file so that at every instant it is there as a whole; a device is written to. Escapes as `as_utf8`.
 
-    Raises
-    ------
-    OSError
-        It cannot be written; what was there before stays.
+    Raises OSError: It cannot be written; the old file stays.
     """
     target = Path(path).resolve()
     device = target.exists() and not target.is_file()
@@ -85,17 +77,15 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def as_utf8(text: str) -> str:
-    """Return a text with what UTF-8 does not have, as names of files may, escaped as in JSON, which reads it back."""
+    """Return a text with bytes outside UTF-8, as in names of files, escaped as in JSON, which reads it back."""
     return text.encode('utf-8', 'backslashreplace').decode('utf-8')
 
 
 def parse_json(text: str) -> Any:
-    """Return what a JSON document holds; numbers that no float can hold are refused.
+    """Return the contents of a JSON document; numbers that no float can hold are refused.
 
-    Raises
-    ------
-    ValueError
-        It is no JSON, too large, nested too deeply, or a number in it has too many digits or is not finite.
+    Raises ValueError: It is no JSON, too large, nested too deeply, or a number in it has too many digits or is not
+    finite.
     """
     if sum(map(text.count, ',:[{')) > limits.JSON_VALUES:
         raise ValueError(f'it has more than {limits.JSON_VALUES} values, which is the limit')
@@ -108,10 +98,7 @@ def parse_json(text: str) -> Any:
 def read_json(path: str | Path, kind: str, limit: int, accepted: str) -> Any:
     """Return the content of a JSON file of at most `limit` characters.
 
-    Raises
-    ------
-    DataError
-        The file cannot be read, or is not JSON.
+    Raises DataError: The file cannot be read, or is not JSON.
     """
     text = read_text(path, kind, limit, accepted, DataError)
     try:

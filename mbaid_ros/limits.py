@@ -1,6 +1,6 @@
 """How much of anything is taken from outside: every bound on files, messages and documents, in one place.
 
-They are far above what robots need, and low enough that whatever a file holds is read or refused within 10 s and 1 GB.
+They are far above what robots need, and low enough that any file is read or refused within 10 s and 1 GB.
 docs/reference/input-handling.md has them as a table; a test compares the two.
 """
 
@@ -9,7 +9,7 @@ YAML_CHARACTERS = 250_000  # of a parameter file
 JSON_CHARACTERS = 100_000_000  # of results or a calibration: 250 links, days of estimates
 JSON_VALUES = 6_000_000  # numbers, strings, lists and objects in it
 TRUTH_CHARACTERS = 1_000_000
-DIGITS = 400  # of one number in YAML or JSON, in whatever base
+DIGITS = 400  # of one number in YAML or JSON, in any base
 TIME = 1e6  # s: any duration that is a parameter
 SHORTEST = 1e-9  # s: any duration that is a parameter, but for 0
 SMALLEST = 1e-30  # any other number that is a parameter, but for 0; up to QUANTITY

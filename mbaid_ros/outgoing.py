@@ -16,37 +16,24 @@ from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.simulation.sensors import BaseReadings, ImuReadings, JointReadings
 
 if TYPE_CHECKING:
-    from mbaid_ros.core.capture import Capture  # half a second, which a simulator does without
+    from mbaid_ros.core.capture.handover import Capture
 
 
 @dataclass(frozen=True)
 class MessageTypes:
-    """Where the message classes come from.
+    """Where the message classes come from."""
 
-    Attributes
-    ----------
-    find : returns the class of a type: ``package/msg/Type``
-    flags : returns what a field of type bool[] takes: rclpy wants a list, rosbags an array
-    """
-
-    find: Callable[[str], Any]
-    flags: Callable[[Flags], Any]
+    find: Callable[[str], Any]  # returns the class of a type: ``package/msg/Type``
+    flags: Callable[[Flags], Any]  # converts to a field of type bool[]: rclpy wants a list, rosbags an array
 
 
 @dataclass(frozen=True)
 class Frames:
-    """The frames an estimate is given in.
+    """The frames an estimate is given in."""
 
-    Attributes
-    ----------
-    target_link : frame of mass properties, without the prefix
-    odometry : frame of the momenta
-    prefix : what stands before the name of the first one in messages
-    """
-
-    target_link: str
-    odometry: str
-    prefix: str = ''
+    target_link: str  # frame of mass properties, without the prefix
+    odometry: str  # frame of the momenta
+    prefix: str = ''  # of the name of the first one in messages
 
 
 def estimate_message(
@@ -56,11 +43,8 @@ def estimate_message(
 
     Parameters
     ----------
-    estimate : Estimate
-    types : MessageTypes
-    frames : Frames
     warnings : those of the run, which come after the estimate's own
-    stale : whether it is told again because no data come
+    stale : whether it is published again because no data come
     """
     seconds, nanoseconds = divmod(max(0, round(estimate.time * 1e9)), 1_000_000_000)
     budget = estimate.budget
@@ -104,7 +88,6 @@ def debris_message(
     ----------
     alone : the captured body; NaN where nothing is known of it any more
     estimate : that it was taken from
-    types : MessageTypes
     frames : of the estimate
     capture : Capture, optional
     """
@@ -121,7 +104,7 @@ def debris_message(
 
 
 def inertia_message(estimate: Estimate, types: MessageTypes, frames: Frames) -> Any:
-    """Return the mass properties alone as a geometry_msgs/InertiaStamped; NaN is what the data do not determine."""
+    """Return the mass properties alone as a geometry_msgs/InertiaStamped; NaN if the data do not determine one."""
     return types.find('geometry_msgs/msg/InertiaStamped')(
         header=_header(estimate, types, frames), inertia=_inertia(estimate.parameters, types)
     )
@@ -195,10 +178,8 @@ class SensorMessages:
 
     Parameters
     ----------
-    types : MessageTypes
-    model : RobotModel
     odometry_frame : name
-    wheels : names of wheels that JointState tells the speeds of
+    wheels : names of wheels whose speeds JointState has
     unreported : names of joints that it leaves out
     """
 
@@ -242,12 +223,12 @@ class SensorMessages:
         find, absent = self._types.find, np.zeros(9)
         absent[0] = -1.0  # REP 145: not measured
         none = self._of('Vector3', np.zeros(3), 'xyz')
-        told = readings.orientation.shape[1] > 0
-        orientation = readings.orientation[index] if told else np.array([0.0, 0.0, 0.0, 1.0])
+        measured = readings.orientation.shape[1] > 0
+        orientation = readings.orientation[index] if measured else np.array([0.0, 0.0, 0.0, 1.0])
         return find('sensor_msgs/msg/Imu')(
             header=self._header(stamp, readings.link or self._model.base_link),
             orientation=self._of('Quaternion', orientation, 'xyzw'),
-            orientation_covariance=(readings.orientation_std**2 * np.eye(3)).ravel() if told else absent,
+            orientation_covariance=(readings.orientation_std**2 * np.eye(3)).ravel() if measured else absent,
             angular_velocity=self._of('Vector3', readings.angular_velocity[index], 'xyz'),
             angular_velocity_covariance=np.zeros(9),
             linear_acceleration=none,

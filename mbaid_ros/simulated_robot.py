@@ -1,4 +1,4 @@
-"""What moves in a simulated run, as the parameters ask for: joints, initial state, thrust, and what is captured."""
+"""The parts of a simulated run by its parameters: joints, initial state, thrust, and the captured body."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.simulation import quaternions
-from mbaid_ros.simulation.capture import CaptureSimulation, Target
+from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, Target, ThrustSimulation
 from mbaid_ros.simulation.dynamics import State
-from mbaid_ros.simulation.environment import Surroundings, Wheels
+from mbaid_ros.simulation.environment import Springs, Surroundings, Wheels
 from mbaid_ros.simulation.motion import (
     Driven,
     Motion,
@@ -32,10 +32,14 @@ from mbaid_ros.simulation.motion import (
     within_limits,
 )
 from mbaid_ros.simulation.sensors import Imu, ImuErrors
-from mbaid_ros.simulation.simulation import Simulation, Truth, seen_from_orbit, without_linear_momentum
-from mbaid_ros.simulation.springs import Springs
+from mbaid_ros.simulation.simulation import (
+    ChangingSimulation,
+    Simulation,
+    Truth,
+    seen_from_orbit,
+    without_linear_momentum,
+)
 from mbaid_ros.simulation.steered import Followed, Steered, made_to_follow
-from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
 
 _QUATERNION_TOLERANCE = 1e-3
@@ -44,17 +48,14 @@ _FREQUENCIES = 2_000_003  # beside the seed of the model errors: a stream of its
 
 
 def is_driven(motion: Motion) -> TypeGuard[Driven]:
-    """Tell whether a motion is that of joints that follow something."""
+    """Return whether a motion is that of joints that follow something."""
     return not isinstance(motion, Passive)
 
 
 def make_motion(config: SimulatorConfig, model: RobotModel) -> Motion:
     """Return the motion of the joints that the parameters ask for.
 
-    Raises
-    ------
-    ParameterError
-        The parameters do not fit the robot.
+    Raises ParameterError: The parameters do not fit the robot.
     """
     motion, moved, driven = config.motion, model.transmission, driven_joints(config, model)
     start = _joint_values('initial.joint_positions', config.initial.joint_positions, model, driven)
@@ -98,12 +99,8 @@ def _followed_file(config: SimulatorConfig, model: RobotModel) -> Followed:
 def make_pulse(config: SimulatorConfig, model: RobotModel) -> Pulse | None:
     """Return the pulse of thrust, None where there is none.
 
-    Raises
-    ------
-    ModelError
-        It acts on a link that the robot does not have.
-    ParameterError
-        There is a capture, too.
+    Raises ModelError: It acts on a link that the robot does not have.
+    Raises ParameterError: There is a capture, too.
     """
     thrust = config.thrust
     if thrust.duration == 0.0:
@@ -120,12 +117,9 @@ def make_pulse(config: SimulatorConfig, model: RobotModel) -> Pulse | None:
 
 
 def make_target(config: SimulatorConfig, link: Link, motion: Motion) -> Target | None:
-    """Return what is captured, None where nothing is.
+    """Return the captured body, None if there is none.
 
-    Raises
-    ------
-    ParameterError
-        The parameters do not make a body, or the joints are not driven.
+    Raises ParameterError: The parameters do not make a body, or the joints are not driven.
     """
     capture = config.capture
     if capture.time == 0.0:
@@ -148,10 +142,7 @@ def make_target(config: SimulatorConfig, link: Link, motion: Motion) -> Target |
 def make_initial_state(config: SimulatorConfig, model: RobotModel, motion: Motion) -> State:
     """Return the state at time 0.
 
-    Raises
-    ------
-    ParameterError
-        The parameters do not fit the robot, the motion, or each other.
+    Raises ParameterError: The parameters do not fit the robot, the motion, or each other.
     """
     initial = config.initial
     driven = driven_joints(config, model)
@@ -211,12 +202,9 @@ def _joint_values(name: str, values: tuple[float, ...], model: RobotModel, drive
 
 
 def make_model_errors(config: SimulatorConfig, model: RobotModel) -> ModelErrors:
-    """Return what the robot that moves has more than its URDF says, drawn as the parameters ask for.
+    """Return the deviations of the moving robot from its URDF, drawn by the parameters.
 
-    Raises
-    ------
-    ModelError
-        There is no body near one of the URDF's.
+    Raises ModelError: There is no body near one of the URDF's.
     """
     sizes = {name: size for name, size in vars(config.model_errors).items() if name not in _NOT_OF_LINKS}
     rng = generator(config.model_errors.seed)
@@ -230,21 +218,15 @@ def steered(motion: Motion) -> Motion:
 
 def make_simulation(
     config: SimulatorConfig, model: RobotModel, motion: Motion | None = None
-) -> Simulation | CaptureSimulation | ThrustSimulation:
+) -> Simulation | ChangingSimulation:
     """Return a robot in motion, as the parameters ask for, without sensors; `model` is the robot that moves.
+
+    Raises ModelError: The robot cannot be simulated, or lacks a link that the parameters name.
+    Raises ParameterError: The parameters do not fit the robot, or each other.
 
     Parameters
     ----------
-    config : SimulatorConfig
-    model : RobotModel
     motion : of its joints; None for the one that the parameters ask for
-
-    Raises
-    ------
-    ModelError
-        The robot cannot be simulated, or lacks a link that the parameters name.
-    ParameterError
-        The parameters do not fit the robot, or each other.
     """
     motion = make_motion(config, model) if motion is None else motion
     start = make_initial_state(config, model, motion)
@@ -252,19 +234,16 @@ def make_simulation(
     pulse = make_pulse(config, model)
     around = Surroundings(make_wheels(config, model), make_orbit(config.orbit), make_springs(config, model))
     if pulse is not None:
-        return ThrustSimulation(model, motion, start, config.step, pulse, around)
+        return ThrustSimulation(model, motion, start, pulse, around)
     if target is not None and is_driven(motion):
-        return CaptureSimulation(model, motion, start, config.step, target, around)
-    return Simulation(model, motion, start, config.step, surroundings=around)
+        return CaptureSimulation(model, motion, start, target, around)
+    return Simulation(model, motion, start, surroundings=around)
 
 
 def make_springs(config: SimulatorConfig, model: RobotModel) -> Springs | None:
     """Return the springs of passive joints, None where there are none.
 
-    Raises
-    ------
-    ParameterError
-        A name is no joint's, or a joint has no frequency.
+    Raises ParameterError: A name is no joint's, or a joint has no frequency.
     """
     passive = config.flexible.passive(model.joint_names)
     if not passive:
@@ -276,12 +255,9 @@ def make_springs(config: SimulatorConfig, model: RobotModel) -> Springs | None:
 
 
 def make_view(config: SimulatorConfig) -> Callable[[Truth], Truth] | None:
-    """Return what the frame of the odometry makes of a motion; None for one that falls along.
+    """Return the view of a motion from the frame of the odometry; None for one that falls along.
 
-    Raises
-    ------
-    ParameterError
-        The directions do not make an orbit.
+    Raises ParameterError: The directions do not make an orbit.
     """
     orbit = make_orbit(config.orbit)
     if orbit is None or not orbit.turning:
@@ -292,10 +268,7 @@ def make_view(config: SimulatorConfig) -> Callable[[Truth], Truth] | None:
 def make_imu(config: SimulatorConfig, robot: RobotModel) -> Imu | None:
     """Return the IMU on a link, None where there is none.
 
-    Raises
-    ------
-    ModelError
-        There is no such link.
+    Raises ModelError: There is no such link.
     """
     own = config.imu
     if own.rate == 0.0:
@@ -308,10 +281,7 @@ def make_imu(config: SimulatorConfig, robot: RobotModel) -> Imu | None:
 def make_wheels(config: SimulatorConfig, model: RobotModel) -> Wheels | None:
     """Return the wheels inside the base, None where there are none.
 
-    Raises
-    ------
-    ParameterError
-        Their numbers do not fit each other or the robot.
+    Raises ParameterError: Their numbers do not fit each other or the robot.
     """
     wheels = config.wheels
     count = len(wheels.names)

@@ -25,11 +25,10 @@ from mbaid_ros.simulated_robot import (
     make_wheels,
     steered,
 )
-from mbaid_ros.simulation.capture import CaptureSimulation
+from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, ThrustSimulation
 from mbaid_ros.simulation.sensors import SensedSimulation, Sensors
-from mbaid_ros.simulation.simulation import total_momentum
+from mbaid_ros.simulation.simulation import LONGEST_STEP, total_momentum
 from mbaid_ros.simulation.steered import Steered
-from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
 from mbaid_ros.simulation.true_robot import true_robot
 
 Topic = Literal['joint_states', 'odom', 'thrust', 'stored_momentum', 'imu']
@@ -38,22 +37,17 @@ _COMMANDS = 0.1  # s, between two of thrust
 
 @dataclass(frozen=True)
 class TimedMessage:
-    """A message and when it is due.
+    """A message and when it is due."""
 
-    Attributes
-    ----------
-    time : s since the start of the run
-    topic : the one it belongs on
-    message : JointState, Odometry, WrenchStamped, Vector3Stamped or Imu
-    """
-
-    time: float
-    topic: Topic
-    message: Any
+    time: float  # s since the start of the run
+    topic: Topic  # the one it belongs on
+    message: Any  # JointState, Odometry, WrenchStamped, Vector3Stamped or Imu
 
 
 class SimulatedRun:
     """A robot in motion and the messages of its sensors.
+
+    Raises ModelError, ParameterError: The robot, or a combination of parameters, cannot be used.
 
     Parameters
     ----------
@@ -65,20 +59,15 @@ class SimulatedRun:
     Attributes
     ----------
     start : stamp at time 0, ns; to be set before the first message is asked for
-    model : RobotModel, as the URDF says
-    errors : what the robot that moves has more than that
+    model : RobotModel, of the URDF
+    errors : deviations of the moving robot from it
     robot : the one that moves, before a capture
     target : the target link, as it is
     momentum : (6,) total momentum (P, L) in the odometry frame, L about its origin: kg m/s, kg m^2/s; after a capture
     pulse : of thrust, None where there is none; the momentum is then that before it
     wheels : inside the base, None where there are none; their momentum is in the total
-    captured : what is captured, None where nothing is
+    captured : the captured body, None if there is none
     brought : (6,) the momentum that it had before; zero where nothing is captured
-
-    Raises
-    ------
-    ModelError, ParameterError
-        The robot, or a combination of parameters, cannot be used.
     """
 
     def __init__(self, config: SimulatorConfig, urdf: str, types: MessageTypes) -> None:
@@ -138,31 +127,25 @@ class SimulatedRun:
         return self.start + round(time * 1e9)
 
     def follow(self, trajectory: JointTrajectory) -> float:
-        """Let the joints follow a trajectory from just after what has been read, and return when that is, s.
+        """Let the joints follow a trajectory from just after the samples read, and return that time, s.
 
-        Raises
-        ------
-        DataError
-            The joints are not driven, or it is of other joints, or begins elsewhere.
+        Raises DataError: The joints are not driven, or it is of other joints, or begins elsewhere.
         """
         if not isinstance(self._motion, Steered):
             raise DataError("motion.kind is 'passive'; accepted: joints that are driven, as with motion.kind: random")
-        begin = self._read + 2.0 * self.config.step  # the integrator is a step ahead, and interpolates
+        begin = self._read + LONGEST_STEP
         self._motion.follow(trajectory, self.model, begin)
         return begin
 
     def come_to_rest(self, seconds: float) -> None:
-        """Let joints that are driven come to rest within some seconds, from just after what has been read."""
+        """Let joints that are driven come to rest within some seconds, from just after the samples read."""
         if isinstance(self._motion, Steered):
-            self._motion.come_to_rest(self.model, self._read + 2.0 * self.config.step, seconds)
+            self._motion.come_to_rest(self.model, self._read + LONGEST_STEP, seconds)
 
     def read(self, until: float) -> list[TimedMessage]:
         """Return the messages due up to and including a time (s) that were not returned before, in order of time.
 
-        Raises
-        ------
-        ModelError
-            The motion has diverged.
+        Raises ModelError: The motion has diverged.
         """
         joints, base, imu = self._sensed.read(until)
         self._read = max(self._read, until)
@@ -172,13 +155,13 @@ class SimulatedRun:
             self.pulse.link.name if self.pulse is not None and self.pulse.link is not None else self.config.odom_frame
         )
         odometry, joint_state = self._messages.odometry, self._messages.joint_state
-        told = self.wheels.stored(joints.wheel_speed) if self.wheels is not None and self.publishes_momentum else ()
+        momenta = self.wheels.stored(joints.wheel_speed) if self.wheels is not None and self.publishes_momentum else ()
         stored = self._messages.stored_momentum
         messages = [
             *(TimedMessage(t, 'thrust', self._messages.wrench(wrench, frame, self.stamp(t))) for t, wrench in due),
             *(
                 TimedMessage(t, 'stored_momentum', stored(momentum, self.stamp(t)))
-                for t, momentum in zip(joints.time.tolist(), told, strict=False)
+                for t, momentum in zip(joints.time.tolist(), momenta, strict=False)
             ),
             *(TimedMessage(t, 'odom', odometry(base, i, self.stamp(t))) for i, t in enumerate(base.time.tolist())),
             *(

@@ -1,4 +1,4 @@
-"""For tests with hardware in the loop: run what is needed, wait for an estimate, compare it with what is known.
+"""For tests with hardware in the loop: run executables, wait for an estimate, compare it with known values.
 
 This module is a public interface: docs/tutorials/hil-test.md shows its use.
 """
@@ -56,17 +56,14 @@ def wait_for_estimate(
 ) -> InertiaEstimate:
     """Return the first estimate that has come as far as is asked for.
 
+    Raises TimeoutError: There is none in time; the text has the last status and warnings.
+
     Parameters
     ----------
     until : 'estimating' takes any that determines a parameter, 'converged' one of that status, 'stale' the last one
         after the data have stopped: all that they hold is in it but for a window that is not complete
     timeout : s
     topic : of the estimator
-
-    Raises
-    ------
-    TimeoutError
-        There is none in time; the text has the last status and warnings.
     """
     context = Context()
     rclpy.init(context=context)
@@ -86,22 +83,18 @@ def wait_for_estimate(
             del heard[:-1]
     finally:
         rclpy.shutdown(context=context)
-    raise TimeoutError(f'no {until} estimate on {topic} within {timeout:g} s: {_told(heard)}')
+    raise TimeoutError(f'no {until} estimate on {topic} within {timeout:g} s: {_last(heard)}')
 
 
 def deviations(estimate: InertiaEstimate, expected: Mapping[str, float]) -> dict[str, float]:
-    """Return how far parameters are from what is expected, in their standard deviations; infinite where not determined.
+    """Return how far parameters are from the expected values, in their standard deviations; infinite if not determined.
+
+    Raises ParameterError: A name is none of these.
 
     Parameters
     ----------
-    estimate : InertiaEstimate
     expected : values by name: mass, com_x, com_y, com_z (kg, m, target link's frame), ixx, ..., izz (kg m^2, about the
         centre of mass, the link's axes)
-
-    Raises
-    ------
-    ParameterError
-        A name is none of these.
     """
     inertia = estimate.inertia
     values = (inertia.m, inertia.com.x, inertia.com.y, inertia.com.z, *(getattr(inertia, n) for n in PARAMETERS[4:]))
@@ -116,25 +109,22 @@ def deviations(estimate: InertiaEstimate, expected: Mapping[str, float]) -> dict
 
 
 def assert_within(estimate: InertiaEstimate, expected: Mapping[str, float], sigmas: float = 4.0) -> None:
-    """Assert that parameters are what is expected within a number of their standard deviations.
+    """Assert that parameters have the expected values within a number of their standard deviations.
+
+    Raises AssertionError: One is not, or the data do not determine it, or contradict the model.
 
     Parameters
     ----------
     estimate, expected : as for `deviations`
     sigmas : four are exceeded by chance once in 16,000
-
-    Raises
-    ------
-    AssertionError
-        One is not, or the data do not determine it, or contradict the model.
     """
     found = deviations(estimate, expected)
     off = [f'{name} by {number:+.1f}' for name, number in found.items() if not abs(number) <= sigmas]
     if estimate.status == estimate.INCONSISTENT:
         off.append('the data contradict the model')
     if off:
-        told = f'off by more than {sigmas:g} standard deviations: {", ".join(off)}; {_told([estimate])}'
-        raise AssertionError(told)
+        text = f'off by more than {sigmas:g} standard deviations: {", ".join(off)}; {_last([estimate])}'
+        raise AssertionError(text)
 
 
 def _has_come(estimate: InertiaEstimate, until: Until) -> bool:
@@ -145,8 +135,8 @@ def _has_come(estimate: InertiaEstimate, until: Until) -> bool:
     return estimate.status in {estimate.ESTIMATING, estimate.CONVERGED} and any(estimate.identifiable)
 
 
-def _told(heard: list[InertiaEstimate]) -> str:
-    """Return what was heard last."""
+def _last(heard: list[InertiaEstimate]) -> str:
+    """Return the last estimate heard, in words."""
     if not heard:
         return 'nothing has been heard of an estimator'
     last = heard[-1]

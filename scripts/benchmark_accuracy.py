@@ -10,18 +10,16 @@ from dataclasses import replace
 from typing import Any
 
 from benchmarks import accuracy_page
-from benchmarks.accuracy import Outcome, Times, monte_carlo, summarise
+from benchmarks.accuracy import Times, monte_carlo, summarise
 from benchmarks.bounds import bound, trajectory_bound
-from benchmarks.data import LEVELS, ROBOTS, Case, motion, moved, target
+from benchmarks.data import LEVELS, ROBOTS, Case, motion, target
 from benchmarks.frame import Frame
-from mbaid_ros.core.geometry import Array
 
 _SEEDS = {'servicer7': 200, 'ets7': 100, 'table1': 100}
 _OTHER_SEEDS, _SLOW_SEEDS = 50, 100  # at most, of cases that are not plain, and of slow odometry
 _TIMES = {'table1': (20.0, 60.0)}
 _TIMES_IN_SPACE = (2.0, 5.0, 10.0, 20.0, 60.0)
 _EXAMPLE = 'servicer7'  # the robot of all cases that are not plain
-_FRAMES: list[dict[str, Any]] = [{'drift': 0.01}, {'drift': 0.1}, {'offset': 1e5}, {'offset': 7e6}]
 _SENSORS: list[dict[str, Any]] = [{'sensors': 'poses'}, {'wander': 1e-3}, {'correlated': 0.3}]
 _SENSORS_MID: list[dict[str, Any]] = [
     {'correlated': 0.3, 'sensors': 'poses'},
@@ -36,18 +34,15 @@ def main() -> None:
     frame = Frame(__doc__, 'measured/accuracy.md', seeds=0)
     plan = {case: _job(case, frame.arguments.seeds) for case in frame.chosen(_cases(), lambda case: case.name)}
     outcomes = monte_carlo(frame, plan)
-    motions = {case: moved(motion(case.robot), case) for case in plan}
+    motions = {case: motion(case.robot) for case in plan}
     # All sensors and white noise: the bound that every case is compared with.
-    bounds = {
-        case: bound(Case(case.robot, case.level, case.drift, case.offset), motions[case], times)
-        for case, (times, _) in plan.items()
-    }
-    linked = {case: trajectory_bound(case, motions[case], times) for case, (times, _) in plan.items() if not case.moved}
+    bounds = {case: bound(Case(case.robot, case.level), motions[case], times) for case, (times, _) in plan.items()}
+    linked = {case: trajectory_bound(case, motions[case], times) for case, (times, _) in plan.items()}
     results = {
         case: {method: summarise(outcome, target(case.robot), bounds[case]) for method, outcome in by_method.items()}
         for case, by_method in outcomes.items()
     }
-    report = accuracy_page.Report(plan, results, _still(outcomes, bounds), bounds, linked)
+    report = accuracy_page.Report(plan, results, bounds, linked)
     texts = accuracy_page.tables(report)
     print(*texts.values(), sep='\n\n')
     frame.write(**texts)
@@ -55,7 +50,6 @@ def main() -> None:
 
 def _cases() -> Iterator[Case]:
     yield from (Case(robot, level) for robot in ROBOTS for level in LEVELS)
-    yield from (replace(Case(_EXAMPLE, 'mid'), **each) for each in _FRAMES)
     for level in LEVELS:
         odd = [*_SENSORS, *(_SENSORS_MID if level == 'mid' else ())]
         yield from (replace(Case(_EXAMPLE, level), **each) for each in odd)
@@ -67,18 +61,6 @@ def _job(case: Case, seeds: int) -> tuple[Times, int]:
     if not case.plain:
         count = min(count, _SLOW_SEEDS if case.every > 1 else _OTHER_SEEDS)
     return _TIMES.get(case.robot, _TIMES_IN_SPACE), count
-
-
-def _still(outcomes: dict[Case, dict[str, Outcome]], bounds: dict[Case, Array]) -> accuracy_page.Results:
-    """Return the statistics of the case that others are frames of, over no more runs than those have."""
-    still: accuracy_page.Results = {}
-    case, frame = Case(_EXAMPLE, 'mid'), replace(Case(_EXAMPLE, 'mid'), **_FRAMES[0])
-    if case in outcomes and frame in outcomes:
-        still[case] = {
-            method: summarise(outcomes[case][method][: len(outcome)], target(_EXAMPLE), bounds[case])
-            for method, outcome in outcomes[frame].items()
-        }
-    return still
 
 
 if __name__ == '__main__':

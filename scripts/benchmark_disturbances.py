@@ -1,4 +1,4 @@
-"""Write measured/disturbances.md: thrust, forces, wrong known links, wheels, late joints, a capture."""
+"""Write measured/disturbances.md: thrust, forces, wheels, late joints, a capture."""
 
 from __future__ import annotations
 
@@ -16,22 +16,18 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.model_errors import relative_factor
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.core.robot.urdf_edit import change_inertial
 from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.campaigns.statistics import coverage
 from mbaid_ros.replay.run import BAG_TYPES
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_motion, make_simulation
 from mbaid_ros.simulated_run import commands
-from mbaid_ros.simulation.capture import CaptureSimulation
+from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, ThrustSimulation
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Truth
-from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
 
 sys.path.insert(0, str(CONFIG.parent / 'test'))
 
@@ -48,7 +44,7 @@ def _thrust(force: float, torque: float, begin: float, length: float, link: str 
     return {**times, 'thrust.force': (force * _FORCE).tolist(), 'thrust.torque': (torque * _TORQUE).tolist()}
 
 
-def _servicer(_seed: int = 0) -> str:
+def _servicer() -> str:
     return model(ROBOT).urdf
 
 
@@ -77,21 +73,6 @@ def _capture() -> dict[str, object]:
     }
 
 
-def _links_off(share: float) -> Callable[[int], str]:
-    """Return the robot description with wrong known links, drawn for each seed."""
-
-    def wrong(seed: int) -> str:
-        rng, text = np.random.default_rng([seed, 2]), model(ROBOT).urdf
-        for link in model(ROBOT).links:
-            if link.name != LINK and link.parameters[0] > 0.0:
-                factor = relative_factor(link.parameters, share)
-                draws = (link.parameters + factor @ rng.normal(size=10) for _ in range(1000))
-                text = change_inertial(text, link.name, physical(next(body for body in draws if is_physical(body))))
-        return text
-
-    return wrong
-
-
 @dataclass(frozen=True)
 class Case:
     """A disturbance."""
@@ -99,7 +80,7 @@ class Case:
     title: str
     simulator: Callable[[], dict[str, object]] = dict  # parameters of the simulator
     robot: Callable[[], str] = _servicer  # URDF of the simulator
-    believed: Callable[[int], str] = _servicer  # URDF of the estimator, by seed
+    believed: Callable[[], str] = _servicer  # URDF of the estimator
     late: float = 0.0  # s, of the joints' stamps
 
 
@@ -112,16 +93,12 @@ CASES = {
     'pulse': Case('pulse of 1 N s and 0.5 N m s at 30 s', lambda: _thrust(10.0, 5.0, 30.0, 0.1)),
     'inertial': Case('10 mN and 10 mN m, odometry axes', lambda: _whole_run('odom')),
     'body': Case('10 mN and 10 mN m, base axes', lambda: _whole_run('')),
-    'links 1 %': Case('known links off by 1 %', believed=_links_off(0.01)),
-    'links 5 %': Case('known links off by 5 %', believed=_links_off(0.05)),
-    'wheels': Case('four wheels spin up', _spinning, wheels.urdf, lambda _: wheels.urdf()),
+    'wheels': Case('four wheels spin up', _spinning, wheels.urdf, wheels.urdf),
     'wheels unread': Case(
-        'four wheels spin up, their speeds not in JointState', _spinning, wheels.urdf, lambda _: wheels.unaware()
+        'four wheels spin up, their speeds not in JointState', _spinning, wheels.urdf, wheels.unaware
     ),
     'late': Case(f'joints stamped {1e3 * _LATE:g} ms late', late=_LATE),
-    'capture': Case(
-        f'a capture at {_CAPTURED:g} s', _capture, captured.with_bare_link, lambda _: captured.with_bare_link()
-    ),
+    'capture': Case(f'a capture at {_CAPTURED:g} s', _capture, captured.with_bare_link, captured.with_bare_link),
 }
 
 
@@ -140,11 +117,6 @@ def _constant(axes: str) -> tuple[tuple[str, object], ...]:
     return (('disturbance.constant', axes),)
 
 
-def _relative(std: float) -> tuple[tuple[str, object], ...]:
-    # Published however wide they are, so that the intervals can be judged.
-    return (('known_links.relative_std', std), ('convergence.identifiable_std', 100.0))
-
-
 _TRAJECTORY = ('trajectory',)
 PLAIN = Row('none', 'nothing')
 ROWS = (
@@ -157,12 +129,6 @@ ROWS = (
     Row('inertial', 'declared', _constant('inertial'), _TRAJECTORY),
     Row('body', 'detected'),
     Row('body', 'declared', _constant('body'), _TRAJECTORY),
-    Row('links 1 %', 'taken as exact'),
-    Row('links 1 %', 'considered', _relative(0.01), ('difference',)),
-    Row('links 1 %', 'estimated', _relative(0.01), _TRAJECTORY),
-    Row('links 5 %', 'taken as exact'),
-    Row('links 5 %', 'considered', _relative(0.05), ('difference',)),
-    Row('links 5 %', 'estimated', _relative(0.05), _TRAJECTORY),
     Row('wheels', 'speeds are read'),
     Row('wheels unread', 'detected'),
     Row('late', 'not modelled', (('time_offset.estimate', False),)),
@@ -198,7 +164,7 @@ def run(work: tuple[Row, str, int]) -> Outcome:
     """Return the end of one run: row, method, seed."""
     row, method, seed = work
     values = {'method': method, **EXACT, **declared(NOISE), **dict(row.settings)}
-    session = Session(build(EstimatorConfig, values), CASES[row.case].believed(seed))
+    session = Session(build(EstimatorConfig, values), CASES[row.case].believed())
     estimates = history(session, _messages(row, seed, session))
     last = estimates[-1]
     parameters, std = last.parameters, last.std

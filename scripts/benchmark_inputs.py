@@ -1,4 +1,4 @@
-"""Write docs/measured/inputs.md: what comes of joint states, poses and bags as robots really publish them.
+"""Write docs/measured/inputs.md: the outcome of joint states, poses and bags as robots really publish them.
 
 Each kind of fault is put into bags/servicer7_mid, and the executables read it: the true mass, or the true cause first.
 """
@@ -32,7 +32,7 @@ def outcomes(kinds: Sequence[Kind]) -> Iterator[list[str]]:
 
 
 def outcome(kind: Kind, folder: Path) -> tuple[str, bool]:
-    """Return what a user sees first, and whether it is right."""
+    """Return the first line that a user sees, and whether it is right."""
     bag, robot = kind.make(folder)
     out, errors = io.StringIO(), io.StringIO()
     result = folder / 'result.json'

@@ -1,7 +1,7 @@
 """Write docs/measured/benchmark.md: the same recordings identified by every method, side by side.
 
 Recordings and finished runs stay in --store (default: build/peers), from which a second call goes on;
---processes 0 scores what is finished, and runs nothing.
+--processes 0 scores finished runs, and runs nothing.
 """
 
 from __future__ import annotations

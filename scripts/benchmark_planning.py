@@ -14,39 +14,32 @@ from benchmarks.random_sinusoids import SINUSOIDS, best_of_sinusoids
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
 from mbaid_ros.core.identifier import Estimator, knowledge_of
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import BAND
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.streams import Windows
-from mbaid_ros.planning.goal import Wanted
-from mbaid_ros.planning.limits import BaseLimits, joint_limits
-from mbaid_ros.planning.motions import Motions
+from mbaid_ros.planning.goal import BaseLimits, Wanted, joint_limits
 from mbaid_ros.planning.plan import Plan
 from mbaid_ros.planning.planner import Planner, PlanSettings
 from mbaid_ros.planning.splines import Splines
-from mbaid_ros.session import make_estimator
-from mbaid_ros.session.methods import make_reporting
+from mbaid_ros.session.methods import make_estimator, make_reporting
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Simulation, Truth
 from mbaid_ros.simulation.steered import made_to_follow
 
 ROBOTS, SPEEDS = ('servicer7', 'ets7', 'table1'), (1.0, 5.0)  # deg/s
-SEEN, STEP = 10.0, 0.05  # Hz, of simulations without sensors; s, of the integrator
 WANTED = 0.01
 TURN = np.radians(2.0)  # rad, limit of the base's turn
 WINDOW, KNOTS = 0.5, 10  # s, of the estimator
 FIRST, FIRST_SPEED, REST = 6.0, 0.035, 0.5  # s, rad/s, s: the motion before the plan
 SPIN = 0.002  # rad/s, standard deviation of the base's rates
-DRAWS = 5  # robots of the posterior for each planned motion
 CLOSE = 0.2  # relative difference of reached and predicted deviations that counts as close
 
 
@@ -72,7 +65,6 @@ class Outcome(Runs):
     sinusoids: Array  # s, of the best of the sinusoids; infinite if none reached it in the longest of LENGTHS
     searched: Array  # s, processor time of the search
     turned: Array  # rad, of the base
-    strayed: Array  # (..., DRAWS) rad, of the bases of drawn robots; NaN for one that is not physical
     reached: Array  # (..., 10) relative standard deviations after the motion over the predicted ones; NaN for none
     normalised: Array  # (..., 10) errors in the estimator's standard deviations; NaN for none
 
@@ -106,9 +98,8 @@ def run(work: tuple[Case, int]) -> Outcome:
     reached, normalised = _compared(final, plan, reporting.sizes(final.parameters[None])[0], own)
     turned = _turned(model, _last(truth), moved, plan.trajectory.duration)
     length = plan.trajectory.duration if plan.reached else np.nan
-    strayed = _strayed(planner.motions, _last(truth), plan, seed)
     numbers = np.asarray(length), np.asarray(best), np.asarray(searched), np.asarray(turned)
-    return Outcome(*numbers, strayed, reached, normalised)
+    return Outcome(*numbers, reached, normalised)
 
 
 def _begin(kernel: MomentumKernel, generator: np.random.Generator) -> State:
@@ -127,9 +118,9 @@ def _first(kernel: MomentumKernel, state: State, generator: np.random.Generator)
     return splines.trajectory(drawn, state.joint_position, kernel.model.joint_names)
 
 
-def _follow(model: RobotModel, state: State, trajectory: JointTrajectory, seconds: float, rate: float = RATE) -> Truth:
+def _follow(model: RobotModel, state: State, trajectory: JointTrajectory, seconds: float) -> Truth:
     motion = made_to_follow(trajectory, model, state.joint_position, 0.0)
-    return Simulation(model, motion, state, STEP).advance(np.arange(round(seconds * rate) + 1) / rate)
+    return Simulation(model, motion, state).advance(np.arange(round(seconds * RATE) + 1) / RATE)
 
 
 def _last(truth: Truth) -> State:
@@ -151,36 +142,14 @@ def _seen(truth: Truth, seed: int) -> Samples:
     return sampled(truth, Sensors(NOISE, seed), NOISE)
 
 
-def _turned(model: RobotModel, begin: State, moved: Truth, seconds: float, rate: float = RATE) -> float:
+def _turned(model: RobotModel, begin: State, moved: Truth, seconds: float) -> float:
     """Return the largest turn of the base, rad, from its orientation with the joints at rest."""
     nothing = np.zeros((0, 0))
     stay = JointTrajectory(model.joint_names, np.zeros(1), begin.joint_position[None], nothing, nothing)
-    rest = _follow(model, begin, stay, seconds, rate)
+    rest = _follow(model, begin, stay, seconds)
     rotation, coasting = (rotation_from_quaternion(each.base_orientation[: len(rest)]) for each in (moved, rest))
     cosine = (np.trace(rotation @ np.swapaxes(coasting, 1, 2), axis1=1, axis2=2) - 1.0) / 2.0
     return float(np.arccos(np.clip(cosine, -1.0, 1.0)).max())
-
-
-def _strayed(motions: Motions, begin: State, plan: Plan, seed: int) -> Array:
-    """Return the turns of the base, (DRAWS,) rad, of robots drawn from the posterior."""
-    kernel, asked = motions.knowledge.layout.kernel, motions.information.asked
-    model, target = kernel.model, kernel.target
-    turned = np.full(DRAWS, np.nan)
-    for place, point in enumerate(motions.knowledge.drawn(DRAWS, seed + 500)):
-        floating = motions.as_if(point)
-        twist = floating.coasting(begin.joint_position, 2, STEP).twist[0, 0].reshape(2, 3)
-        velocity = np.concatenate((*(twist @ floating.rotation), np.zeros(model.joints)))
-        try:
-            # Parameters that no motion of a planar robot determines are not drawn.
-            body = np.where(asked, physical(point.body[None])[0], physical(target.parameters))
-            robot = load_model(replace_inertial(model.urdf, target.name, body), model.base_link)
-            state = replace(begin, velocity=velocity)
-            seconds = plan.trajectory.duration
-            moved = _follow(robot, state, plan.trajectory, seconds, SEEN)
-            turned[place] = _turned(robot, state, moved, seconds, SEEN)
-        except ModelError:
-            continue  # not a physical body
-    return turned
 
 
 def _compared(final: Estimate, plan: Plan, sizes: Array, kernel: MomentumKernel) -> tuple[Array, Array]:
@@ -205,11 +174,9 @@ def main() -> None:
 def _row(case: Case, found: Outcome) -> list[str]:
     ratio = found.planned / found.sinusoids
     known = ratio[np.isfinite(ratio)]
-    missing, strayed = int(np.isnan(found.planned).sum()), found.strayed[np.isfinite(found.strayed)]
+    missing = int(np.isnan(found.planned).sum())
     errors = found.normalised[np.isfinite(found.normalised)]
-    beyond = [''] * 2
-    if case.limited:
-        beyond = [f', {np.sum(found.turned > TURN)} beyond', f', {np.sum(strayed > TURN)} of {len(strayed)} beyond']
+    beyond = f', {np.sum(found.turned > TURN)} beyond' if case.limited else ''
     return [
         case.name,
         str(len(found)),
@@ -218,8 +185,7 @@ def _row(case: Case, found: Outcome) -> list[str]:
         f'{np.median(known):.2f} ({known.min():.2f} to {known.max():.2f})' if len(known) else '-',
         _predicted(found.reached),
         f'{np.sum(np.abs(errors) < BAND)} of {errors.size}',
-        f'{np.degrees(found.turned.max()):.2f} deg{beyond[0]}',
-        f'{np.degrees(strayed.max()):.2f} deg{beyond[1]}',
+        f'{np.degrees(found.turned.max()):.2f} deg{beyond}',
         f'{np.median(found.searched):.1f} s',
     ]
 
@@ -233,7 +199,7 @@ def _predicted(ratio: Array) -> str:
 
 _HEADER = (
     *('robot, joints, base', 'states', 'planned', f'best of {SINUSOIDS}', 'planned / best'),
-    *('reached / predicted', 'in 95 %', 'turned, most', 'turned, drawn', 'search'),
+    *('reached / predicted', 'in 95 %', 'turned, most', 'search'),
 )
 
 

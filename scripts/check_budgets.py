@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Compare each folder's lines of Python with the budgets in architecture.md; --write sets them to what is there.
+"""Compare each folder's lines of Python with the budgets in architecture.md; --write sets them to the present lines.
 
 usage: check_budgets.py [--write]
 """

@@ -133,7 +133,7 @@ def main(argv: list[str]) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     shutil.rmtree(bag, ignore_errors=True)
     print(
-        "The paper's servicer floats with debris in its hand; link4, arm end and debris, is to be identified.\n"
+        "The paper's servicer floats with debris in its hand. The estimator identifies link4: arm end and debris.\n"
         f'Simulator, estimator and recorder run as ROS 2 nodes, {arguments.speed:g} times as fast as real time.\n'
     )
     try:

@@ -13,9 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.files import load_parameter_file, read_robot_description
 from mbaid_ros.config.parameters import build
-from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.results.parameters import BAND
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.results import Run

@@ -22,7 +22,7 @@ EVERY = 1000  # inputs, of which one is tried in a process of its own, too
 
 
 def fuzz(count: int, seed: int, wanted: Sequence[str] | None = None, every: int = EVERY) -> dict[str, Found]:
-    """Return what came of so many inputs of each format, or of the wanted ones."""
+    """Return the outcomes of so many inputs of each format, or of the wanted ones."""
     outcome: dict[str, Found] = {}
     with tempfile.TemporaryDirectory() as name:
         there = formats(Path(name))
@@ -37,7 +37,7 @@ def fuzz(count: int, seed: int, wanted: Sequence[str] | None = None, every: int 
 
 
 def _one(kind: Format, number: int, seed: int, found: Found, *, apart: bool) -> str:
-    """Try one input; return what is wrong with what it leads to."""
+    """Try one input; return the faults of its outcome."""
     kind.path.write_bytes(kind.damaged(kind.content, np.random.default_rng([seed, number])))
     arguments = kind.arguments(number)
     kind.clear()

@@ -52,7 +52,8 @@ def prepend(name, paths):
     os.environ[name] = os.pathsep.join(new + old)
 
 
-# After `. install/setup.bash` everything is there already; while that script runs, it asks this Python what is missing.
+# After `. install/setup.bash` everything is there already; while that script runs, it asks this Python for the missing
+# parts.
 if os.environ.get("MBAID_ROS_SOURCED") != sys.prefix:
     prepend("AMENT_PREFIX_PATH", existing(PACKAGE, *MESSAGES, sys.prefix))
     prepend("LD_LIBRARY_PATH", existing(*(os.path.join(messages, "lib") for messages in MESSAGES)))

@@ -13,30 +13,25 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / 'mbaid_ros'
 PAGE = ROOT / 'docs' / 'reference' / 'thresholds.md'
-# By what they belong to: modules of the core, and packages.
+# By subject: folders and modules of the package.
 SECTIONS = {
-    'Method `trajectory`': (
-        *('two_stage.py', 'trajectory', 'trajectory/windows', 'trajectory/linearised', 'trajectory/filter'),
-        'trajectory/search',
-    ),
-    'What may be wrong with a run': ('trajectory/inquiry',),
-    'Method `difference`, and the first stage of `trajectory`': ('difference', 'equations'),
-    'Methods `paper_main` and `paper_difference`': ('paper',),
-    'Whether a run is to be trusted': ('verdict',),
-    'What of an estimate is published': ('results',),
-    'Unknowns': ('unknowns',),
-    'Capture': ('capture',),
+    'Method `trajectory`': ('core/two_stage.py', 'core/trajectory', 'core/filter'),
+    'Fault isolation': ('core/diagnosis', 'core/window_checks.py'),
+    'Method `difference`, the first stage of `trajectory`': ('core/difference',),
+    'Methods `paper_main` and `paper_difference`': ('core/paper',),
+    'Status and publication': ('core/results',),
+    'Unknowns': ('core/unknowns',),
+    'Capture': ('core/capture',),
     '`calibrate`': ('calibration',),
     'Readings': ('core/sensors',),
     'Robots': ('core/robot',),
-    'Numbers': ('core/linear_algebra.py', 'core/geometry.py'),
+    'Numbers': ('core/chi_square.py', 'core/linear_algebra.py', 'core/geometry.py'),
 }
 HEAD = """\
 # Thresholds
 
-Every number of the estimators that decides something and is no parameter (those are in the README's table), by what it
-belongs to, with what it is and why it is not another. The comment beside the constant is the original:
-`scripts/write_thresholds.py` writes this page from it, and a test fails where one has none.
+The fixed numbers of the estimators, by subject, each with its reason. A user sets [parameters](parameters.md) instead.
+`scripts/write_thresholds.py` writes this page from the comments beside the constants.
 """
 
 
@@ -61,7 +56,7 @@ class Threshold:
 
 def text() -> str:
     """Return the page."""
-    head = ['', '| where | value | what, and why |', '|---|---|---|']
+    head = ['', '| constant | value | meaning and reason |', '|---|---|---|']
     sections = ([f'## {title}', *head, *(each.row for each in _of(places)), ''] for title, places in SECTIONS.items())
     return '\n'.join([HEAD, *('\n'.join(section) for section in sections)])
 
@@ -102,7 +97,7 @@ def _comments(source: str) -> dict[int, str]:
 
 
 def _is_number(value: ast.expr) -> bool:
-    """Tell whether a value is a number, or a few of them."""
+    """Return whether a value is a number, or a few of them."""
     if isinstance(value, ast.Tuple):
         return bool(value.elts) and all(map(_is_number, value.elts))
     if isinstance(value, ast.BinOp):

@@ -19,7 +19,7 @@ from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Truth
@@ -46,7 +46,7 @@ Defect = Callable[[list[Arrival]], list[Arrival]]
 @cache
 def fine_motion(name: str, seconds: float) -> Truth:
     """Return the run that config/ describes for a robot, at 500 Hz."""
-    return configured_motion(name, seconds, FINE, 0.02)
+    return configured_motion(name, seconds, FINE)
 
 
 def header(stamp: int, frame: str = '') -> Any:

@@ -30,7 +30,6 @@ TUTORIAL = ROOT / 'docs' / 'tutorials' / 'first-verdict.md'
 CAMPAIGNS = ROOT / 'docs' / 'how-to' / 'campaigns.md'
 PAGES = sorted(set(ROOT.glob('docs/**/*.md')) - {ROOT / 'docs' / 'overview.md'})  # that one is made by `make docs`
 DOCUMENTS = [README, *PAGES, ROOT / 'bags' / 'README.md']
-MARK = re.compile(r'run|live|(?:on the graph|run with stand-ins|run by (?P<file>\S+)|collected): .+')
 _BLOCK = re.compile(r'(?:<!-- (?P<mark>[^>]*) -->\n)?^```(?:sh|bash)\n(?P<text>.*?)^```$', re.DOTALL | re.MULTILINE)
 
 

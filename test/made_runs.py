@@ -74,15 +74,14 @@ def history(final: Estimate, count: int = 30) -> tuple[Estimate, ...]:
 def run(final: Estimate | None = None, **changes: Any) -> Run:
     """Return a replay of the seven-joint servicer."""
     last = estimate() if final is None else final
-    course = tuple((0.5 + index, 100.0) for index in range(10))
     values: dict[str, Any] = {
         'bag': 'a/bag',
         'target_link': 'link7',
         'final': last,
         'history': history(last),
         'topics': (
-            TopicStatistics('/joint_states', 'sensor_msgs/msg/JointState', 1000, 100.0, ((3.0, 0.4),), course),
-            TopicStatistics('/odom', 'nav_msgs/msg/Odometry', 1000, 100.0, (), course),
+            TopicStatistics('/joint_states', 'sensor_msgs/msg/JointState', 1000, 100.0),
+            TopicStatistics('/odom', 'nav_msgs/msg/Odometry', 1000, 100.0),
         ),
         'used': 990,
         'dropped': {'NaN or infinite value': 3},

@@ -20,7 +20,7 @@ from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.sensors.streams import Windows
-from mbaid_ros.session import make_estimator
+from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.simulated_robot import make_initial_state, make_motion
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.sensors import Sensors
@@ -34,16 +34,14 @@ MID = SensorNoise(1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4)
 HIGH = SensorNoise(1e-3, 1e-2, 1e-3, 1e-4, 1e-3, 1e-4)
 
 
-def configured_motion(
-    name: str, seconds: float, rate: float, step: float, model_errors: ModelErrors | None = None
-) -> Truth:
-    """Return the run that config/ describes for a robot, sampled at a rate (Hz); `step` (s) is the integrator's."""
+def configured_motion(name: str, seconds: float, rate: float, model_errors: ModelErrors | None = None) -> Truth:
+    """Return the run that config/ describes for a robot, sampled at a rate (Hz)."""
     config = build(SimulatorConfig, load_parameter_file(CONFIG / f'{name}_simulator.yaml', 'simulator'))
     model = robot(name)
     if model_errors is not None:
         model = true_robot(model, model_errors, (model.last_link,))
     motion = make_motion(config, model)
-    simulation = Simulation(model, motion, make_initial_state(config, model, motion), step)
+    simulation = Simulation(model, motion, make_initial_state(config, model, motion))
     return simulation.advance(np.arange(round(seconds * rate)) / rate)
 
 

@@ -14,7 +14,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.planning.limits import joint_limits
+from mbaid_ros.planning.goal import joint_limits
 from mbaid_ros.planning.planner import Planner, PlanSettings
 from mbaid_ros.planning.splines import Splines
 from mbaid_ros.session.methods import make_reporting
@@ -24,7 +24,7 @@ from mbaid_ros.simulation.steered import Followed
 from observed import MID, estimator, kernel, observe, windows
 from simulated import robot, state
 
-RATE, STEP = 20.0, 0.05  # Hz; s, of the integrator
+RATE = 20.0  # Hz
 START = np.array([0.4, 0.7, -0.3, 0.9, 0.5, -0.6, 0.2])
 SPIN = (0.002, -0.001, 0.003)  # rad/s
 FASTEST = 0.08  # rad/s
@@ -62,14 +62,12 @@ class Begun:
         return truth, self.method.update(windows(seen), 0)[-1]
 
 
-def follow(
-    unknown: MomentumKernel, begin: State, trajectory: JointTrajectory, seconds: float, step: float = STEP
-) -> Truth:
+def follow(unknown: MomentumKernel, begin: State, trajectory: JointTrajectory, seconds: float) -> Truth:
     """Return the motion of a robot that follows a trajectory."""
     model = unknown.model
     places = np.array([model.joint_names.index(name) for name in trajectory.joints])
     motion = Followed(trajectory, begin.joint_position, places)
-    return Simulation(model, motion, begin, step).advance(np.arange(round(seconds * RATE) + 1) / RATE)
+    return Simulation(model, motion, begin).advance(np.arange(round(seconds * RATE) + 1) / RATE)
 
 
 def begun(name: str = 'servicer7', seconds: float = 8.0, **parameters: object) -> Begun:

@@ -80,7 +80,7 @@ def write(path: Path, model: RobotModel, truth: Truth) -> Path:
 
 
 def simulate(model: RobotModel, start: State, duration: float, rate: float) -> Truth:
-    return Simulation(model, Passive(), start, 0.02).advance(
+    return Simulation(model, Passive(), start).advance(
         np.linspace(0.0, duration, round(duration * rate) + 1, dtype=np.float64)
     )
 

@@ -30,7 +30,7 @@ def free_motion(seed: int, seconds: float, rate: float = 20.0, joints: tuple[int
     motion = random_sinusoids(np.linspace(0.5, -0.4, 7), seed, 2, 1.0, 12.0, 30.0)
     motion = replace(motion, amplitude=motion.amplitude * np.isin(np.arange(7), joints)[:, None])
     start = without_linear_momentum(model, state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02)))
-    return Simulation(model, motion, start, 0.05).advance(np.arange(round(seconds * rate)) / rate)
+    return Simulation(model, motion, start).advance(np.arange(round(seconds * rate)) / rate)
 
 
 def all_unknown(model: RobotModel) -> MomentumKernel:

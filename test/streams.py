@@ -12,13 +12,12 @@ from rclpy.serialization import serialize_message
 from mbaid_ros.bags import deserialize, serialize
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.methods import METHODS
-from mbaid_ros.config.parameters import build
+from mbaid_ros.config.parameters import METHODS, build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.nodes.subscriptions import TYPES
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from simulated import CONFIG
 

@@ -17,10 +17,8 @@ import yaml
 from mbaid_msgs.msg import InertiaEstimate
 
 from documents import (
-    CAMPAIGNS,
     DOCUMENTS,
     INSTALL,
-    MARK,
     README,
     ROOT,
     TUTORIAL,
@@ -37,22 +35,6 @@ from mbaid_ros.nodes.subscriptions import message_class
 from stand_ins import put_on_path
 
 HERE = re.compile(r"^cat > \S+ <<'END'\n.*?^END\n", re.DOTALL | re.MULTILINE)  # a file that a block writes
-
-
-@pytest.mark.parametrize('document', names(DOCUMENTS))
-def test_every_block_says_what_becomes_of_it(document: str) -> None:
-    for block in blocks(ROOT / document):
-        mark = MARK.fullmatch(block.mark)
-        assert mark, block.text
-        assert mark['file'] is None or 'blocks(' in (ROOT / mark['file']).read_text(encoding='utf-8')
-
-
-@pytest.mark.parametrize(
-    ('kind', 'documents'),
-    [('live', {README, TUTORIAL}), ('run with stand-ins', {INSTALL, TUTORIAL}), ('collected', {CAMPAIGNS})],
-)
-def test_a_kind_of_block_is_in_no_other_document_than_those_tested_below(kind: str, documents: set[Path]) -> None:
-    assert {path for path in DOCUMENTS if blocks(path, kind)} == documents
 
 
 @pytest.mark.parametrize(
@@ -90,16 +72,6 @@ def test_the_way_with_ros_finds_both_packages_and_leads_to_the_executables(tmp_p
         tuple(line.split('\t')[:2]) for line in rest
     }
     assert 'usage: replay' in run.stdout
-
-
-@pytest.mark.long
-def test_pytest_finds_the_test_that_is_to_have_more_runs(tmp_path: Path) -> None:
-    (block,) = blocks(CAMPAIGNS, 'collected')
-    asked = {'PYTEST_ADDOPTS': '--collect-only --quiet'}
-    with project(tmp_path) as folder:
-        run = bash(prelude()[0] + block.text, folder, asked)
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert [line.partition('[')[2] for line in run.stdout.splitlines() if '::' in line] == ['1000 runs]']
 
 
 @contextmanager
@@ -157,6 +129,7 @@ def ask(place: Graph, words: list[str]) -> None:
         raise AssertionError(f'not known here: {words}')
 
 
+@pytest.mark.long
 def test_the_tutorial_leads_to_a_live_estimate_and_to_one_from_a_recording(tmp_path: Path) -> None:
     recorder, estimator, watch, simulator = blocks(TUTORIAL, 'live')
     record, show = blocks(TUTORIAL, 'run with stand-ins')

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+import ast
+import csv
 import re
 import runpy
-import subprocess
-import sys
+from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
 import yaml
 
+from benchmarks.pictures import pictured
 from documents import DOCUMENTS, README, REFERENCE, ROOT, names
 from made_runs import run
 from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.methods import METHODS
-from mbaid_ros.config.parameters import specifications
+from mbaid_ros.config.parameters import METHODS, specifications
 from mbaid_ros.replay.output import as_json
 
 LINK = re.compile(r'\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)')
@@ -51,6 +52,7 @@ def test_every_threshold_has_a_reason_and_is_in_the_page() -> None:
     assert [f'{each.module}.{each.names[0]}' for each in found() if not each.why] == []
     page = ROOT / 'docs' / 'reference' / 'thresholds.md'
     assert page.read_text(encoding='utf-8') == text(), 'run scripts/write_thresholds.py'
+    assert '|---|---|---|\n\n' not in text(), 'a section without constants'
 
 
 @pytest.mark.parametrize(
@@ -119,20 +121,6 @@ def test_the_page_has_every_key_of_the_json() -> None:
     assert {key for row in rows for key in re.findall(r'`(\w+)`', row)} == set(as_json(run()))
 
 
-def test_the_dependencies_are_those_of_the_project() -> None:
-    text = (ROOT / 'docs' / 'reference' / 'dependencies.md').read_text(encoding='utf-8')
-    rows = dict(re.findall(r'^\| `([\w-]+)` \| ([\d., ]+) \|', text, re.MULTILINE))
-    requirements = re.findall(r'^([\w-]+)', (ROOT / 'requirements.txt').read_text(encoding='utf-8'), re.MULTILINE)
-    assert sorted(rows) == sorted(requirements)
-    pins = re.findall(r'^([\w-]+)==([\w.]+)', (ROOT / 'constraints.txt').read_text(encoding='utf-8'), re.MULTILINE)
-    for name, versions in rows.items():
-        key = re.sub('[-_.]+', '-', name).lower()
-        assert versions.split(', ') == [version for other, version in pins if other == key]
-    manifest = (ROOT / 'package.xml').read_text(encoding='utf-8')
-    for key in re.findall(r'<(?:exec|test)_depend>([\w-]+)<', manifest):
-        assert f'`{key}`' in text
-
-
 # -- text
 
 
@@ -158,21 +146,64 @@ def test_pages_that_code_names_exist(folder: str) -> None:
             assert (ROOT / page).is_file(), f'{path}: {page}'
 
 
-@pytest.mark.parametrize('document', names(DOCUMENTS))
-def test_files_that_are_named_exist(document: str) -> None:
-    text = (ROOT / document).read_text(encoding='utf-8')
-    for path in re.findall(r'`((?:mbaid_ros|config|scripts|docs|bags|test|msg_defs|core)/[\w./-]+)`', text):
-        place = ROOT / 'mbaid_ros' / path if path.startswith('core/') else ROOT / path
-        assert place.exists(), path
+VAGUE = re.compile(r'\b(?:told|tells|says|whatever|nobody|what is)\b', re.IGNORECASE)  # of data and messages
 
 
-def test_the_readme_is_short_and_pages_for_people_are_in_plain_words() -> None:
+def test_the_readme_is_short_and_pages_are_in_plain_words() -> None:
     assert len(README.read_bytes()) <= 12_000
-    groups = ('tutorials', 'how-to', 'explanation')
-    pages = [README, *(page for group in groups for page in (ROOT / 'docs' / group).glob('*.md'))]
-    vague = re.compile(r'\b(?:told|tells|says|whatever|nobody|what is)\b', re.IGNORECASE)  # of data and messages
-    found = {str(page.relative_to(ROOT)): vague.findall(page.read_text(encoding='utf-8')) for page in pages}
+    found = {name: VAGUE.findall((ROOT / name).read_text(encoding='utf-8')) for name in names(DOCUMENTS)}
     assert {page: words for page, words in found.items() if words} == {}
+
+
+def test_the_pages_stay_short() -> None:
+    generated = re.compile(r'<!-- (parameters|budgets).*?<!-- end of \1 -->', re.DOTALL)
+    apart = [ROOT / 'docs' / 'measured', ROOT / 'docs' / 'api', REFERENCE / 'thresholds.md', ROOT / 'bags']
+    pages = [page for page in DOCUMENTS if not any(page.is_relative_to(folder) for folder in apart)]
+    assert sum(len(generated.sub('', page.read_text(encoding='utf-8')).encode()) for page in pages) <= 200_000
+    for page in (ROOT / 'docs' / 'measured').glob('*.md'):
+        tables = re.findall(r'(?:^\|.*\n)+', page.read_text(encoding='utf-8'), re.MULTILINE)
+        assert max([0, *(len(table.splitlines()) - 2 for table in tables)]) <= 40, page
+
+
+def texts(folder: str) -> Iterator[tuple[str, str]]:
+    """Yield the strings of a folder's code, docstrings included, with file and line."""
+    for path in sorted((ROOT / folder).rglob('*.py')):
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                yield f'{path.relative_to(ROOT)}:{node.lineno}', node.value
+
+
+def test_a_long_table_becomes_a_picture_with_its_rows_beside_it(tmp_path: Path) -> None:
+    header, *rows = [
+        'robot, encoders, after | method | coverage',
+        '--- | --- | ---',
+        *(f'a, {n} s | b | 95 %' for n in range(41)),
+    ]
+    short = f'Words.\n\n| {header} |\n| {rows[0]} |\n| {rows[1]} |\n'
+    whole = '\n'.join(f'| {row} |' for row in (header, *rows))
+    assert pictured(short, tmp_path / 'page.md', 'few') == short
+    text = pictured(f'{short}\n{whole}', tmp_path / 'page.md', 'many')
+    assert text.startswith(short)
+    for name in re.findall(r'\]\((.*?)\)', text):
+        assert (tmp_path / name).is_file()
+    with (tmp_path / 'data' / 'page-many.csv').open(encoding='utf-8') as file:
+        assert [' | '.join(row) for row in csv.reader(file)] == [header, *rows[1:]]
+
+
+@pytest.mark.parametrize('folder', ['mbaid_ros', 'scripts'])
+def test_messages_help_and_docstrings_are_in_plain_words(folder: str) -> None:
+    found = {place: VAGUE.findall(text) for place, text in texts(folder)}
+    assert {place: words for place, words in found.items() if words} == {}
+
+
+def test_messages_of_the_page_on_troubleshooting_exist() -> None:
+    page = (ROOT / 'docs' / 'how-to' / 'troubleshooting.md').read_text(encoding='utf-8')
+    rows = page[page.index('| message | fix |') : page.index('## Exit codes')]
+    messages = re.findall(r'^\| ([^-].*?) \|', rows, re.MULTILINE)[1:] + re.findall(r'^## "(.*)"$', page, re.MULTILINE)
+    parts = [part.strip() for each in messages for part in re.split(r'\.\.\.|[;,]|/\w+|\(.*?\)', each)]
+    code = '\n'.join(text for _, text in texts('mbaid_ros')).lower()
+    assert len(messages) > 10
+    assert [part for part in parts if len(part) > 6 and part.lower() not in code] == []
 
 
 def test_equations_that_are_cited_exist() -> None:
@@ -199,51 +230,6 @@ def test_no_text_names_the_machine_it_was_written_on() -> None:
 
 # -- The container's and pixi's recipes: what package.xml asks for is in them, and what they name is there.
 
-# What rosdep's keys are called on conda-forge and PyPI.
-CONDA = {
-    'python3-numpy': 'numpy',
-    'python3-scipy': 'scipy',
-    'python3-yaml': 'pyyaml',
-    'python3-matplotlib': 'matplotlib',
-    'python3-tqdm': 'tqdm',
-    'python3-rosbags-pip': 'rosbags',
-}
-# Packages that ros-base brings.
-OF_ROS_BASE = {
-    *('ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'nav_msgs', 'rcl_interfaces'),
-    *('rclpy', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs'),
-}
-
-
-def needed() -> set[str]:
-    found = {element.text or '' for element in ET.parse(ROOT / 'package.xml').getroot().findall('exec_depend')}
-    return found - {'mbaid_msgs'} - OF_ROS_BASE
-
-
-@pytest.mark.skipif(sys.version_info < (3, 11), reason='tomllib came with Python 3.11')
-def test_pixi_brings_what_the_package_needs() -> None:
-    import tomllib  # noqa: PLC0415 - not there in Python 3.10
-
-    recipe = tomllib.loads((ROOT / 'pixi.toml').read_text())
-    given = {*recipe['dependencies'], *recipe['pypi-dependencies']}
-    assert {CONDA.get(key, f'ros-jazzy-{key.replace("_", "-")}') for key in needed()} <= given
-    assert 'mcap' in given
-    for script in recipe['activation']['scripts']:
-        assert subprocess.run(['sh', '-n', ROOT / script], check=False).returncode == 0
-
-
-def test_the_container_copies_what_there_is_and_starts_what_there_is() -> None:
-    text = (ROOT / 'Dockerfile').read_text()
-    for source in re.findall(r'^COPY (\S+) \S+$', text, re.MULTILINE):
-        assert (ROOT / source).exists()
-    assert re.search(r'^CMD \["ros2", "run", "mbaid_ros", "estimator"\]$', text, re.MULTILINE)
-    entry = re.search(r"printf '(.*?)' >", text)
-    assert entry
-    script = entry[1].encode().decode('unicode_escape')
-    assert subprocess.run(['bash', '-n'], input=script, text=True, check=False).returncode == 0
-    ignored = (ROOT / '.dockerignore').read_text().split()
-    assert not [name for name in ignored if name in {'msg_defs', 'config', 'resource', 'setup.py', 'mbaid_ros'}]
-
 
 def test_the_versions_agree() -> None:
     version = ET.parse(ROOT / 'package.xml').getroot().findtext('version')
@@ -253,7 +239,3 @@ def test_the_versions_agree() -> None:
     releases = re.findall(r'^(\d+\.\d+\.\d+) \(', (ROOT / 'CHANGELOG.rst').read_text(), re.MULTILINE)
     assert releases[0] == version
     assert releases == sorted(releases, reverse=True)
-
-
-def test_the_lines_of_the_changelog_fit_a_narrow_terminal() -> None:
-    assert [line for line in (ROOT / 'CHANGELOG.rst').read_text().splitlines() if len(line) > 100] == []

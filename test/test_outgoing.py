@@ -8,7 +8,7 @@ from mbaid_ros.bags import deserialize, serialize
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.parameters import ErrorBudget
 from mbaid_ros.core.results.published_inertia import Debris, Frame
-from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
+from mbaid_ros.outgoing import Frames, debris_message, estimate_message
 from mbaid_ros.replay.run import BAG_TYPES
 
 FRAMES = Frames(target_link='link7', odometry='odom')
@@ -66,12 +66,6 @@ def test_an_estimate_survives_the_wire_in_full() -> None:
     assert (event.stamp.sec, event.stamp.nanosec) == (1_699_999_999, 873_456_789)
     assert np.isnan(read.time_offset)
     assert read.warnings == ['of the estimate', 'of the run']
-
-
-def test_the_inertia_alone_has_the_same_header() -> None:
-    message = inertia_message(example(), BAG_TYPES, FRAMES)
-    assert message.header.frame_id == 'link7'
-    assert message.inertia.izz == 10.0
 
 
 def test_an_estimate_of_nothing_is_nan() -> None:

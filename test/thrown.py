@@ -37,7 +37,6 @@ _CALIBRATE = """calibrate:
             axis_std: 0.0}
 """
 _SIMULATOR: dict[str, object] = {
-    'step': 1e-3,
     'joint_rate': 1000.0,
     'imu.noise_density': 1e-4,
     'initial.joint_positions': [-400.0],

@@ -35,7 +35,7 @@ def push(time: float, rotation: Array, position: Array) -> Array:
 @cache
 def pushed(*, thrust: bool = True) -> Truth:
     """Return the servicer's motion with the pulse, or without."""
-    start = total_momentum(robot('servicer7'), configured_motion('servicer7', 0.1, 20.0, 0.05)[:1])[0]
+    start = total_momentum(robot('servicer7'), configured_motion('servicer7', 0.1, 20.0)[:1])[0]
     # Every fourth sample: 25 a second are enough.
     return float_freely(kernel('servicer7'), servicer_motion(), start, SECONDS, push if thrust else still)[::4]
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import BinaryIO
+from itertools import groupby
+from typing import Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -45,7 +45,7 @@ class Block:
         return Block(self.topics[begin:end], self.contents[begin:end], self.times[begin:end])
 
     def with_more(self, other: Block) -> Block:
-        """Return these and what follows them."""
+        """Return these and the bytes after them."""
         times = np.concatenate((self.times, other.times))
         return Block(self.topics + other.topics, self.contents + other.contents, times)
 
@@ -88,6 +88,45 @@ def _block(messages: Sequence[Raw]) -> Block:
     return Block(list(topics), list(contents), np.array([min(time, LATEST) for time in times], dtype=np.int64))
 
 
+Timed = tuple[str, Any, int]  # topic, message, and the time it was recorded at, ns
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """N messages: the topic of each in recorded order; each topic's messages (a list, or `Packets`) and times, ns."""
+
+    topics: Sequence[str]
+    messages: Mapping[str, Sequence[Any]]
+    times: Mapping[str, Stamps]
+
+    def __len__(self) -> int:
+        return len(self.topics)
+
+    def __iter__(self) -> Iterator[Timed]:
+        left = {topic: zip(self.of(topic), self.times[topic].tolist(), strict=True) for topic in self.messages}
+        return ((topic, *next(left[topic])) for topic in self.topics)
+
+    def of(self, topic: str) -> Sequence[Any]:
+        """Return the messages of a topic."""
+        return self.messages.get(topic, ())
+
+    def runs(self, topic: str) -> Iterator[Recorded]:
+        """Yield the same messages in parts: those of a topic that follow one another, and those between them."""
+        if topic not in self.messages:
+            yield self
+            return
+        done = dict.fromkeys(self.messages, 0)
+        for _, group in groupby(self.topics, key=topic.__eq__):
+            names = list(group)
+            some = {name: slice(done[name], done[name] + names.count(name)) for name in dict.fromkeys(names)}
+            yield Recorded(
+                names,
+                {name: self.messages[name][part] for name, part in some.items()},
+                {name: self.times[name][part] for name, part in some.items()},
+            )
+            done.update({name: part.stop for name, part in some.items()})
+
+
 _MESSAGE, _CHANNEL, _ENDS = 0x05, 0x04, (0x02, 0x0E)
 _LENGTH = struct.Struct('<xQ').unpack_from  # of a record, after its opcode
 _BEFORE = 9  # bytes of a record before its content
@@ -119,16 +158,8 @@ class ChunkReader(McapReader):
             self.close()
             raise UnindexedError('no index of chunks, or none of their messages')
 
-    @staticmethod
-    def require_whole(path: Path) -> None:
-        """Raise a ReaderError for a file whose end is missing."""
-        with path.open('rb') as file:
-            file.seek(max(path.stat().st_size - len(MCAP_MAGIC), 0))
-            if file.read() != MCAP_MAGIC:
-                raise ReaderError(f'the end of {path} is missing')
-
     def meta_scan(self) -> None:
-        """Refuse to look for what the index lacks: it decompresses without a bound."""
+        """Refuse to search for entries that the index lacks: that decompresses without a bound."""
         raise UnindexedError('no index')
 
     def read_index(self) -> None:
@@ -215,7 +246,7 @@ def _content(stream: BinaryIO, chunk: ChunkInfo, wanted: Collection[int]) -> _Me
 
 
 def _heads(data: bytes) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.void]]:
-    """Return where the records of messages begin in the content of a chunk, (N,), and what is before their data."""
+    """Return the begins of the message records in the content of a chunk, (N,), and the bytes before their data."""
     size, place = len(data), 0
     places = []
     while place < size:

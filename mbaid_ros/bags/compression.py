@@ -54,7 +54,7 @@ def unpacked_chunk(data: bytes, compression: str, size: int, checksum: int) -> b
     elif compression:
         raise ReaderError(f'chunks are compressed as {compression!r:.40}; accepted: zstd, lz4')
     if len(data) != size:
-        raise ReaderError(f'a chunk of {len(data)} bytes says that it has {size}')
+        raise ReaderError(f'a chunk has {len(data)} bytes, not the {size} of its header')
     if checksum and crc32(data) != checksum:
         raise ReaderError('the checksum of a chunk is wrong')
     return data

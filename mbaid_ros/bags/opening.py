@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 from itertools import islice
-from pathlib import Path
+from pathlib import Path, PurePath
+
+from rosbags.rosbag2 import ReaderError
 
 from mbaid_ros import limits
 from mbaid_ros.bags.chunks import MCAP_MAGIC
 from mbaid_ros.bags.sources import DAMAGE, IndexedSource, SalvagedSource, Source, UnpackedSource
 from mbaid_ros.bags.sqlite import unread_log
+from mbaid_ros.bags.writer import parse_yaml
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.files import require_regular
 
@@ -22,8 +25,12 @@ def reason_of(error: Exception) -> str:
     return ' '.join(str(error).split())[:200] or type(error).__name__
 
 
-def files_of(folder: Path, reason: str) -> list[Path]:
-    """Return the files of a folder that may hold messages, in their order; its metadata have a reason to be no use."""
+def files_of(folder: Path) -> tuple[list[Path], str]:
+    """Return the files of a bag in their order, and why its metadata do not name them; empty where they do."""
+    try:
+        return _declared(folder / 'metadata.yaml'), ''
+    except ReaderError as error:
+        reason = reason_of(error)
     entries = list(islice(folder.iterdir(), limits.FOLDER_FILES + 1))
     if len(entries) > limits.FOLDER_FILES:
         raise DataError(f"folder '{folder}' holds more than {limits.FOLDER_FILES} files, which is the limit")
@@ -31,11 +38,33 @@ def files_of(folder: Path, reason: str) -> list[Path]:
     if not files:
         why = f'there is no .mcap and no .db3 file in it; metadata.yaml: {reason}'
         raise DataError(f"folder '{folder}' is not a bag: {why}")
+    return files, reason
+
+
+def _declared(path: Path) -> list[Path]:
+    """Return the files that metadata name; a ReaderError if they name none, or one that is not there."""
+    if not path.exists():
+        raise ReaderError('it does not exist')
+    require_regular(path, 'metadata')
+    with path.open('rb') as file:
+        content = file.read(limits.METADATA_BYTES + 1)
+    if len(content) > limits.METADATA_BYTES:
+        raise DataError(f"metadata '{path}' has more than {limits.METADATA_BYTES} bytes, which is the limit")
+    try:
+        names = parse_yaml(content.decode())['rosbag2_bagfile_information']['relative_file_paths']
+        files = [path.with_name(PurePath(name).name) for name in names]
+    except (LookupError, TypeError, ValueError) as error:
+        raise ReaderError('it names no files') from error
+    if len(files) > limits.FOLDER_FILES or len(set(files)) < len(files):
+        raise DataError(f"metadata '{path}' name {len(files)} files; accepted: {limits.FOLDER_FILES}, each once")
+    missing = [file for file in files if not file.exists()]
+    if missing or not files:
+        raise ReaderError(f"file '{missing[0]}' is missing" if missing else 'it names no files')
     return files
 
 
 def open_file(file: Path) -> Source:
-    """Return a file's messages; a DataError says why there are none."""
+    """Return a file's messages; a DataError has the reason if there are none."""
     require_regular(file, 'bag')
     if file.suffix in {'.zst', '.zstd'}:
         return UnpackedSource(file, open_file)

@@ -1,4 +1,4 @@
-"""Reading bags: rosbag2 folders and bare files, and what there is of one that was cut off while being written."""
+"""Reading bags: rosbag2 folders and bare files, also those cut off while being written."""
 
 from __future__ import annotations
 
@@ -16,11 +16,10 @@ from rosbags.typesys import TypesysError
 from rosbags.typesys.store import Typestore
 
 from mbaid_ros import limits
-from mbaid_ros.bags.chunks import Block, Raw, UnindexedError, in_blocks, of_length
+from mbaid_ros.bags.chunks import Block, Raw, Recorded, Timed, in_blocks, of_length
 from mbaid_ros.bags.compression import is_compressed, unpacked
-from mbaid_ros.bags.folder import Recorded, Timed
 from mbaid_ros.bags.opening import files_of, open_file, reason_of
-from mbaid_ros.bags.sources import DAMAGE, IndexedSource, Source, Topic, by_name
+from mbaid_ros.bags.sources import DAMAGE, Source, Topic, by_name
 from mbaid_ros.bags.sqlite import unread_log
 from mbaid_ros.bags.types import ADDED, defined, is_standard, message_types
 from mbaid_ros.cdr import packer
@@ -33,6 +32,8 @@ _SIMULATED = 10**15  # ns: clocks of simulations begin at zero, others in 1970
 class BagReader:
     """A recorded bag, a rosbag2 folder (MCAP or sqlite3) or a bare ``.mcap`` or ``.db3`` file; a context manager.
 
+    Raises DataError: There is no bag, or not one message in it.
+
     Parameters
     ----------
     path : of the bag
@@ -43,11 +44,6 @@ class BagReader:
     topics : the topics by name, with all their messages
     messages : number of messages on all of them
     warnings : for the user, one line each; reading may add to them
-
-    Raises
-    ------
-    DataError
-        There is no bag, or not one message in it.
     """
 
     def __init__(self, path: str | Path, start: float = 0.0, end: float = inf) -> None:
@@ -78,10 +74,7 @@ class BagReader:
     def require(self, topic: str, *types: str) -> None:
         """Check that messages of one of some types are there.
 
-        Raises
-        ------
-        DataError
-            The bag has no such topic, it has another type, or no message is on it.
+        Raises DataError: The bag has no such topic, it has another type, or no message is on it.
         """
         there = ((f'{name} ({found.type})') for name, found in sorted(self.topics.items()))
         if topic not in self.topics:
@@ -187,7 +180,7 @@ class BagReader:
         self.close()
 
     def _maker(self, name: str) -> Callable[[list[bytes], Stamps], Sequence[Any]]:
-        """Return what makes messages of a topic out of bytes that were recorded at times (N,), ns."""
+        """Return the reader of a topic's messages from bytes that were recorded at times (N,), ns."""
         store, type_name = self._typestore(self.topics[name]), self.topics[name].type
         deserialize = self._deserializer(name, store)
         pack = packer(type_name) if is_standard(store, type_name) else None
@@ -205,7 +198,7 @@ class BagReader:
         return make
 
     def _deserializer(self, name: str, store: Typestore) -> Callable[[bytes, int], Any]:
-        """Return what makes messages of a topic out of bytes that were recorded at a time, ns."""
+        """Return the reader of a topic's messages from bytes that were recorded at a time, ns."""
         type_name = self.topics[name].type
 
         def deserialize(data: bytes, time: int) -> Any:
@@ -253,17 +246,8 @@ class BagReader:
             raise DataError(f"bag '{self.path}' does not exist")
         if not self.path.is_dir():
             return [open_file(self.path)]
-        # With its metadata; or else, where that or a file is incomplete, file by file.
-        reason = ''
-        try:
-            return [IndexedSource(self.path)]
-        except UnindexedError:
-            pass
-        except FileNotFoundError:
-            reason = 'it does not exist'
-        except (*DAMAGE, OSError) as error:
-            reason = reason_of(error)
-        sources = [open_file(file) for file in files_of(self.path, reason)]
+        files, reason = files_of(self.path)
+        sources = [open_file(file) for file in files]
         if reason and all(source.complete for source in sources):
             self.warnings.append(
                 f"metadata.yaml of bag '{self.path}' cannot be used ({reason}): its files are read in the order of "

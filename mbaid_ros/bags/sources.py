@@ -1,4 +1,4 @@
-"""Sources of a bag's messages: a complete file or folder, or the readable part of a file that was cut off."""
+"""Sources of a bag's messages: a complete file, or the readable part of a file that was cut off."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import io
 import struct
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,16 +24,13 @@ from rosbags.rosbag2 import ReaderError
 from mbaid_ros import limits
 from mbaid_ros.bags.chunks import Block, ChunkReader, Raw, in_blocks
 from mbaid_ros.bags.compression import beginning, unpack_file, unpacked_chunk
-from mbaid_ros.bags.folder import FolderReader
 from mbaid_ros.bags.sqlite import SqliteReader
 from mbaid_ros.bags.writer import parse_profiles
 from mbaid_ros.core.errors import DataError
 
-Storage = FolderReader | ChunkReader | SqliteReader
+_LARGEST_RECORD = limits.CHUNK_BYTES + 1_000  # bytes: a chunk and its header
 
-_LARGEST_RECORD = limits.CHUNK_BYTES + 1_000  # bytes: a chunk and what is before its content
-
-# What the libraries raise on damaged files: besides their own exceptions, all that parsing wrong bytes leads to.
+# Exceptions of the libraries on damaged files: their own, and all those of parsing wrong bytes.
 DAMAGE = (
     *(ReaderError, McapError, apsw.Error, ZstdError, zstandard.ZstdError),
     *(struct.error, ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError),
@@ -42,27 +40,20 @@ DAMAGE = (
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of a bag.
-
-    Attributes
-    ----------
-    definition : text of the message's definition, OMG IDL if `idl`, else .msg; empty where the bag has none
-    latched : True if the publisher offered transient local
-    reliable : True unless every publisher offered best effort only
-    """
+    """A topic of a bag."""
 
     name: str
     type: str
     count: int
-    definition: str
+    definition: str  # text of the message's definition, OMG IDL if `idl`, else .msg; empty where the bag has none
     idl: bool
-    latched: bool
-    reliable: bool
+    latched: bool  # True if the publisher offered transient local
+    reliable: bool  # True unless every publisher offered best effort only
     encoding: str = 'cdr'
 
 
 class Source(Protocol):
-    """One file, or one folder with its metadata; `left_out` counts messages of another type by topic."""
+    """One file; `left_out` counts messages of another type by topic."""
 
     topics: dict[str, Topic]
     left_out: Counter[str]
@@ -89,33 +80,35 @@ def by_name(found: Iterable[Topic]) -> tuple[dict[str, Topic], Counter[str]]:
 
 
 class IndexedSource:
-    """A complete bag, read through its index; one that is not raises one of DAMAGE, or an OSError."""
+    """A complete file, read through its index and open only meanwhile; another raises one of DAMAGE, or an OSError."""
 
     def __init__(self, path: Path) -> None:
         self.complete = True
-        self._reader = _storage(path)
-        self._reader.open()
-        self.topics, self.left_out = by_name(map(_topic, self._reader.connections))
+        self._path = path
+        with _opened(path) as reader:
+            self.topics, self.left_out = by_name(map(_topic, reader.connections))
 
     def blocks(self, topics: Collection[str]) -> Iterator[Block]:
         """Yield the messages."""
-        connections = (each for each in self._reader.connections if each.topic in topics)
-        chosen = [each for each in connections if self.topics[each.topic].type == each.msgtype]
-        if chosen:  # the reader takes an empty selection for all
-            yield from self._reader.blocks(chosen)
+        with _opened(self._path) as reader:
+            connections = (each for each in reader.connections if each.topic in topics)
+            chosen = [each for each in connections if self.topics[each.topic].type == each.msgtype]
+            if chosen:  # the reader takes an empty selection for all
+                yield from reader.blocks(chosen)
 
     def close(self) -> None:
-        """Release the files."""
-        self._reader.close()
+        """Release nothing: a process may not have the files of a large bag open all at once."""
 
 
-def _storage(path: Path) -> Storage:
-    """Return the reader of a folder or a file, which is not open yet."""
-    kinds: dict[str, type[Storage]] = {'.mcap': ChunkReader, '.db3': SqliteReader}
-    kind = FolderReader if path.is_dir() else kinds.get(path.suffix)
-    if kind is None:
+@contextmanager
+def _opened(path: Path) -> Iterator[ChunkReader | SqliteReader]:
+    kinds: dict[str, type[ChunkReader | SqliteReader]] = {'.mcap': ChunkReader, '.db3': SqliteReader}
+    if path.suffix not in kinds:
         raise ReaderError(f'{path.suffix!r:.40} is no bag')
-    return kind(path)
+    reader = kinds[path.suffix](path)
+    reader.open()
+    with closing(reader):
+        yield reader
 
 
 class SalvagedSource:
@@ -244,7 +237,7 @@ def _channel_topic(channel: Channel, schema: Schema | None) -> Topic:
     try:
         latched, reliable = _offered(parse_profiles(channel.metadata.get('offered_qos_profiles', '')))
     except DAMAGE:
-        latched, reliable = False, True  # what most publishers offer
+        latched, reliable = False, True  # as most publishers offer
     return Topic(
         name=channel.topic,
         type='' if schema is None else schema.name,

@@ -66,13 +66,6 @@ class SqliteReader(Sqlite3Reader):
                 raise ReaderError(f'Cannot open database {path}: {error}') from error
             raise
 
-    @classmethod
-    def require_whole(cls, path: Path) -> None:
-        """Open and close a file: a ReaderError if it is no bag."""
-        reader = cls(path)
-        reader.open()
-        reader.close()
-
     def blocks(self, connections: Collection[Connection]) -> Iterator[Block]:
         """Yield the messages of connections in the order of their times."""
         yield from in_blocks(self._rows({connection.id: connection.topic for connection in connections}))
@@ -177,11 +170,11 @@ def unread_log(file: Path) -> str:
     if not log.is_file() or not log.stat().st_size:
         return ''
     command = shlex.join(['sqlite3', str(file), 'PRAGMA wal_checkpoint(TRUNCATE)'])
-    return f"'{log}' holds what has not been written into its bag, and is not read: {command} writes it there"
+    return f"'{log}' holds messages not yet written into its bag, and is not read: {command} writes them there"
 
 
 def _authorize(action: int, first: str | None, second: str | None, database: str | None, origin: str | None) -> int:
-    """Admit what the queries here need; `origin` is the view or trigger that asks, if one does."""
+    """Admit the actions of the queries here; `origin` is the view or trigger that asks, if one does."""
     asked = {apsw.SQLITE_FUNCTION: (second, _FUNCTIONS), apsw.SQLITE_PRAGMA: (first, _PRAGMAS)}.get(action)
     admitted = action in _ADMITTED and origin is None and (asked is None or (asked[0] or '').lower() in asked[1])
     return apsw.SQLITE_OK if admitted and database in {None, 'main'} else apsw.SQLITE_DENY

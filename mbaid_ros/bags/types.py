@@ -78,7 +78,7 @@ def _types_from_idl(text: str, _name: str) -> Any:
 
 
 def is_standard(store: Typestore, type_name: str) -> bool:
-    """Tell whether a type, and all that it is made of, is defined in a store as in ROS 2 Jazzy."""
+    """Return whether a type, and all that it is made of, is defined in a store as in ROS 2 Jazzy."""
     standard = message_types()
     wanted, seen = [type_name], set()
     while wanted:

@@ -25,7 +25,7 @@ class _Loader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[mi
     """The safe loader without merged mappings, a few lines of which take minutes."""
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Refuse what would merge a mapping into another."""
+        """Refuse keys that merge a mapping into another."""
         if any(key.tag == _MERGE for key, _ in node.value):
             raise yaml.YAMLError('merge keys (<<) are not supported')
 
@@ -40,7 +40,7 @@ def parse_yaml(text: str) -> Any:
 
 
 def _check_size(text: str) -> None:
-    """Refuse what takes long to load, or is nested so deeply that libyaml ends the process."""
+    """Refuse documents that take long to load, or are nested so deeply that libyaml ends the process."""
     depth = 0
     for count, event in enumerate(yaml.parse(text, _Loader)):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
@@ -70,10 +70,7 @@ class BagWriter:
     Where that is an error before the first message, nothing is left of it. A disk that takes no more ends it, too:
     messages that have been handed over by then stay, and can be read.
 
-    Raises
-    ------
-    DataError
-        The folder exists, or cannot be made; in every method: cannot be written any more.
+    Raises DataError: The folder exists, or cannot be made; in every method: cannot be written any more.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -101,10 +98,7 @@ class BagWriter:
     def add_topic(self, topic: str, type_name: str, *, latched: bool = False, reliable: bool = True) -> None:
         """Declare a topic, latched (transient local) or not, reliable or best effort.
 
-        Raises
-        ------
-        DataError
-            The type is not known, or the topic has another one.
+        Raises DataError: The type is not known, or the topic has another one.
         """
         if topic in self._types:
             if self._types[topic] != type_name:
@@ -131,7 +125,7 @@ class BagWriter:
                 self._hand_over()
 
     def flush(self) -> None:
-        """Hand what was written to the system, so that it survives the end of this process, however that comes."""
+        """Flush the written bytes to the system, so that they survive any end of this process."""
         if self._unflushed and self._storage is not None:
             with self._no_more_than_whole():
                 self._storage.close_chunk()
@@ -156,7 +150,7 @@ class BagWriter:
 
     @contextmanager
     def _no_more_than_whole(self) -> Iterator[None]:
-        """Let a write that fails leave what was handed over before it, and nothing more."""
+        """Keep the bytes flushed before a failing write, and no others."""
         storage = self._storage
         try:
             yield
@@ -177,7 +171,7 @@ class BagWriter:
             storage.bio.raw.close()  # not the buffer above it, which would try once more
 
     def _unmake(self) -> None:
-        """Remove the file, and the folder that was made for it; what others have put there stays."""
+        """Remove the file, and the folder that was made for it; files of others stay."""
         storage = self._storage
         self._let_go(storage)
         if storage is not None:

@@ -1,4 +1,4 @@
-"""The calibration: the trajectory filter over all motions, with every link known as its prior says."""
+"""The calibration: the trajectory filter over all motions, with every link as uncertain as its prior."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.filter.state import MOMENTUM
 from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.results.physical_consistency import project
+from mbaid_ros.core.results.status import widening
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -35,49 +36,34 @@ _SMALLEST = 1e-9  # standard deviation in units of the prior's that counts as no
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """What a calibration is told.
+    """The settings of a calibration."""
 
-    Attributes
-    ----------
-    noise : of the joint sensors (the base's stands in the samples)
-    priors : of each of the kernel's unknown links
-    uncertainty : of joints, mount, stamps and linear momentum
-    window : s, longest
-    gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
-    orientation_measured : whether anything but that tells the orientation of the base
-    """
-
-    noise: SensorNoise
-    priors: tuple[LinkPrior, ...]
-    uncertainty: Uncertainty = field(default_factory=Uncertainty)
-    window: float = 0.5
-    gyro: float = 0.0
-    orientation_measured: bool = True
+    noise: SensorNoise  # of the joint sensors (the base's stands in the samples)
+    priors: tuple[LinkPrior, ...]  # of each of the kernel's unknown links
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)  # of joints, mount, stamps and linear momentum
+    window: float = 0.5  # s, longest
+    gyro: float = 0.0  # rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
+    orientation_measured: bool = True  # whether another sensor measures the orientation of the base
 
 
 def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: CalibrationSettings) -> Calibration:
     """Return the unknown links of a kernel, its joints and its odometry's mount after some motions of its robot.
 
+    Raises ModelError, ParameterError: The prior cannot be used.
+    Raises DataError: There are no windows, or none that can be weighed.
+
     Parameters
     ----------
-    kernel : MomentumKernel
     runs : motions, each as a list of windows; momentum is constant within one, and may differ from one to the next
-    settings : CalibrationSettings
-
-    Raises
-    ------
-    ModelError, ParameterError
-        The prior cannot be used.
-    DataError
-        There are no windows, or none that can be weighed.
     """
     prior = make_prior(kernel, settings.priors)
     runs = [run for run in runs if run]
     detectors, mechanism = _mechanism(kernel, runs, settings.noise)
     settled, motions, normals = _filtered(prior, kernel, (runs, detectors), settings)
     gaussian = settled.passed.gaussian
-    told = normals.as_far_off()
-    values, covariance = told.blocks()
+    widened = normals.as_far_off()
+    values, covariance = widened.blocks()
+    covariance = covariance * widening(gaussian.innovations, 1.0)
     values, corrections = _physical(values, covariance, kernel, [std.empty for std in settings.priors])
     size = len(prior.mean)
     gained = _gained(normals.links)
@@ -86,9 +72,9 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         prior=prior,
         values=values,
         block_covariance=covariance,
-        thrusters=told.thrusters(),
-        flexible=told.passive_joints(kernel, max(float(run[-1].time[-1] - run[0].time[0]) for run in runs)),
-        carried=told.carried,
+        thrusters=widened.thrusters(),
+        flexible=widened.passive_joints(kernel, max(float(run[-1].time[-1] - run[0].time[0]) for run in runs)),
+        carried=widened.carried,
         corrections=corrections,
         momentum=momentum,
         momentum_covariance=momentum_covariance,
@@ -112,7 +98,7 @@ def _filtered(
     seen: tuple[Sequence[list[Samples]], Sequence[PlaneDetector]],
     settings: CalibrationSettings,
 ) -> tuple[Converged, list[Motion], Normals]:
-    """Return what the filter comes to over all motions."""
+    """Return the result of the filter over all motions."""
     runs, detectors = seen
     # The first of the unknown links has the place of the filter's target, the others are known bodies with errors.
     robot = MomentumKernel(detectors[0].model, prior.links[0].name).with_uncertainty(prior.errors(1))
@@ -133,7 +119,7 @@ def _filtered(
 def _mechanism(
     kernel: MomentumKernel, runs: Sequence[list[Samples]], noise: SensorNoise
 ) -> tuple[list[PlaneDetector], Mechanism]:
-    """Return the plane of each motion, if all of them are planar, and what moves."""
+    """Return the plane of each motion, if all of them are planar, and the moving bodies."""
     if not runs:
         raise DataError(_NO_WINDOWS)
     detectors = []
@@ -162,7 +148,7 @@ def _moving(windows: list[Samples], noise: SensorNoise) -> tuple[Array, Flags]:
 def _physical(x: Array, covariance: Array, kernel: MomentumKernel, empty: Sequence[bool]) -> tuple[Array, Array]:
     """Return x with links that can exist, or are empty, and by how much each had to give way.
 
-    A link that is none moves in its own metric to the nearest that is; everything else follows as the covariance says.
+    A link that is none moves in its own metric to the nearest that is; everything else follows by the covariance.
     """
     scale = unknown_scale(kernel)[:10]
     corrections = np.zeros(len(kernel.unknown))
@@ -201,7 +187,7 @@ def _momenta(passed: CalibrationIteration, motions: Sequence[Motion]) -> tuple[A
 
 
 def _scale(theta: Array, covariance: Array, prior: Prior, gained: Array) -> Scale:
-    """Return how well the common factor is known, and what of prior and data says it."""
+    """Return the uncertainty of the common factor, and whether prior or data determine it."""
     masses = np.arange(0, len(theta), 10)
     total = float(np.sum(theta[masses]))
     relative = float(np.sqrt(np.sum(covariance[np.ix_(masses, masses)]))) / total

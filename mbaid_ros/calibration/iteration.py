@@ -38,20 +38,12 @@ _BACK = -0.5  # cosine of the angle between two steps, of which the second goes 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """One motion, its momentum constant.
+    """One motion, its momentum constant."""
 
-    Attributes
-    ----------
-    layout : of the state
-    windows : of knots, in order
-    origin : (3,) m, which positions and angular momentum are relative to
-    variables : of the filter
-    """
-
-    layout: Layout
-    windows: list[Window]
-    origin: Array
-    variables: Variables
+    layout: Layout  # of the state
+    windows: list[Window]  # of knots, in order
+    origin: Array  # (3,) m, which positions and angular momentum are relative to
+    variables: Variables  # of the filter
 
     @staticmethod
     def of(
@@ -69,8 +61,8 @@ class Motion:
         kernel : of the robot, the errors of its known bodies included
         detector : decides whether the motion is planar, and in which plane
         uncertainty : of the known side, the target link included
-        sensing : noise of the joint sensors, length of a window in s, density of a gyro's noise, whether anything
-            else tells the orientation of the base
+        sensing : noise of the joint sensors, length of a window in s, density of a gyro's noise, whether anything else
+        measures the orientation of the base
         """
         layout = layout_of(kernel, uncertainty, detector)
         noise, length, gyro, orientation_measured = sensing
@@ -88,36 +80,23 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationIteration:
-    """The outcome of one iteration over all motions.
+    """The outcome of one iteration over all motions."""
 
-    Attributes
-    ----------
-    gaussian : at the end of the last motion
-    mean, factor : (v - h,), (v - h, v - h) of target link and unknowns, which all motions share
-    momenta : (R, 6) of each motion, about its origin
-    momentum_factors : R factors of their covariances, (6, w) each
-    """
-
-    gaussian: SquareRootInformation
+    gaussian: SquareRootInformation  # at the end of the last motion
+    # mean, factor: (v - h,), (v - h, v - h) of target link and unknowns, which all motions share
     mean: Array
     factor: Array
-    momenta: Array
-    momentum_factors: list[Array]
+    momenta: Array  # (R, 6) of each motion, about its origin
+    momentum_factors: list[Array]  # R factors of their covariances, (6, w) each
 
 
 @dataclass(frozen=True, eq=False)
 class Converged:
-    """The last iteration, whether it has converged, and the next point.
+    """The last iteration, whether it has converged, and the next point."""
 
-    Attributes
-    ----------
-    passed : CalibrationIteration
-    stays : whether it has converged
-    common, momenta : (s - 12,), (R, 6) the point: target link and unknowns, momentum of each motion
-    """
-
-    passed: CalibrationIteration
-    stays: bool
+    passed: CalibrationIteration  # CalibrationIteration
+    stays: bool  # whether it has converged
+    # common, momenta: (s - 12,), (R, 6) the point: target link and unknowns, momentum of each motion
     common: Array
     momenta: Array
 
@@ -125,15 +104,11 @@ class Converged:
 def converge(motions: Sequence[Motion], start: Array) -> Converged:
     """Iterate over all motions until their solution is where they were linearised.
 
+    Raises LinAlgError: The windows cannot be linearised at the start.
+
     Parameters
     ----------
-    motions : Motion
     start : (10,) standard parameters of the target link to begin at
-
-    Raises
-    ------
-    LinAlgError
-        The windows cannot be linearised at the start.
     """
     first = motions[0]
     common = np.concatenate((start, first.layout.known.mean))
@@ -192,7 +167,7 @@ def _iterate(motions: Sequence[Motion], common: Array, momenta: Array) -> Conver
 
 
 def _turns_back(step: Array, before: Array, deviation: Array) -> bool:
-    """Tell whether a step reverses the one before, which was too long."""
+    """Return whether a step reverses the one before, which was too long."""
     scaled, last = (each / np.where(deviation > 0.0, deviation, np.inf) for each in (step, before))
     return bool(scaled @ last < _BACK * np.linalg.norm(scaled) * np.linalg.norm(last))
 

@@ -1,4 +1,4 @@
-"""What a calibration leads to."""
+"""The result of a calibration."""
 
 from __future__ import annotations
 
@@ -22,37 +22,23 @@ _MOVED = 0.5
 
 @dataclass(frozen=True)
 class Scale:
-    """How well the common factor of all masses is known, and by what.
+    """The uncertainty of the common factor of all masses, and its source."""
 
-    Attributes
-    ----------
-    relative_std : of the unknown links' total mass
-    fixed_by : (name, part of the information), the largest first
-    """
-
-    relative_std: float
-    fixed_by: tuple[tuple[str, float], ...]
+    relative_std: float  # of the unknown links' total mass
+    fixed_by: tuple[tuple[str, float], ...]  # (name, part of the information), the largest first
 
 
 @dataclass(frozen=True)
 class LinkResult:
-    """One link before and after.
+    """One link before and after."""
 
-    Attributes
-    ----------
-    name : of the link
-    cad : (10,) mass, CoM in the link's frame, inertia about it in link axes, as in the robot description; NaN without
-    parameters, covariance : (10,), (10, 10) the same, calibrated
-    prior_std : (10,) before the data; infinite where nothing was known
-    consistency_correction : size of the projection on a body that can exist, in standard deviations; 0 is none
-    """
-
-    name: str
+    name: str  # of the link
+    # (10,) mass, CoM in the link's frame, inertia about it in link axes, as in the robot description; NaN without
     cad: Array
-    parameters: Array
-    covariance: Array
-    prior_std: Array
-    consistency_correction: float
+    parameters: Array  # (10,), (10, 10) the same, calibrated
+    covariance: Array  # (10,), (10, 10) the same, calibrated
+    prior_std: Array  # (10,) before the data; infinite where nothing was known
+    consistency_correction: float  # size of the projection on a body that can exist, in standard deviations; 0 is none
 
     @property
     def std(self) -> Array:
@@ -77,62 +63,44 @@ class LinkResult:
 
     @property
     def stayed(self) -> Flags:
-        """(10,) True where the data say little: by itself the value is as uncertain as before."""
+        """(10,) True where the data add little: by itself the value is as uncertain as before."""
         return np.asarray(self.learnt < _MOVED)
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """The unknown links after the data.
+    """The unknown links after the data."""
 
-    Attributes
-    ----------
-    prior : what was known before
-    values, block_covariance : (10 k + 6 n + 6,) of links, joints and mount as `Normals.blocks` has them, and all of
-        their covariance
-    thrusters : by how much those are off their commands that may be
-    flexible : passive joints
-    carried : what is known of the unknowns of the trajectory filter, to go on with
-    corrections : (k,) sizes of the projections on bodies that can exist
-    momentum, momentum_covariance : (R, 6), (R, 6, 6) of each motion (P, L), odometry frame, L about its origin
-    mechanism : what moves
-    structure : what momentum can tell at all
-    gains : information of the data on links, joints and mount in units of the prior's, along its principal directions,
-        the largest first
-    further_off : (kind of thing, times as far off as its prior says) of what surely is; covariances allow for it
-    scale : how well the common factor is known
-    residual : root mean square of the normalised innovations: 1 is as the noise says
-    settled : whether the passes have come to a point that stays
-    redundancy : number of innovations
-    located : whether anything locates the base
-    samples : number used
-    span : s, length of all motions
-    """
-
-    prior: Prior
+    prior: Prior  # the nominal model
+    # values, block_covariance: (10 k + 6 n + 6,) of links, joints and mount as `Normals.blocks` has them, and all of
+    # their covariance
     values: Array
     block_covariance: Array
-    thrusters: tuple[Thruster, ...]
-    flexible: tuple[PassiveJoint, ...]
-    carried: UnknownsPrior
-    corrections: Array
+    thrusters: tuple[Thruster, ...]  # deviations from their commands, of those that may deviate
+    flexible: tuple[PassiveJoint, ...]  # passive joints
+    carried: UnknownsPrior  # posterior of the trajectory filter's unknowns, for later runs
+    corrections: Array  # (k,) sizes of the projections on bodies that can exist
+    # momentum, momentum_covariance: (R, 6), (R, 6, 6) of each motion (P, L), odometry frame, L about its origin
     momentum: Array
     momentum_covariance: Array
-    mechanism: Mechanism
-    structure: Structure
+    mechanism: Mechanism  # the moving bodies
+    structure: Structure  # combinations that momentum determines
+    # information of the data on links, joints and mount in units of the prior's, along its principal directions, the
+    # largest first
     gains: Array
+    # (kind of thing, error over its prior deviation) of those that surely are; covariances allow for it
     further_off: tuple[tuple[str, float], ...]
-    scale: Scale
-    residual: float
-    settled: bool
-    redundancy: int
-    located: bool
-    samples: int
-    span: float
+    scale: Scale  # how well the common factor is known
+    residual: float  # root mean square of the normalised innovations: 1 matches the noise
+    settled: bool  # whether the iterations have converged
+    redundancy: int  # number of innovations
+    located: bool  # whether anything locates the base
+    samples: int  # number used
+    span: float  # s, length of all motions
 
     @property
     def planar(self) -> bool:
-        """Whether only what shows in a plane was used."""
+        """Whether the motion was planar, and only its parameters were used."""
         return self.mechanism.normal is not None
 
     @property
@@ -175,9 +143,9 @@ class Calibration:
 
     @property
     def determined(self) -> int:
-        """Number of directions of links, joints and mount of which the data say more than the prior; at rest, none.
+        """Number of directions of links, joints and mount that the data determine better than the prior; at rest, none.
 
-        A body that nothing locates need not move its joints: how it tumbles tells the ratios of its moments.
+        A body that nothing locates need not move its joints: its tumbling determines the ratios of its moments.
         """
         return int(np.sum(self.gains > 1.0)) if np.any(self.mechanism.moving) or not self.located else 0
 

@@ -1,4 +1,4 @@
-"""What a calibration is about, as one vector with one covariance: links, joints, mount of the odometry.
+"""The unknowns of a calibration, as one vector with one covariance: links, joints, mount of the odometry.
 
 All of it is linear in independent normal numbers: those of the target link's prior, then those of the catalogue. The
 filter sees combinations of them (in a plane, fewer than there are); the rest stays at its prior exactly.
@@ -40,37 +40,29 @@ OF_THE_MOUNT = ('turn_x', 'turn_y', 'turn_z', 'x', 'y', 'z')
 
 @dataclass(frozen=True, eq=False)
 class Normals:
-    """A Gaussian of the independent normal numbers that the prior is made of.
+    """A Gaussian of the independent normal numbers that the prior is made of."""
 
-    Attributes
-    ----------
-    prior : of the links, the target link first
-    joints : number n
-    unknowns : all there are, as the catalogue has them: the other links first
-    gaussian : of ten numbers for the target link, then of the unknowns'; the first columns of its factor, as many as
-        there are numbers, are what no window sees
-    """
-
-    prior: Prior
-    joints: int
-    unknowns: tuple[Unknown, ...]
+    prior: Prior  # of the links, the target link first
+    joints: int  # number n
+    unknowns: tuple[Unknown, ...]  # all there are, as the catalogue has them: the other links first
+    # of ten numbers for the target link, then of the unknowns'; the first columns of its factor, as many as there are
+    # numbers, are what no window sees
     gaussian: UnknownsPrior
 
     @staticmethod
     def before(prior: Prior, kernel: MomentumKernel, uncertainty: Uncertainty) -> Normals:
-        """Return what is known before the data."""
+        """Return the prior."""
         unknowns = catalogue(kernel, uncertainty)
         numbers = 10 + sum(unknown.count for unknown in unknowns)
         return Normals(prior, kernel.model.joints, unknowns, UnknownsPrior.nothing(numbers))
 
     def after(self, passed: CalibrationIteration, own: Variables, detector: PlaneDetector) -> Normals:
-        """Return what is known after a pass over all data.
+        """Return the posterior after a pass over all data.
 
         Parameters
         ----------
-        passed : with the mean and factor of what the motions share
+        passed : with the mean and factor of the numbers that the motions share
         own : variables of a motion
-        detector : PlaneDetector
         """
         body = own.gather[own.head : own.own, BODY]
         seen = (
@@ -95,7 +87,7 @@ class Normals:
         return PriorScaleFactors.of(self.gaussian.mean, factor @ factor.T, causes, parts)
 
     def as_far_off(self) -> Normals:
-        """Return what is known where they may be so (trajectory.md, eq. 7); what no window sees stays."""
+        """Return the state with a wider prior (trajectory.md, eq. 7); unobserved directions stay."""
         mean, factor = self.gaussian.mean, self.gaussian.factor
         seen = factor[:, len(mean) :]
         return replace(
@@ -104,18 +96,18 @@ class Normals:
 
     @cached_property
     def carried(self) -> UnknownsPrior:
-        """What is known of the unknowns, whatever the target link is."""
+        """Mean and covariance of the unknowns, for any target link."""
         return UnknownsPrior(self.gaussian.mean[10:], self.gaussian.factor[10:])
 
     @property
     def links(self) -> UnknownsPrior:
-        """What is known of the links' numbers, ten each."""
+        """Mean and covariance of the links' numbers, ten each."""
         count = len(self.prior.mean)
         return UnknownsPrior(self.gaussian.mean[:count], self.gaussian.factor[:count])
 
     @property
     def of_the_robot(self) -> UnknownsPrior:
-        """What is known of links, joints, mount, wheels and thrusters: all but the last numbers, those of sensors."""
+        """Mean and covariance of links, joints, mount, wheels and thrusters: all but the sensors."""
         of_the_run = (unknown for unknown in self.unknowns if unknown.read and not isinstance(unknown, OdometryMount))
         count = len(self.gaussian.mean) - sum(unknown.count for unknown in of_the_run)
         return UnknownsPrior(self.gaussian.mean[:count], self.gaussian.factor[:count])
@@ -170,7 +162,7 @@ class Normals:
         return values, factor @ factor.T
 
 
-# Standard deviation, in typical sizes, of what nothing is known of: far too much to be a prior (as in difference).
+# Standard deviation, in typical sizes, of an unknown without a prior (as in difference).
 NO_PRIOR = 100.0
 _EMPTY = 1e-9  # standard deviation, in typical sizes, of a link that is known to have no mass
 # Smallest eigenvalue of a pseudo-inertia, relative to the largest, that still counts as a body: flat ones are common.
@@ -183,20 +175,12 @@ _COLUMNS = np.array([4, 7, 9, 7, 9, 9])
 
 @dataclass(frozen=True)
 class LinkPrior:
-    """How far the values of a link's <inertial> may be off: one standard deviation; 0 means that nothing is known.
+    """How far the values of a link's <inertial> may be off: one standard deviation; 0 means that nothing is known."""
 
-    Attributes
-    ----------
-    mass : relative; the inertia goes with it
-    com : m, of each coordinate of the centre of mass
-    inertia : of the element I_ij about the centre of mass at a given mass, relative to sqrt(I_ii I_jj)
-    empty : whether a link without <inertial> is known to have no mass
-    """
-
-    mass: float
-    com: float
-    inertia: float
-    empty: bool = False
+    mass: float  # relative; the inertia goes with it
+    com: float  # m, of each coordinate of the centre of mass
+    inertia: float  # of the element I_ij about the centre of mass at a given mass, relative to sqrt(I_ii I_jj)
+    empty: bool = False  # whether a link without <inertial> is known to have no mass
 
     @property
     def given(self) -> Flags:
@@ -206,22 +190,13 @@ class LinkPrior:
 
 @dataclass(frozen=True)
 class Prior:
-    """The Gaussian prior of k links.
+    """The Gaussian prior of k links."""
 
-    Attributes
-    ----------
-    links : the unknown links
-    stds : of each link, as asked for
-    mean : (10 k,) standard parameters
-    covariance : (10 k, 10 k), block diagonal
-    given : (k, 10) True for each of (mass, CoM, inertia) that something is known of
-    """
-
-    links: tuple[Link, ...]
-    stds: tuple[LinkPrior, ...]
-    mean: Array
-    covariance: Array
-    given: Flags
+    links: tuple[Link, ...]  # the unknown links
+    stds: tuple[LinkPrior, ...]  # of each link, as asked for
+    mean: Array  # (10 k,) standard parameters
+    covariance: Array  # (10 k, 10 k), block diagonal
+    given: Flags  # (k, 10) True for each of (mass, CoM, inertia) that something is known of
 
     @cached_property
     def roots(self) -> tuple[Array, ...]:
@@ -230,7 +205,7 @@ class Prior:
         return tuple(map(_root, blocks))
 
     def errors(self, but: int) -> KnownErrors:
-        """Return what the priors of all links but the first few say of the moving bodies: ten numbers a link."""
+        """Return the prior of the moving bodies from all links but the first few: ten numbers a link."""
         bodies, carry = to_bodies(self.links[but:])
         return KnownErrors(bodies, carry @ block_diag(*self.roots[but:]) if bodies else np.zeros((0, 0)))
 
@@ -238,17 +213,13 @@ class Prior:
 def make_prior(kernel: MomentumKernel, stds: Sequence[LinkPrior]) -> Prior:
     """Return the prior of a kernel's unknown links.
 
+    Raises ModelError: The robot description gives a link an inertia that no body has.
+    Raises ParameterError: Nothing fixes the scale: every massive body is unknown, and nothing is known of any mass or
+    inertia.
+
     Parameters
     ----------
-    kernel : MomentumKernel
     stds : one for each of its unknown links
-
-    Raises
-    ------
-    ModelError
-        The robot description gives a link an inertia that no body has.
-    ParameterError
-        Nothing fixes the scale: every massive body is unknown, and nothing is known of any mass or inertia.
     """
     scale = unknown_scale(kernel)[:10]
     size = 10 * len(kernel.unknown)
@@ -284,7 +255,7 @@ def physical_std(link: Link, std: LinkPrior) -> Array:
 def _covariance(link: Link, std: LinkPrior, scale: Array) -> Array:
     """Return the (10, 10) covariance of a link's standard parameters."""
     _require_a_body(link)
-    # Rows of what nothing is known of vanish; the wide prior keeps the matrix regular.
+    # Rows of unknowns without a prior vanish; the wide prior keeps the matrix regular.
     rows = physical_jacobian(link.parameters)
     if std.mass > 0.0:
         rows[4:] -= np.outer(physical(link.parameters)[4:] / link.parameters[0], rows[0])
@@ -303,10 +274,7 @@ def _root(covariance: Array) -> Array:
 def _require_a_body(link: Link) -> None:
     """Refuse an <inertial> that no distribution of mass has: there is nothing to be near to.
 
-    Raises
-    ------
-    ModelError
-        It is none.
+    Raises ModelError: It is none.
     """
     values = physical(link.parameters)
     about_com = np.concatenate((values[:1], np.zeros(3), values[4:]))

@@ -1,4 +1,4 @@
-"""The file in which `calibrate` says what it has found: read back for what comes after."""
+"""The file of results that `calibrate` writes and later runs read."""
 
 from __future__ import annotations
 
@@ -9,35 +9,29 @@ import numpy as np
 
 from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import JointDeviations, LinkPriorConfig, mount_orientation, mount_position
+from mbaid_ros.config.model_errors import JointDeviations, LinkPriorConfig
 from mbaid_ros.config.parameters import build, by_name, parameter
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.files import parse_json, read_text
 
-_ACCEPTED = 'accepted: what calibrate --json writes'
+_ACCEPTED = 'accepted: a file of calibrate --json'
 # Parts of the largest variance (all parameters in units of their own deviation) that rounding may make negative.
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
 class CalibrationFile:
-    """What a calibration found of k links, n joints and the odometry's mount.
+    """A calibration of k links, n joints and the odometry's mount."""
 
-    Attributes
-    ----------
-    path : of the file
-    links, joints : names
-    values, covariance : (10 k + 6 n + 6,) and squared: standard parameters (m, h, I_o) of the links, each in its own
-        frame; of each joint zero, displacement of its frame (3) and tilts of its axis (2); mount
-    positions, rotations : (n, 3), (n, 3, 3) frame of each joint in that of the moving body that carries it
-    """
-
-    path: str
-    links: tuple[str, ...]
-    joints: tuple[str, ...]
+    path: str  # of the file
+    links: tuple[str, ...]  # names
+    joints: tuple[str, ...]  # names
+    # values, covariance: (10 k + 6 n + 6,) and squared: standard parameters (m, h, I_o) of the links, each in its own
+    # frame; of each joint zero, displacement of its frame (3) and tilts of its axis (2); mount
     values: Array
     covariance: Array
+    # positions, rotations: (n, 3), (n, 3, 3) frame of each joint in that of the moving body that carries it
     positions: Array
     rotations: Array
 
@@ -45,10 +39,7 @@ class CalibrationFile:
 def read_calibration(path: str) -> CalibrationFile:
     """Return the calibration in a file.
 
-    Raises
-    ------
-    ParameterError
-        The file cannot be read, or is none that `calibrate` writes.
+    Raises ParameterError: The file cannot be read, or is none that `calibrate` writes.
     """
     text = read_text(path, 'calibration', limits.JSON_CHARACTERS, _ACCEPTED)
     try:
@@ -92,7 +83,7 @@ def _is_covariance(matrix: Array) -> bool:
     if not np.all(np.abs(matrix) <= limits.QUANTITY**2) or np.any(np.diag(matrix) < 0.0):
         return False
     size = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
-    with np.errstate(over='ignore'):  # a covariance with what has no variance
+    with np.errstate(over='ignore'):  # a covariance with a number without variance
         scaled = matrix / size / size[:, None]
     if not np.all(np.isfinite(scaled)):
         return False
@@ -115,36 +106,32 @@ class LinkPriorsConfig:
 class PriorConfig(JointDeviations, LinkPriorConfig):
     """How far links, joints and the odometry's mount may be off: one standard deviation."""
 
-    mount_position_std: float = mount_position()
-    mount_orientation_std: float = mount_orientation()
+    mount_position_std: float = parameter(2e-3, 'm', minimum=0.0)
+    """Standard deviation of each coordinate of the base link's origin in the frame that the odometry locates; 0:
+    exact."""
+    mount_orientation_std: float = parameter(2e-3, 'rad', minimum=0.0)
+    """Standard deviation of the base link's orientation in that frame, about each axis; 0: exact."""
     links: LinkPriorsConfig = field(default_factory=LinkPriorsConfig)
 
 
 @dataclass(frozen=True)
 class CalibrationConfig:
-    """What is calibrated."""
+    """The unknowns to calibrate."""
 
-    unknown_links: tuple[str, ...] = parameter(
-        (), 'Links to calibrate; the others count as known. Empty means every link that has an <inertial>.'
-    )
+    unknown_links: tuple[str, ...] = parameter(())
+    """Links to calibrate; the others count as known. Empty means every link that has an <inertial>."""
     prior: PriorConfig = field(default_factory=PriorConfig)
 
 
 @dataclass(frozen=True)
 class CalibrationParameters:
-    """Everything that `calibrate` is told.
+    """All settings of `calibrate`."""
 
-    Attributes
-    ----------
-    estimator : noise, windows, frames: as for the estimator
-    calibration : CalibrationConfig
-    """
-
-    estimator: EstimatorConfig
-    calibration: CalibrationConfig
+    estimator: EstimatorConfig  # noise, windows, frames: as for the estimator
+    calibration: CalibrationConfig  # CalibrationConfig
 
     def prior(self, link: str) -> LinkPriorConfig:
-        """Return the prior of a link: its own, or what is said of all."""
+        """Return the prior of a link: its own, or the one for all links."""
         prior = self.calibration.prior
         shared = {item.name: getattr(prior, item.name) for item in fields(LinkPriorConfig)}
         return LinkPriorConfig(**{**shared, **prior.links.own.get(link, {})})
@@ -153,10 +140,7 @@ class CalibrationParameters:
 def calibration_parameters(values: Mapping[str, object]) -> CalibrationParameters:
     """Return the parameters of dotted names: the estimator's, ``unknown_links``, ``prior.*``, ``prior.links.<link>.*``.
 
-    Raises
-    ------
-    ParameterError
-        An unknown name, or a value that is not accepted.
+    Raises ParameterError: An unknown name, or a value that is not accepted.
     """
     own = {name: value for name, value in values.items() if name.startswith(_OWN)}
     rest = {name: value for name, value in values.items() if name not in own}

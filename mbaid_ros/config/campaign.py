@@ -9,12 +9,11 @@ from itertools import product
 from pathlib import Path
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import dotted, load_parameter_file, read_yaml
+from mbaid_ros.config.files import dotted, load_parameter_file, read_robot_description, read_yaml
 from mbaid_ros.config.parameters import build, shown
-from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import MbaidError, ParameterError, listing
-from mbaid_ros.planning.unplanned import SIMPLE
+from mbaid_ros.planning.motions import SIMPLE
 
 MOST_RUNS = 1_000_000
 PLANNED = 'planned'
@@ -33,19 +32,13 @@ Settings = dict[str, dict[str, object]]
 
 @dataclass(frozen=True)
 class Case:
-    """One combination of what a campaign compares.
+    """One combination that a campaign compares."""
 
-    Attributes
-    ----------
-    choices : of each group of `cases` the name that was chosen
-    simulator, estimator : the parameters; the seeds vary from run to run
-    then : the motion that follows, of THEN; empty where none does
-    """
-
-    choices: Mapping[str, str]
+    choices: Mapping[str, str]  # of each group of `cases` the name that was chosen
+    # simulator, estimator: the parameters; the seeds vary from run to run
     simulator: SimulatorConfig
     estimator: EstimatorConfig
-    then: str = ''
+    then: str = ''  # the motion that follows, of THEN; empty where none does
 
     def __str__(self) -> str:
         """Return the choices: ``noise=mid method=difference``."""
@@ -54,36 +47,23 @@ class Case:
 
 @dataclass(frozen=True)
 class CampaignRun:
-    """One run of a campaign.
+    """One run of a campaign."""
 
-    Attributes
-    ----------
-    number : from 0, in the order of cases, robots, motions, seeds
-    case : with the seeds of this run
-    """
-
-    number: int
-    case: Case
+    number: int  # from 0, in the order of cases, robots, motions, seeds
+    case: Case  # with the seeds of this run
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """What a campaign consists of.
+    """The contents of a campaign."""
 
-    Attributes
-    ----------
-    urdf : text of the robot description
-    cases : every combination
-    motions : seeds of the random motions that each case has; None where the motion is the case's own
-    robots : seeds of the model errors of the robots that make each motion; None where every seed has a robot of its own
-    seeds : of the sensors' noise that each motion is observed with
-    """
-
-    urdf: str
-    cases: tuple[Case, ...]
+    urdf: str  # text of the robot description
+    cases: tuple[Case, ...]  # every combination
+    # seeds of the random motions that each case has; None where the motion is the case's own
     motions: tuple[int, ...] | None
+    # seeds of the model errors of the robots that make each motion; None where every seed has a robot of its own
     robots: tuple[int, ...] | None
-    seeds: tuple[int, ...]
+    seeds: tuple[int, ...]  # of the sensors' noise that each motion is observed with
 
     def runs(self) -> Iterator[CampaignRun]:
         """Yield every run in order."""
@@ -100,10 +80,8 @@ class Campaign:
 def load_campaign(path: str | Path) -> Campaign:
     """Return the campaign in a YAML file; paths in it are relative to its folder.
 
-    Raises
-    ------
-    ParameterError, ModelError
-        The file, or one that it names, cannot be read; or it says what is not accepted.
+    Raises ParameterError, ModelError: The file, or one that it names, cannot be read, or has a value that is not
+    accepted.
     """
     content = read_yaml(path, 'campaign')
     try:
@@ -213,7 +191,7 @@ def _over(below: Settings, above: Settings) -> Settings:
 
 
 def _mapping(where: str, content: object, keys: Sequence[str] = (), *, required: bool = False) -> Mapping[str, object]:
-    """Return what holds 'name: value' pairs, nothing being none of them, with one of some keys or any."""
+    """Return a mapping of 'name: value' pairs, empty for nothing, with one of some keys or any."""
     if content is None and not required:
         return {}
     if not isinstance(content, dict) or (required and not content):
@@ -228,7 +206,7 @@ def _mapping(where: str, content: object, keys: Sequence[str] = (), *, required:
 
 
 def _seeds(key: str, content: object) -> tuple[int, ...]:
-    """Return the seeds that a number or a list says."""
+    """Return the seeds from a number or a list."""
     if type(content) is int and 1 <= content <= MOST_RUNS:
         return tuple(range(content))
     if isinstance(content, list) and content and len(set(map(repr, content))) == len(content):

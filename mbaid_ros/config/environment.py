@@ -22,66 +22,41 @@ _ACROSS = 0.02  # rad, by how much nadir and normal may miss a right angle
 class SimulatedOrbitConfig:
     """An orbit, and how the frame of the odometry stands to it."""
 
-    mean_motion: float = parameter(
-        0.0, 'Mean motion: 0.00113 at 400 km above the Earth; 0 is no orbit.', unit='rad/s', minimum=0.0, maximum=0.1
-    )
-    frame: str = parameter(
-        'inertial',
-        'Frame of the odometry, its origin on the orbit: inertial, which falls along and does not turn, or with the '
-        'orbit turning lvlh or hill, as CCSDS 500.0-G has them.',
-        choices=FRAMES,
-    )
-    nadir: tuple[float, ...] = parameter(
-        (), 'Direction to the centre at the epoch in an inertial frame of the odometry.', lengths=(0, 3)
-    )
-    normal: tuple[float, ...] = parameter(
-        (), "Direction of the orbit's angular momentum in an inertial frame of the odometry.", lengths=(0, 3)
-    )
-    eccentricity: float = parameter(0.0, 'Eccentricity of the orbit; 0 is a circle.', minimum=0.0, maximum=0.9)
-    true_anomaly: float = parameter(
-        0.0, 'Where on it the epoch is, from its lowest point on; of no matter on a circle.', unit='rad'
-    )
-    twist: str = parameter(
-        'relative',
-        'Twist of odometry in a frame that turns: relative to it, as ROS has it, or inertial, as a gyro measures it.',
-        choices=TWISTS,
-    )
+    mean_motion: float = parameter(0.0, 'rad/s', minimum=0.0, maximum=0.1)
+    """Mean motion: 0.00113 at 400 km above the Earth; 0 is no orbit."""
+    frame: str = parameter('inertial', choices=FRAMES)
+    """Frame of the odometry, its origin on the orbit: inertial, which falls along and does not turn, or with the orbit
+    turning lvlh or hill, as CCSDS 500.0-G has them."""
+    nadir: tuple[float, ...] = parameter((), lengths=(0, 3))
+    """Direction to the centre at the epoch in an inertial frame of the odometry."""
+    normal: tuple[float, ...] = parameter((), lengths=(0, 3))
+    """Direction of the orbit's angular momentum in an inertial frame of the odometry."""
+    eccentricity: float = parameter(0.0, minimum=0.0, maximum=0.9)
+    """Eccentricity of the orbit; 0 is a circle."""
+    true_anomaly: float = parameter(0.0, 'rad')
+    """True anomaly at the epoch, from the lowest point; without effect on a circle."""
+    twist: str = parameter('relative', choices=TWISTS)
+    """Twist of odometry in a frame that turns: relative to it, as ROS has it, or inertial, as a gyro measures it."""
 
 
 @dataclass(frozen=True)
 class OrbitConfig(SimulatedOrbitConfig):
     """The same with the time at which the directions are as given."""
 
-    epoch: float = parameter(
-        0.0,
-        'Stamp at which nadir has the given direction, and at which a turning frame has the axes of the reported '
-        'momentum; 0: the first sample.',
-        unit='s',
-        minimum=0.0,
-    )
-    undeclared_rate: float = parameter(
-        1.2e-3,
-        'Without orbit.mean_motion: largest rate of an undeclared orbit, whose gravity gradient is estimated; 0: none.',
-        unit='rad/s',
-        minimum=0.0,
-        maximum=0.1,
-    )
-    undeclared_eccentricity: float = parameter(
-        0.002,
-        'With orbit.mean_motion but no orbit.eccentricity: up to which the orbit may be no circle all the same, which '
-        'is estimated along; 0 for one that is.',
-        minimum=0.0,
-        maximum=0.02,
-    )
+    epoch: float = parameter(0.0, 's', minimum=0.0)
+    """Stamp at which nadir has the given direction, and at which a turning frame has the axes of the reported momentum;
+    0: the first sample."""
+    undeclared_rate: float = parameter(1.2e-3, 'rad/s', minimum=0.0, maximum=0.1)
+    """Without orbit.mean_motion: largest rate of an undeclared orbit, whose gravity gradient is estimated; 0: none."""
+    undeclared_eccentricity: float = parameter(0.002, minimum=0.0, maximum=0.02)
+    """With orbit.mean_motion but no orbit.eccentricity: largest undeclared eccentricity, which is estimated; 0: a
+    circle."""
 
 
 def make_orbit(config: SimulatedOrbitConfig) -> Orbit | None:
     """Return the orbit that the parameters describe, None where there is none.
 
-    Raises
-    ------
-    ParameterError
-        Directions are missing, not at right angles, or given for a frame that has its own.
+    Raises ParameterError: Directions are missing, not at right angles, or given for a frame that has its own.
     """
     if config.mean_motion == 0.0:
         return None
@@ -113,62 +88,44 @@ def make_orbit(config: SimulatedOrbitConfig) -> Orbit | None:
 class WheelBodies:
     """Wheels inside the base that are no joints of the robot description."""
 
-    names: tuple[str, ...] = parameter(
-        (), 'Names of the wheels in JointState, whose velocities are read; none may be a joint of the robot.'
-    )
-    axes: tuple[float, ...] = parameter(
-        (), "Axis of each wheel in the base link's frame, three numbers each; any length but zero."
-    )
-    spin_inertias: tuple[float, ...] = parameter(
-        (),
-        'Moment of inertia of each wheel about its axis; the base link has it, too, with the wheels locked.',
-        unit='kg m^2',
-        minimum=0.0,
-        exclusive_minimum=True,
-    )
+    names: tuple[str, ...] = parameter(())
+    """Names of the wheels in JointState, whose velocities are read; none may be a joint of the robot."""
+    axes: tuple[float, ...] = parameter(())
+    """Axis of each wheel in the base link's frame, three numbers each; any length but zero."""
+    spin_inertias: tuple[float, ...] = parameter((), 'kg m^2', minimum=0.0, exclusive_minimum=True)
+    """Moment of inertia of each wheel about its axis; the base link has it, too, with the wheels locked."""
 
 
 @dataclass(frozen=True)
 class WheelsConfig(WheelBodies):
     """The wheels, with their uncertainty, and gyros of which only the momentum is published."""
 
-    spin_inertia_relative_std: float = parameter(
-        0.0,
-        'Relative standard deviation of each spin inertia, estimated by trajectory; 0: exact.',
-        minimum=0.0,
-        maximum=1.0,
-    )
-    momentum_frame: str = parameter(
-        '',
-        'Link in whose axes stored_momentum has the angular momentum of wheels or gyros, without wheels.names; samples '
-        'without such a message are not used. Empty: the topic is not used.',
-    )
-    momentum_std: float = parameter(
-        0.0, 'Standard deviation of each coordinate of that momentum.', unit='N m s', minimum=0.0
-    )
+    spin_inertia_relative_std: float = parameter(0.0, minimum=0.0, maximum=1.0)
+    """Relative standard deviation of each spin inertia, estimated by trajectory; 0: exact."""
+    momentum_frame: str = parameter('')
+    """Link in whose axes stored_momentum has the angular momentum of wheels or gyros, without wheels.names; samples
+    without such a message are not used. Empty: the topic is not used."""
+    momentum_std: float = parameter(0.0, 'N m s', minimum=0.0)
+    """Standard deviation of each coordinate of that momentum."""
 
 
 @dataclass(frozen=True)
 class SimulatedWheelsConfig(WheelBodies):
     """Wheels inside the base of the simulated robot that are no joints of its description."""
 
-    speeds: tuple[float, ...] = parameter(
-        (), 'Speed of each wheel relative to the base at time 0; empty means zero.', unit='rad/s'
-    )
-    accelerations: tuple[float, ...] = parameter(
-        (), 'Change of that speed, constant: held without, ramped with one; empty means zero.', unit='rad/s^2'
-    )
-    wander: float = parameter(
-        0.0, 'Largest amplitude of what each speed wanders beside, as drawn sinusoids.', unit='rad/s', minimum=0.0
-    )
-    seed: int = parameter(0, 'The same seed gives the same wander.', minimum=0)
-    speed_noise: float = parameter(0.0, 'Noise of the speeds that are read.', unit='rad/s', minimum=0.0)
-    publish: str = parameter(
-        'joint_states',
-        'Publication of the wheels: as velocities in joint_states (positions are 0), as their momentum on '
-        'stored_momentum with every JointState, or none.',
-        choices=('joint_states', 'stored_momentum', 'none'),
-    )
+    speeds: tuple[float, ...] = parameter((), 'rad/s')
+    """Speed of each wheel relative to the base at time 0; empty means zero."""
+    accelerations: tuple[float, ...] = parameter((), 'rad/s^2')
+    """Change of that speed, constant: held without, ramped with one; empty means zero."""
+    wander: float = parameter(0.0, 'rad/s', minimum=0.0)
+    """Largest amplitude of a variation beside that, as drawn sinusoids."""
+    seed: int = parameter(0, minimum=0)
+    """The same seed gives the same wander."""
+    speed_noise: float = parameter(0.0, 'rad/s', minimum=0.0)
+    """Noise of the speeds that are read."""
+    publish: str = parameter('joint_states', choices=('joint_states', 'stored_momentum', 'none'))
+    """Publication of the wheels: as velocities in joint_states (positions are 0), as their momentum on stored_momentum
+    with every JointState, or none."""
 
 
 def make_storage(
@@ -176,10 +133,8 @@ def make_storage(
 ) -> Storage:
     """Return wheels inside the base, whose speeds are read with a noise (rad/s).
 
-    Raises
-    ------
-    ParameterError
-        Names, axes and spin inertias differ in number, an axis is zero, or a name is that of a joint.
+    Raises ParameterError: Names, axes and spin inertias differ in number, an axis is zero, or a name is that of a
+    joint.
     """
     count = len(names)
     for name, values, wanted in (('axes', axes, 3 * count), ('spin_inertias', spin_inertias, count)):

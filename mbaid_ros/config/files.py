@@ -1,4 +1,4 @@
-"""ROS parameter files without a ROS installation, read by the rules of ROS."""
+"""ROS parameter files and robot descriptions without a ROS installation, read by the rules of ROS."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any
 import yaml
 
 from mbaid_ros import limits
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.errors import ModelError, ParameterError
 from mbaid_ros.files import read_text
 
 _SECTION = 'ros__parameters'
-_STANDARD = 'tag:yaml.org,2002:'  # what !! stands for
+_STANDARD = 'tag:yaml.org,2002:'  # the expansion of !!
 
 
 class _Loader(yaml.SafeLoader):
@@ -35,7 +35,7 @@ class _Loader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Refuse what would merge a mapping into another."""
+        """Refuse keys that merge a mapping into another."""
         if any(key.tag == 'tag:yaml.org,2002:merge' for key, _ in node.value):
             raise yaml.YAMLError('merge keys (<<) are not supported')
 
@@ -65,12 +65,14 @@ _Loader.add_constructor('tag:yaml.org,2002:int', _Loader.construct_yaml_int)
 _Loader.add_constructor('tag:yaml.org,2002:float', _Loader.construct_yaml_float)
 
 
-# What reading leads to: besides YAML's own errors an impossible date or number, deep nesting.
+# Errors of reading: besides YAML's own, those of an impossible date or number, and of deep nesting.
 _REFUSED = (yaml.YAMLError, ValueError, OverflowError, RecursionError)
 
 
 def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
-    """Return what a ROS parameter file says to one node, as `build` takes it.
+    """Return the parameters of one node in a ROS parameter file, for `build`.
+
+    Raises ParameterError: The file cannot be read, is no ROS parameter file, or has nothing for this node.
 
     Parameters
     ----------
@@ -80,11 +82,6 @@ def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
     Returns
     -------
     Values by dotted name; of sections that apply, a later one overrides an earlier one.
-
-    Raises
-    ------
-    ParameterError
-        The file cannot be read, is no ROS parameter file, or has nothing for this node.
     """
     content = read_yaml(path, 'parameter file')
     if not isinstance(content, dict):
@@ -104,15 +101,12 @@ def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
 def read_yaml(path: str | Path, kind: str) -> object:
     """Return the content of a YAML file, its numbers read by the rules of ROS.
 
+    Raises ParameterError: The file cannot be read, or is no YAML.
+
     Parameters
     ----------
     path : the file
-    kind : what an error calls it
-
-    Raises
-    ------
-    ParameterError
-        The file cannot be read, or is no YAML.
+    kind : its name in errors
     """
     text = read_text(path, kind, limits.YAML_CHARACTERS)
     try:
@@ -124,10 +118,7 @@ def read_yaml(path: str | Path, kind: str) -> object:
 def parse_assignment(text: str) -> tuple[str, object]:
     """Return name and value of ``name:=value``, the value read as in a parameter file.
 
-    Raises
-    ------
-    ParameterError
-        The text is not of that form.
+    Raises ParameterError: The text is not of that form.
     """
     name, separator, value = text.partition(':=')
     if not name or not separator:
@@ -160,7 +151,7 @@ def _sections(content: Mapping[object, object], prefix: str, path: str) -> list[
 
 
 def _matches(pattern: str, target: str) -> bool:
-    """Tell whether a section speaks to a node: ``/*`` is one level of the name, ``/**`` any number of them."""
+    """Return whether a section speaks to a node: ``/*`` is one level of the name, ``/**`` any number of them."""
     if '*' not in pattern:
         # A bare name is the node of that name, whether or not the caller knows the namespace.
         return pattern == target or ('/' not in target[1:] and pattern.rsplit('/', 1)[-1] == target[1:])
@@ -175,7 +166,7 @@ def _matches(pattern: str, target: str) -> bool:
 
 
 def _like(part: str, level: str) -> bool:
-    """Tell whether one level of a name is as a part of a pattern says, in which each ``*`` is any text."""
+    """Return whether one level of a name matches a part of a pattern, in which each ``*`` is any text."""
     first, *others = part.split('*')
     if not others:
         return part == level
@@ -199,3 +190,11 @@ def dotted(values: Mapping[Any, object], prefix: str = '') -> dict[str, object]:
         else:
             flat[f'{prefix}{key}'] = value
     return flat
+
+
+def read_robot_description(path: str | Path) -> str:
+    """Return the text of a URDF file.
+
+    Raises ModelError: The file cannot be read, is not text, or is too long.
+    """
+    return read_text(path, 'robot description', limits.URDF_CHARACTERS, 'a URDF file is accepted', ModelError)

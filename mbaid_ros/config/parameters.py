@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import array
+import ast
 import difflib
+import inspect
 import math
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache
+from itertools import pairwise
 from typing import Any, Literal, TypeVar, cast, get_type_hints
 
 from mbaid_ros import limits
 from mbaid_ros.core.errors import ParameterError, listing
+
+METHODS = ('trajectory', 'difference', 'paper_difference', 'paper_main')
+
 
 # Named like rclpy's Parameter.Type, in lower case.
 Kind = Literal['bool', 'integer', 'double', 'string', 'double_array', 'string_array']
@@ -33,39 +40,38 @@ _WORDS: dict[Kind, str] = {
     'double_array': 'a list of numbers',
     'string_array': 'a list of strings',
 }
+Owner = type  # of a field: ParameterSpec has a `type` of its own
 _INTEGER_LIMIT = 2**63  # a ROS integer has 64 bits
 
 
 @dataclass(frozen=True)
 class ParameterSpec:
-    """A parameter without its value.
+    """A parameter without its value."""
 
-    Attributes
-    ----------
-    name : dotted name
-    type : one of Kind; upper-cased it names a member of rclpy's Parameter.Type
-    description, unit : one sentence, as `ros2 param describe` prints it; SI unit or empty
-    minimum, maximum : limits of a number, or of each number of a list; None is no limit
-    exclusive_minimum : True if the minimum itself is not accepted
-    choices, lengths : accepted strings, accepted lengths of a list; empty is any
-    read_only : True if the value cannot change while the node runs
-    """
-
-    name: str
-    type: Kind
+    name: str  # dotted name
+    type: Kind  # one of Kind; upper-cased it names a member of rclpy's Parameter.Type
     default: Value
-    description: str
-    unit: str = ''
+    unit: str = ''  # SI, or empty
+    # minimum, maximum: limits of a number, or of each number of a list; None is no limit
     minimum: float | None = None
     maximum: float | None = None
-    exclusive_minimum: bool = False
+    exclusive_minimum: bool = False  # True if the minimum itself is not accepted
+    # choices, lengths: accepted strings, accepted lengths of a list; empty is any
     choices: tuple[str, ...] = ()
     lengths: tuple[int, ...] = ()
-    read_only: bool = True
+    read_only: bool = True  # True if the value cannot change while the node runs
+    field: tuple[Owner, str] = (object, '')  # its dataclass and the name there, below which the description stands
+
+    @property
+    def description(self) -> str:
+        """One sentence, as `ros2 param describe` prints it."""
+        owner, name = self.field
+        texts = (_texts(base.__module__).get((base.__name__, name)) for base in owner.__mro__)
+        return next(filter(None, texts), '')
 
     @property
     def accepted(self) -> str:
-        """What is accepted, in words: ``a number > 0 s``."""
+        """The accepted values in words: ``a number > 0 s``."""
         if self.choices:
             return listing(self.choices)
         words = _WORDS[self.type]
@@ -82,13 +88,10 @@ class ParameterSpec:
     def check(self, value: object) -> Value:
         """Return the value in this parameter's type.
 
-        Raises
-        ------
-        ParameterError
-            Wrong type, not finite, or outside the range or the choices.
+        Raises ParameterError: Wrong type, not finite, or outside the range or the choices.
         """
         if self.type in ('double_array', 'string_array'):
-            if value is None:  # what ROS makes of an empty list in a file
+            if value is None:  # an empty list in a file, in ROS
                 value = ()
             if not isinstance(value, list | tuple | array.array) or (self.lengths and len(value) not in self.lengths):
                 raise self._refused(value)
@@ -96,7 +99,7 @@ class ParameterSpec:
         return self._element(value, value)
 
     def _element(self, item: object, value: object) -> bool | int | float | str:
-        """Return one entry of a list, or the value of a scalar, in its type; `value` is what an error shows."""
+        """Return one entry of a list, or the value of a scalar, in its type; errors show `value`."""
         kind = self.type.removesuffix('_array')
         if kind == 'bool' and isinstance(item, bool):
             return item
@@ -153,9 +156,8 @@ _METADATA, _BY_NAME = 'mbaid_ros.parameter', 'mbaid_ros.by_name'
 _OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
-def parameter(  # noqa: PLR0913 - one for each attribute of a ParameterSpec
+def parameter(
     default: T,
-    description: str,
     unit: str = '',
     minimum: float | None = None,
     maximum: float | None = None,
@@ -165,14 +167,13 @@ def parameter(  # noqa: PLR0913 - one for each attribute of a ParameterSpec
     lengths: tuple[int, ...] = (),
     read_only: bool = True,
 ) -> T:
-    """Return a dataclass field that is a parameter; the arguments are those of ParameterSpec.
+    """Return a dataclass field that is a parameter, its description as a string below; arguments as of ParameterSpec.
 
     A time without a maximum gets one: stamps are whole nanoseconds, of which 64 bits hold a few centuries.
     """
     if unit == 's' and maximum is None:
         maximum = limits.TIME
     metadata = {
-        'description': description,
         'unit': unit,
         'minimum': minimum,
         'maximum': maximum,
@@ -216,10 +217,7 @@ def specification_of(name: str, cls: type) -> ParameterSpec | None:
 def specification(name: str, cls: type) -> ParameterSpec:
     """Return the specification of a parameter by its full name.
 
-    Raises
-    ------
-    ParameterError
-        The dataclass has none of that name; the text lists the known ones, the most similar first.
+    Raises ParameterError: The dataclass has none of that name; the text lists the known ones, the most similar first.
     """
     found = specification_of(name, cls)
     if found is not None:
@@ -247,23 +245,34 @@ def _walk(cls: type, prefix: str, *, named: bool = False) -> Iterator[ParameterS
         elif is_dataclass(declared):
             yield from _walk(cast('type', declared), f'{prefix}{item.name}.', named=named)
         elif not named:
-            yield ParameterSpec(
-                prefix + item.name, KINDS[declared], cast('Value', item.default), **item.metadata[_METADATA]
-            )
+            own = {**item.metadata[_METADATA], 'field': (cls, item.name)}
+            yield ParameterSpec(prefix + item.name, KINDS[declared], cast('Value', item.default), **own)
+
+
+@cache
+def _texts(module: str) -> Mapping[tuple[str, str], str]:
+    """Return the strings below the fields of a module's classes, by class and field."""
+    classes = [
+        each for each in ast.parse(inspect.getsource(sys.modules[module])).body if isinstance(each, ast.ClassDef)
+    ]
+    return {
+        (each.name, item.target.id): ' '.join(below.value.value.split())
+        for each in classes
+        for item, below in pairwise(each.body)
+        if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name)
+        if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) and isinstance(below.value.value, str)
+    }
 
 
 def build(cls: type[T], values: Mapping[str, object]) -> T:
     """Return an instance of a parameter dataclass; a parameter without a value keeps its default.
 
+    Raises ParameterError: An unknown name, or a value that is not accepted.
+
     Parameters
     ----------
     cls : the dataclass
     values : by dotted name or as nested mappings
-
-    Raises
-    ------
-    ParameterError
-        An unknown name, or a value that is not accepted.
     """
     checked: dict[str, Value] = {}
     for name, value in _flatten(values, ''):

@@ -9,76 +9,28 @@ from mbaid_ros.config.parameters import parameter
 
 @dataclass(frozen=True)
 class PlanConfig:
-    """What a planned motion is to reach, and what it may not exceed."""
+    """Goal and limits of a planned motion."""
 
-    relative_std: tuple[float, ...] = parameter(
-        (),
-        'Relative standard deviation that is wanted, as convergence.relative_std has it: one for all parameters, or '
-        'ten in the order mass, com_x, com_y, com_z, ixx, ixy, ixz, iyy, iyz, izz; empty: convergence.relative_std.',
-        lengths=(0, 1, 10),
-        read_only=False,
-    )
-    duration: float = parameter(
-        0.0,
-        'Length of the most informative motion; 0: the shortest that reaches relative_std.',
-        unit='s',
-        minimum=0.0,
-        maximum=3600.0,
-        read_only=False,
-    )
-    longest: float = parameter(
-        300.0,
-        'Longest motion that is looked for.',
-        unit='s',
-        minimum=0.0,
-        maximum=3600.0,
-        exclusive_minimum=True,
-        read_only=False,
-    )
-    joint_velocity: float = parameter(
-        0.0,
-        'Velocity that no joint exceeds, beside its limit in the URDF (m/s for a prismatic joint); 0: that alone.',
-        unit='rad/s',
-        minimum=0.0,
-        read_only=False,
-    )
-    joint_acceleration: float = parameter(
-        0.1,
-        'Acceleration that no joint exceeds (m/s^2 for a prismatic joint).',
-        unit='rad/s^2',
-        minimum=0.0,
-        exclusive_minimum=True,
-        read_only=False,
-    )
-    base_rotation: float = parameter(
-        0.0,
-        'How far the motion may turn the base from where it would be with the joints at rest; 0: any.',
-        unit='rad',
-        minimum=0.0,
-        read_only=False,
-    )
-    base_translation: float = parameter(
-        0.0,
-        "How far it may move the base link's origin from there; 0: any.",
-        unit='m',
-        minimum=0.0,
-        read_only=False,
-    )
-    base_rate: float = parameter(
-        0.0,
-        'How much faster or slower it may make the base turn; 0: any.',
-        unit='rad/s',
-        minimum=0.0,
-        read_only=False,
-    )
-    clearance: float = parameter(
-        0.02,
-        'Distance that collision shapes of the URDF keep from each other; 0: they may touch, and do not overlap.',
-        unit='m',
-        minimum=0.0,
-        read_only=False,
-    )
-    stuck: tuple[str, ...] = parameter((), 'Joints that are not moved.', read_only=False)
-    effort: int = parameter(
-        1200, 'Motions that are compared before the best is taken.', minimum=10, maximum=1_000_000, read_only=False
-    )
+    relative_std: tuple[float, ...] = parameter((), lengths=(0, 1, 10), read_only=False)
+    """Wanted relative standard deviation, in the sense of convergence.relative_std: one for all parameters, or ten in
+    the order mass, com_x, com_y, com_z, ixx, ixy, ixz, iyy, iyz, izz; empty: convergence.relative_std."""
+    duration: float = parameter(0.0, 's', minimum=0.0, maximum=3600.0, read_only=False)
+    """Length of the most informative motion; 0: the shortest that reaches relative_std."""
+    longest: float = parameter(300.0, 's', minimum=0.0, maximum=3600.0, exclusive_minimum=True, read_only=False)
+    """Longest motion that is looked for."""
+    joint_velocity: float = parameter(0.0, 'rad/s', minimum=0.0, read_only=False)
+    """Velocity that no joint exceeds, beside its limit in the URDF (m/s for a prismatic joint); 0: that alone."""
+    joint_acceleration: float = parameter(0.1, 'rad/s^2', minimum=0.0, exclusive_minimum=True, read_only=False)
+    """Acceleration that no joint exceeds (m/s^2 for a prismatic joint)."""
+    base_rotation: float = parameter(0.0, 'rad', minimum=0.0, read_only=False)
+    """Largest rotation of the base by the motion, against a base with the joints at rest; 0: any."""
+    base_translation: float = parameter(0.0, 'm', minimum=0.0, read_only=False)
+    """Largest displacement of the base link's origin, likewise; 0: any."""
+    base_rate: float = parameter(0.0, 'rad/s', minimum=0.0, read_only=False)
+    """Largest change of the angular velocity of the base, likewise; 0: any."""
+    clearance: float = parameter(0.02, 'm', minimum=0.0, read_only=False)
+    """Distance that collision shapes of the URDF keep from each other; 0: they may touch, and do not overlap."""
+    stuck: tuple[str, ...] = parameter((), read_only=False)
+    """Joints that are not moved."""
+    effort: int = parameter(1200, minimum=10, maximum=1_000_000, read_only=False)
+    """Motions that are compared before the best is taken."""

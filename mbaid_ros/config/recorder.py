@@ -9,17 +9,12 @@ from mbaid_ros.config.parameters import parameter
 
 @dataclass(frozen=True)
 class RecorderConfig:
-    """What is recorded, for how long, and where to."""
+    """The topics to record, for how long, and the bag."""
 
-    output: str = parameter(
-        '', 'Folder of the bag, which must not exist yet; empty means a new one named after the time of the start.'
-    )
-    topics: tuple[str, ...] = parameter(
-        (),
-        'Topics to record; empty means joint_states, odom, pose, imu, thrust, stored_momentum and robot_description '
-        'under these names, what estimators publish of the body, and the diagnostics, as they appear; no /tf, markers '
-        'or motions.',
-    )
-    duration: float = parameter(
-        0.0, 'Recording ends so long after the first message; 0 means when it is stopped.', unit='s', minimum=0.0
-    )
+    output: str = parameter('')
+    """Folder of the bag, which must not exist yet; empty means a new one named after the time of the start."""
+    topics: tuple[str, ...] = parameter(())
+    """Topics to record; empty means joint_states, odom, pose, imu, thrust, stored_momentum and robot_description under
+    these names, the estimates of the body, and the diagnostics, as they appear; no /tf, markers or motions."""
+    duration: float = parameter(0.0, 's', minimum=0.0)
+    """Recording ends so long after the first message; 0 means when it is stopped."""

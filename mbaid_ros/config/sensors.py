@@ -9,55 +9,38 @@ import numpy as np
 from mbaid_ros.config.parameters import parameter
 from mbaid_ros.core.geometry import Flags
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.sensors.levels import CHANNELS, TYPICAL, UNITS
-
-_FOUND = '; 0: estimated from the readings, {} where these do not determine it.'
-
-
-def _level(channel: str, what: str) -> float:
-    place = CHANNELS.index(channel)
-    return parameter(0.0, what + _FOUND.format(f'{TYPICAL[place]:g}'), unit=UNITS[place], minimum=0.0)
+from mbaid_ros.core.sensors.levels import CHANNELS, TYPICAL
 
 
 @dataclass(frozen=True)
 class NoiseConfig:
     """Standard deviation of one sample of each sensor channel."""
 
-    joint_position: float = _level(
-        'joint_position', 'Standard deviation of a joint position (for a prismatic joint the number counts in m)'
-    )
-    joint_velocity: float = _level(
-        'joint_velocity', 'Standard deviation of a joint velocity (for a prismatic joint the number counts in m/s)'
-    )
-    base_position: float = _level(
-        'base_position',
-        'Standard deviation of each coordinate of the base position, where the Odometry carries no pose covariance',
-    )
-    base_orientation: float = _level(
-        'base_orientation',
-        'Standard deviation of the base orientation about each axis, where the Odometry carries no pose covariance',
-    )
-    base_linear_velocity: float = _level(
-        'base_linear_velocity',
-        'Standard deviation of the base velocity along each axis, where the Odometry carries no twist covariance',
-    )
-    base_angular_velocity: float = _level(
-        'base_angular_velocity',
-        'Standard deviation of the angular velocity of the base, where the Odometry carries no twist covariance',
-    )
-    base_correlation_time: float = parameter(
-        0.0,
-        'Time in which the correlation of errors of the base pose falls to 1/e, for poses of a filter or of visual '
-        'odometry. 0: estimated if poses vary less than their covariance; otherwise errors are independent.',
-        unit='s',
-        minimum=0.0,
-    )
+    joint_position: float = parameter(0.0, 'rad', minimum=0.0)
+    """Standard deviation of a joint position (for a prismatic joint the number counts in m); 0: estimated from the
+    readings, 0.0001 where these do not determine it."""
+    joint_velocity: float = parameter(0.0, 'rad/s', minimum=0.0)
+    """Standard deviation of a joint velocity (for a prismatic joint the number counts in m/s); 0: estimated from the
+    readings, 0.001 where these do not determine it."""
+    base_position: float = parameter(0.0, 'm', minimum=0.0)
+    """Standard deviation of each coordinate of the base position, where the Odometry carries no pose covariance; 0:
+    estimated from the readings, 0.001 where these do not determine it."""
+    base_orientation: float = parameter(0.0, 'rad', minimum=0.0)
+    """Standard deviation of the base orientation about each axis, where the Odometry carries no pose covariance; 0:
+    estimated from the readings, 0.0001 where these do not determine it."""
+    base_linear_velocity: float = parameter(0.0, 'm/s', minimum=0.0)
+    """Standard deviation of the base velocity along each axis, where the Odometry carries no twist covariance; 0:
+    estimated from the readings, 0.001 where these do not determine it."""
+    base_angular_velocity: float = parameter(0.0, 'rad/s', minimum=0.0)
+    """Standard deviation of the angular velocity of the base, where the Odometry carries no twist covariance; 0:
+    estimated from the readings, 0.0001 where these do not determine it."""
+    base_correlation_time: float = parameter(0.0, 's', minimum=0.0)
+    """Time in which the correlation of errors of the base pose falls to 1/e, for poses of a filter or of visual
+    odometry. 0: estimated if poses vary less than their covariance; otherwise errors are independent."""
 
-    estimate: bool = parameter(
-        default=False,
-        description='Use the noise estimated from the readings of every sensor, in place of the declared one. The '
-        'estimated noise is reported in any case.',
-    )
+    estimate: bool = parameter(default=False)
+    """Use the noise estimated from the readings of every sensor, in place of the declared one. The estimated noise is
+    reported in any case."""
 
     @property
     def declared(self) -> SensorNoise:
@@ -75,71 +58,42 @@ class NoiseConfig:
 class PoseConfig:
     """Poses of the base without a twist: a PoseStamped or the like on the topic pose, or a transform on /tf."""
 
-    frame: str = parameter(
-        '',
-        'Frame on the base that a PoseStamped locates: the base link, another link fixed to it, or the frame of '
-        'marker. Empty: the frame of marker if it is set, otherwise the base link.',
-    )
-    tf_child_frame: str = parameter(
-        '',
-        'Take the pose of the base from /tf: child frame of the transform, which is the frame on the base unless '
-        'pose.frame names another. Empty: /tf is not read.',
-    )
+    frame: str = parameter('')
+    """Frame on the base that a PoseStamped locates: the base link, another link fixed to it, or the frame of marker.
+    Empty: the frame of marker if it is set, otherwise the base link."""
+    tf_child_frame: str = parameter('')
+    """Take the pose of the base from /tf: child frame of the transform, which is the frame on the base unless
+    pose.frame names another. Empty: /tf is not read."""
 
 
 @dataclass(frozen=True)
 class ImuConfig:
     """The angular velocity of an IMU; with `noise_density` the topic imu is used."""
 
-    noise_density: float = parameter(
-        0.0,
-        'Density of the white noise of its angular velocity, as in data sheets: the standard deviation of a reading '
-        'over the square root of the rate. 0: the topic imu is not used.',
-        unit='rad/s/sqrt(Hz)',
-        minimum=0.0,
-    )
-    alone: bool = parameter(
-        default=False,
-        description='Nothing locates the base: the gyro alone measures its rotation about the common centre of mass. '
-        'Method trajectory; odom and pose are not used, linear momentum and heading are unobservable.',
-    )
-    orientation: bool = parameter(
-        default=False,
-        description='With alone: its messages hold the orientation, too, like those of a star tracker; used if its '
-        'covariance is not -1 (REP 145). The gyro then fills the gaps between them, and the heading is known.',
-    )
-    bias_std: float = parameter(
-        0.01, 'Standard deviation of the initial bias about each axis.', unit='rad/s', minimum=0.0
-    )
-    bias_walk: float = parameter(
-        2e-5,
-        'Random walk of the bias: standard deviation of its change in a second, which grows with the square root of '
-        'time.',
-        unit='rad/s/sqrt(s)',
-        minimum=0.0,
-    )
-    scale_std: float = parameter(0.01, 'Relative standard deviation of the scale of each axis; 0: exact.', minimum=0.0)
-    cross_axis_std: float = parameter(
-        0.0,
-        'Standard deviation of the cross-axis sensitivity, beside the common misalignment; data sheets of MEMS give '
-        '0.01 to 0.02 as a maximum. 0: exact.',
-        minimum=0.0,
-    )
-    orientation_std: float = parameter(
-        0.01,
-        'Standard deviation of its misalignment on the base, about each axis; 0: exact.',
-        unit='rad',
-        minimum=0.0,
-    )
-    range: float = parameter(
-        0.0,
-        'Largest measurable angular velocity: readings at that limit are not used. 0: unknown; then readings that '
-        'repeat to the last bit are not used.',
-        unit='rad/s',
-        minimum=0.0,
-    )
-    frame: str = parameter(
-        '',
-        'Link that it is fixed to, in whose axes it measures: on the base, or moved by joints, but not the target or a '
-        'link that the target carries. Empty: the frame_id of its messages, a link on the base.',
-    )
+    noise_density: float = parameter(0.0, 'rad/s/sqrt(Hz)', minimum=0.0)
+    """Density of the white noise of its angular velocity, as in data sheets: the standard deviation of a reading over
+    the square root of the rate. 0: the topic imu is not used."""
+    alone: bool = parameter(default=False)
+    """Nothing locates the base: the gyro alone measures its rotation about the common centre of mass. Method
+    trajectory; odom and pose are not used, linear momentum and heading are unobservable."""
+    orientation: bool = parameter(default=False)
+    """With alone: its messages hold the orientation, too, like those of a star tracker; used if its covariance is not
+    -1 (REP 145). The gyro then fills the gaps between them, and the heading is known."""
+    bias_std: float = parameter(0.01, 'rad/s', minimum=0.0)
+    """Standard deviation of the initial bias about each axis."""
+    bias_walk: float = parameter(2e-5, 'rad/s/sqrt(s)', minimum=0.0)
+    """Random walk of the bias: standard deviation of its change in a second, which grows with the square root of
+    time."""
+    scale_std: float = parameter(0.01, minimum=0.0)
+    """Relative standard deviation of the scale of each axis; 0: exact."""
+    cross_axis_std: float = parameter(0.0, minimum=0.0)
+    """Standard deviation of the cross-axis sensitivity, beside the common misalignment; data sheets of MEMS give 0.01
+    to 0.02 as a maximum. 0: exact."""
+    orientation_std: float = parameter(0.01, 'rad', minimum=0.0)
+    """Standard deviation of its misalignment on the base, about each axis; 0: exact."""
+    range: float = parameter(0.0, 'rad/s', minimum=0.0)
+    """Largest measurable angular velocity: readings at that limit are not used. 0: unknown; then readings that repeat
+    to the last bit are not used."""
+    frame: str = parameter('')
+    """Link that it is fixed to, in whose axes it measures: on the base, or moved by joints, but not the target or a
+    link that the target carries. Empty: the frame_id of its messages, a link on the base."""

@@ -18,10 +18,7 @@ _ACCEPTED = 'accepted: a trajectory_msgs/JointTrajectory in YAML, as plan --yaml
 def read_trajectory(path: str | Path) -> JointTrajectory:
     """Return the motion in a file.
 
-    Raises
-    ------
-    ParameterError
-        The file cannot be read, or holds no motion.
+    Raises ParameterError: The file cannot be read, or holds no motion.
     """
     content = read_yaml(path, 'joint trajectory')
     try:
@@ -48,7 +45,7 @@ def _read(content: Any) -> JointTrajectory:
     return JointTrajectory(tuple(joints), time, *(_numbers(points, name, name == 'positions') for name in names))
 
 
-def _numbers(points: list[dict[str, Any]], name: str, required: bool) -> Array:  # noqa: FBT001 - by a name that tells
+def _numbers(points: list[dict[str, Any]], name: str, required: bool) -> Array:  # noqa: FBT001 - passed by name
     given = [point.get(name) or [] for point in points]
     if not required and not any(given):
         return np.zeros((0, 0))

@@ -1,4 +1,4 @@
-"""The chi-square distribution: what a sum of squared normalised residuals is compared with."""
+"""The chi-square distribution, for sums of squared normalised residuals."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ from scipy.special import chdtri
 
 @lru_cache(maxsize=1024)  # asked for many times a window, of few degrees
 def limit(chance: float, degrees: int) -> float:
-    """Return what a chi-square variable of some degrees of freedom exceeds by a given chance."""
+    """Return the value that a chi-square variable of some degrees of freedom exceeds with a given probability."""
     return float(chdtri(degrees, chance))

@@ -1,4 +1,4 @@
-"""The project's exceptions: one root, each message one line that names the thing, its value and what is accepted."""
+"""The exceptions: one root; each message is one line with the parameter or file, its value and the accepted ones."""
 
 from __future__ import annotations
 

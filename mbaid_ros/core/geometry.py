@@ -19,8 +19,7 @@ _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 _SHORT = 1500  # numbers, below which few calls of numpy count for more than gathering
 _IDENTITY = np.eye(3)
 _TINY = 1e-300  # instead of 0 in a denominator
-# Of an angle of two radians: beyond, the antisymmetric part of a rotation fades, and the symmetric one tells the
-# axis.
+# Of an angle of two radians: beyond, the antisymmetric part of a rotation fades, and the symmetric one gives the axis.
 _COSINE_OF_LARGE = -0.4
 
 

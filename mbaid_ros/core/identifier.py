@@ -73,8 +73,8 @@ def knowledge_of(method: object) -> Posterior | None:
 class Identifier:
     """One identification, from its first measurement on.
 
-    What comes out does not depend on how the measurements are cut into calls: the live node hands over a few at a time,
-    a replay thousands, and both get the same numbers.
+    The estimates do not depend on the partition of the measurements into calls: the live node hands over a few at a
+    time, a replay thousands, and both get the same numbers.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class Identifier:
         self._thrust = thrust
         self._falling = falling
         self._window = window
-        self._notes: dict[str, float] = {}  # what a user should know of the data, and since when (s)
+        self._notes: dict[str, float] = {}  # notes on the data for the user, and since when (s)
         self.used = 0
         self.end_of_window: int | None = None  # ns, stamp that closes the window that is open
         self._dropped: Counter[str] = Counter()
@@ -168,7 +168,7 @@ class Identifier:
         return [window for window in map(self._with_rates, windows) if window is not None]
 
     def _with_rates(self, window: Samples) -> Samples | None:
-        """Return a window with the velocities its method needs, None if it cannot have them; note what that takes."""
+        """Return a window with the velocities its method needs, None if it cannot have them; note the source."""
         start = float(window.time[0])
         joints, base = window.missing_rates
         if not self._estimator.needs_rates:
@@ -188,7 +188,7 @@ class Identifier:
         return with_rates(window)
 
     def _reasons(self, time: float) -> list[Reason]:
-        """Return what was known of the data by the end of a window, s: nothing of later ones in the same call."""
+        """Return the notes on the data up to the end of a window, s: none of later windows in the same call."""
         levels = self._levels.get(time)
         texts = [levels.warning] if levels is not None and levels.warning else []
         reasons = notes([*texts, *(text for text, since in self._notes.items() if since <= time)])
@@ -196,7 +196,7 @@ class Identifier:
 
 
 def _measured(window: Samples) -> str:
-    """Return what a window without the base's twist measures its motion by."""
+    """Return the sensors that measure the base's motion in a window without its twist."""
     located, oriented = np.isfinite(np.diagonal(window.pose_covariance[0])[[0, 3]]).tolist()
     if not located:
         return ORIENTATION_AND_GYRO if oriented else GYRO_ALONE

@@ -31,27 +31,17 @@ class JointTrajectory:
     Between two points a joint follows the quintic by position, velocity and acceleration at both, the cubic without
     accelerations, and a straight line without velocities. Before the first point and after the last one it rests there.
 
-    Attributes
-    ----------
-    joints : names of the k joints
-    time : (K,) s since its begin, increasing
-    position : (K, k) rad or m
-    velocity, acceleration : (K, k); or (0, 0) where not given
-
-    Raises
-    ------
-    DataError
-        The points do not make a motion.
+    Raises DataError: The points do not make a motion.
     """
 
-    joints: tuple[str, ...]
-    time: Array
-    position: Array
-    velocity: Array
-    acceleration: Array
+    joints: tuple[str, ...]  # names of the k joints
+    time: Array  # (K,) s since its begin, increasing
+    position: Array  # (K, k) rad or m
+    velocity: Array  # (K, k); or (0, 0) where not given
+    acceleration: Array  # (K, k); or (0, 0) where not given
 
     def __post_init__(self) -> None:
-        """Refuse what is no motion."""
+        """Refuse arrays that are not a motion."""
         count, names = len(self.time), len(self.joints)
         if not count or not names:
             raise DataError(f'a joint trajectory has {count} points of {names} joints; accepted: at least one of both')

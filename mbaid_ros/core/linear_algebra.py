@@ -7,7 +7,7 @@ from scipy.linalg.lapack import dpotrf, dtrtri
 
 from mbaid_ros.core.geometry import Array, Flags
 
-# Part of the largest eigenvalue (all unknowns scaled to unit diagonal) that double precision can still tell from 0.
+# Part of the largest eigenvalue (all unknowns scaled to unit diagonal) that double precision can still separate from 0.
 _RESOLUTION = 1e-13
 _DOUBTFUL = 1e-9  # part of an unknown's information that others leave of it, below which directions may be empty
 
@@ -46,7 +46,7 @@ def inverse_root(matrix: Array) -> Array | None:
     factor, failed = dpotrf(matrix, lower=True)
     if failed:
         return None
-    # The square of a pivot: what is left of an unknown's information once those before it are known.
+    # The square of a pivot: the information of an unknown that remains once those before it are known.
     left, enough = factor.diagonal() ** 2, _DOUBTFUL * matrix.diagonal()
     return np.asarray(dtrtri(factor, lower=True)[0]) if (left > enough).all() else None
 
@@ -58,7 +58,7 @@ def inverse_factor(matrix: Array) -> Array | None:
 
 
 def inverse_factors(matrices: Array) -> Array | None:
-    """Return those of K symmetric matrices (K, u, u), to the last bit the same whichever are beside each other.
+    """Return those of K symmetric matrices (K, u, u), to the last bit the same in any batch.
 
     None where one has none.
     """
@@ -81,7 +81,7 @@ def is_positive(matrix: Array) -> bool:
 
 
 def _directions(information: Array) -> tuple[Array, Array]:
-    """Return information (k,) and directions (u, k), scaled to unit diagonal, that double precision can tell from 0."""
+    """Return information (k,) and directions (u, k), scaled to unit diagonal, that double precision resolves."""
     size = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(information)), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(information * size * size[:, None])
     usable = values > _RESOLUTION * values[-1]
@@ -94,8 +94,8 @@ _LEAST = 1e-12  # information in units of a reference, which stands for none
 def inverses(references: Array, matrices: Array) -> Array:
     """Return the inverses of symmetric (N, u, u) matrices, conditioned by the diagonals of definite references.
 
-    Directions in which a matrix is not positive (noise was all there was) get a variance of 1e12 times what the
-    reference's diagonal says.
+    Directions in which a matrix is not positive (noise was all there was) get a variance of 1e12 times that of the
+    reference's diagonal.
     """
     size = 1.0 / np.sqrt(references.diagonal(axis1=1, axis2=2))
     factors = inverse_factors(matrices)

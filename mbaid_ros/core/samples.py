@@ -1,40 +1,95 @@
-"""The core's input: streams of readings, and synchronised samples of joints and base, a batch at a time."""
+"""Records of arrays with one leading axis: samples of joints and base, and the streams that they are made of."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, Flags
+
+S = TypeVar('S', bound='ArrayRecord')
+Index = int | slice | npt.NDArray[np.bool_] | npt.NDArray[np.intp]
+
+
+class ArrayRecord:
+    """A frozen dataclass of arrays whose first axes go together; the base of such classes."""
+
+    __slots__ = ()
+    __dataclass_fields__: ClassVar[dict[str, Any]]  # `fields` of it takes longer than to slice the arrays
+
+    def __len__(self) -> int:
+        """Return how many entries there are."""
+        return len(getattr(self, next(iter(self.__dataclass_fields__))))
+
+    def __getitem__(self: S, index: Index) -> S:
+        """Return a slice of the entries, or those of a mask or of indices; a single one without the axis."""
+        return type(self)(*[getattr(self, name)[index] for name in self.__dataclass_fields__])
+
+    @classmethod
+    def concatenate(cls: type[S], parts: Sequence[S]) -> S:
+        """Return the entries of the parts, in order."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls(*[np.concatenate([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__])
+
+
+class Queue(Generic[S]):
+    """Entries that join at the end and leave at the front, in one piece of memory; `entries` is a read-only view."""
+
+    def __init__(self, entries: S) -> None:
+        self.entries = self._room = entries
+        self._start, self._end = 0, len(entries)
+
+    def __len__(self) -> int:
+        """Return how many entries there are."""
+        return self._end - self._start
+
+    def append(self, more: S) -> None:
+        """Add further entries."""
+        if not len(self):
+            self.entries = self._room = more
+            self._start, self._end = 0, len(more)
+            return
+        end = self._end + len(more)
+        if end <= len(self._room):
+            for name in more.__dataclass_fields__:
+                getattr(self._room, name)[self._end : end] = getattr(more, name)
+            self._end = end
+        else:
+            # Room for twice as many: entries are copied seldom.
+            both = type(more).concatenate([self.entries, more])
+            self._room = type(more).concatenate([both, both])
+            self._start, self._end = 0, len(both)
+        self.entries = self._room[self._start : self._end]
+
+    def drop(self, count: int) -> None:
+        """Drop the first entries."""
+        self._start = min(self._start + count, self._end)
+        self.entries = self.entries[count:]
+
 
 Stamps = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """Standard deviation of each sensor channel, a sample (white unless noted).
+    """Standard deviation of each sensor channel, a sample (white unless noted)."""
 
-    Attributes
-    ----------
-    joint_position : rad (m for a prismatic joint)
-    joint_velocity : rad/s (m/s)
-    base_position, base_orientation : m, rad; used where the Odometry carries no pose covariance
-    base_linear_velocity, base_angular_velocity : m/s, rad/s; used where it carries no twist covariance
-    base_correlation_time : s, over which the errors of the base's poses are correlated; 0 for white noise
-    """
-
-    joint_position: float
-    joint_velocity: float
+    joint_position: float  # rad (m for a prismatic joint)
+    joint_velocity: float  # rad/s (m/s)
+    # base_position, base_orientation: m, rad; used where the Odometry carries no pose covariance
     base_position: float
     base_orientation: float
+    # base_linear_velocity, base_angular_velocity: m/s, rad/s; used where it carries no twist covariance
     base_linear_velocity: float
     base_angular_velocity: float
-    base_correlation_time: float = 0.0
+    base_correlation_time: float = 0.0  # s, over which the errors of the base's poses are correlated; 0 for white noise
 
     def pose_covariance(self) -> Array:
         """Return the (6, 6) covariance of (position, orientation)."""
@@ -54,54 +109,41 @@ class SensorNoise:
 
 @dataclass(frozen=True)
 class Samples(ArrayRecord):
-    """A batch of N samples, joints and base at common stamps.
+    """A batch of N samples, joints and base at common stamps."""
 
-    Attributes
-    ----------
-    time : (N,) s since the first sample of the run, increasing
-    joint_position : (N, n) rad or m, in the model's joint order
-    joint_velocity : (N, n) rad/s or m/s
-    base_position : (N, 3) m, origin of the base link in the odometry frame
-    base_rotation : (N, 3, 3), base link to odometry frame
-    base_linear_velocity : (N, 3) m/s, of the base link's origin, in odometry axes
-    base_angular_velocity : (N, 3) rad/s, in odometry axes
-    pose_covariance : (N, 6, 6) position and orientation (fixed axes), both in odometry axes
-    twist_covariance : (N, 6, 6) linear and angular velocity, in base axes
-    joint_rate_gain : (N, n) variance of a velocity over that of a position (1/s^2) if derived from positions; NaN, the
-        default, for a measured velocity
-    rate_tilt : (N, n + 6) of the velocities of joints and base (linear, angular): variance of their errors' tilt over a
-        window, over that of independent errors with as noisy a mean; 1, the default, for a measured velocity
-    impulse : (N, 6) change of (P, L) by known thrust since the first sample, odometry frame, L about its origin: N s,
-        N m s; zero by default
-    stored : (N, c) readings of the momentum stored inside bodies, as in `Storage`: rad/s, N m s; none by default
-    tide : (N, 60 b) derivatives of the change of (P, L) by an orbit since the first sample, by the standard parameters
-        of b bodies (6 x 10, rows first), falling frame, L about its origin; none by default
-    thrust : (N, 30 f) derivatives of the change of (P, L) by known thrust, L about the odometry's origin, by the errors
-        of f thrusters: scale, turn, delay (6 x 5, rows first); none by default
-    gyro : (N, 3) rad, integral of an IMU's angular velocity since it began, in base axes, or, if joints move its link,
-        in those of that link; NaN where unknown, (N, 0) without an IMU
-    apart : (N,) s, between the poses, or between the samples if these are further apart; 0 where unknown
-    noise : (N, 3) estimated standard deviations of joint positions and velocities, and correlation time of the poses'
-        errors (s); (N, 0) where they are as declared
-    """
-
-    time: Array
-    joint_position: Array
-    joint_velocity: Array
-    base_position: Array
-    base_rotation: Array
-    base_linear_velocity: Array
-    base_angular_velocity: Array
-    pose_covariance: Array
-    twist_covariance: Array
+    time: Array  # (N,) s since the first sample of the run, increasing
+    joint_position: Array  # (N, n) rad or m, in the model's joint order
+    joint_velocity: Array  # (N, n) rad/s or m/s
+    base_position: Array  # (N, 3) m, origin of the base link in the odometry frame
+    base_rotation: Array  # (N, 3, 3), base link to odometry frame
+    base_linear_velocity: Array  # (N, 3) m/s, of the base link's origin, in odometry axes
+    base_angular_velocity: Array  # (N, 3) rad/s, in odometry axes
+    pose_covariance: Array  # (N, 6, 6) position and orientation (fixed axes), both in odometry axes
+    twist_covariance: Array  # (N, 6, 6) linear and angular velocity, in base axes
+    # (N, n) variance of a velocity over that of a position (1/s^2) if derived from positions; NaN, the default, for a
+    # measured velocity
     joint_rate_gain: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # (N, n + 6) of the velocities of joints and base (linear, angular): variance of their errors' tilt over a window,
+    # over that of independent errors with as noisy a mean; 1, the default, for a measured velocity
     rate_tilt: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # (N, 6) change of (P, L) by known thrust since the first sample, odometry frame, L about its origin: N s, N m s;
+    # zero by default
     impulse: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    # (N, c) readings of the momentum stored inside bodies, as in `Storage`: rad/s, N m s; none by default
     stored: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # (N, 60 b) derivatives of the change of (P, L) by an orbit since the first sample, by the standard parameters of b
+    # bodies (6 x 10, rows first), falling frame, L about its origin; none by default
     tide: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # (N, 30 f) derivatives of the change of (P, L) by known thrust, L about the odometry's origin, by the errors of f
+    # thrusters: scale, turn, delay (6 x 5, rows first); none by default
     thrust: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # (N, 3) rad, integral of an IMU's angular velocity since it began, in base axes, or, if joints move its link, in
+    # those of that link; NaN where unknown, (N, 0) without an IMU
     gyro: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # (N,) s, between the poses, or between the samples if these are further apart; 0 where unknown
     apart: Array = field(default_factory=lambda: np.zeros(0))
+    # (N, 3) estimated standard deviations of joint positions and velocities, and correlation time of the poses' errors
+    # (s); (N, 0) where they are as declared
     noise: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
@@ -128,19 +170,12 @@ class Samples(ArrayRecord):
 
 @dataclass(frozen=True)
 class JointStream(ArrayRecord):
-    """Joint measurements as they arrived.
+    """Joint measurements as they arrived."""
 
-    Attributes
-    ----------
-    stamp : (N,) int64 ns
-    position, velocity : (N, n) in the model's joint order
-    stored : (N, c) as in Samples; none by default
-    """
-
-    stamp: Stamps
-    position: Array
-    velocity: Array
-    stored: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    stamp: Stamps  # (N,) int64 ns
+    position: Array  # (N, n) in the model's joint order
+    velocity: Array  # (N, n) in the model's joint order
+    stored: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (N, c) as in Samples; none by default
 
     def __post_init__(self) -> None:
         """Fill in the defaults."""
@@ -156,26 +191,16 @@ class JointStream(ArrayRecord):
 
 @dataclass(frozen=True)
 class BaseStream(ArrayRecord):
-    """Base measurements as they arrived.
+    """Base measurements as they arrived."""
 
-    Attributes
-    ----------
-    stamp : (N,) int64 ns
-    position : (N, 3) m, base link origin in the odometry frame
-    rotation : (N, 3, 3) base link to odometry axes
-    linear_velocity, angular_velocity : (N, 3) m/s, rad/s, in odometry axes
-    pose_covariance, twist_covariance : (N, 6, 6) as in Samples
-    declared : (N, 4) whether the message has the noise of position, orientation, linear and angular velocity; all by
-        default
-    """
-
-    stamp: Stamps
-    position: Array
-    rotation: Array
-    linear_velocity: Array
-    angular_velocity: Array
-    pose_covariance: Array
-    twist_covariance: Array
+    stamp: Stamps  # (N,) int64 ns
+    position: Array  # (N, 3) m, base link origin in the odometry frame
+    rotation: Array  # (N, 3, 3) base link to odometry axes
+    linear_velocity: Array  # (N, 3) m/s, rad/s, in odometry axes
+    angular_velocity: Array  # (N, 3) m/s, rad/s, in odometry axes
+    pose_covariance: Array  # (N, 6, 6) as in Samples
+    twist_covariance: Array  # (N, 6, 6) as in Samples
+    # (N, 4) whether the message has the noise of position, orientation, linear and angular velocity; all by default
     declared: Flags = field(default_factory=lambda: np.ones((0, 4), dtype=bool))
 
     def __post_init__(self) -> None:
@@ -186,21 +211,14 @@ class BaseStream(ArrayRecord):
 
 @dataclass(frozen=True)
 class ImuStream(ArrayRecord):
-    """Measurements of an IMU as they arrived.
+    """Measurements of an IMU as they arrived."""
 
-    Attributes
-    ----------
-    stamp : (N,) int64 ns
-    angular_velocity : (N, 3) rad/s, in base axes, or, if joints move its link, in those of that link
-    rotation : (N, 3, 3) base link to world axes; NaN, the default, where not measured
-    rotation_covariance : (N, 3, 3) rad^2, world axes
-    declared : (N,) whether the message has the noise of the orientation
-    """
-
-    stamp: Stamps
-    angular_velocity: Array
+    stamp: Stamps  # (N,) int64 ns
+    angular_velocity: Array  # (N, 3) rad/s, in base axes, or, if joints move its link, in those of that link
+    # (N, 3, 3) base link to world axes; NaN, the default, where not measured
     rotation: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
-    rotation_covariance: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    rotation_covariance: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))  # (N, 3, 3) rad^2, world axes
+    # (N,) whether the message has the noise of the orientation
     declared: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     def __post_init__(self) -> None:

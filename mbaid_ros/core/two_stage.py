@@ -36,7 +36,7 @@ DISAGREE = Reason(
 
 
 class SecondStage(Estimator, Protocol):
-    """A method that can start from what another one has found."""
+    """A method that can start from the result of another one."""
 
     @property
     def settled(self) -> bool:
@@ -166,7 +166,7 @@ class TwoStageEstimator:
             return late
         self._agreed = 0
         if not self._restarted:
-            # A solution that is not the data's: once more, from what the first stage has found.
+            # A solution that is not the data's: once more, from the first stage.
             self._restarted = True
             self._second.restart()
             return with_reasons(early, [DISAGREE])
@@ -184,7 +184,7 @@ class TwoStageEstimator:
 
 
 def _agree(first: Estimate, second: Estimate) -> bool:
-    """Tell whether two estimates of the same data may both be right.
+    """Return whether two estimates of the same data may both be right.
 
     The covariance of their difference is at most the sum of theirs, even if they share data.
     """

@@ -1,4 +1,4 @@
-"""What closed windows show of their readings without an identification: wrong frames, units and rates, a base held."""
+"""Faults that closed windows show without an identification: wrong frames, units and rates, a base held."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class WindowChecks:
         self._twist_frame.run_slice()
 
     def reasons(self, time: float, *, with_gyro: bool) -> list[Reason]:
-        """Return what was known by the end of a window, s; `with_gyro` if the method uses the IMU."""
+        """Return the findings up to the end of a window, s; `with_gyro` if the method uses the IMU."""
         reasons = notes([text for since, text in self._wrong_rates if since <= time][-1:])
         contradiction = self._contradictions.get(time)
         if contradiction is not None and contradiction.text:

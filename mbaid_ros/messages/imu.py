@@ -16,7 +16,7 @@ from mbaid_ros.messages.fields import stamps_of
 IMU_FRAME = 'IMU: frame_id is no link on the base'
 IMU_NOT_FINITE = 'IMU: NaN or infinite value'
 IMU_NOT_REAL = 'IMU: angular velocity beyond anything real'
-IMU_WITHOUT_RATE = 'IMU: says that it does not measure the angular velocity (covariance -1)'
+IMU_WITHOUT_RATE = 'IMU: the angular velocity is marked as not measured (covariance -1)'
 
 IMU_BAD_QUATERNION = 'IMU: orientation is no unit quaternion'
 
@@ -32,7 +32,7 @@ class ImuReader:
     Parameters
     ----------
     axes : (3, 3) of each frame that is accepted, by name: to those of the base link, or of the link that it moves with
-    frame : name of the one it is in, whatever messages say; empty leaves it to these
+    frame : name of the one it is in, which overrides the messages; empty leaves it to these
     orientation_std : rad, of an orientation whose covariance is not set; None does not read orientations
     """
 
@@ -43,7 +43,7 @@ class ImuReader:
         self.other_frame = ''
 
     def read(self, messages: Sequence[Any]) -> tuple[ImuStream | None, Counter[str]]:
-        """Return the measurements, and how many messages were dropped for what."""
+        """Return the measurements, and the numbers of dropped messages by cause."""
         dropped: Counter[str] = Counter()
         frames = [self._frame or message.header.frame_id.lstrip('/') for message in messages]
         kept = []
@@ -77,15 +77,15 @@ class ImuReader:
     def _orientations(
         self, kept: Sequence[tuple[Any, str]], deviation: float, dropped: Counter[str]
     ) -> tuple[Array, Array, Flags]:
-        """Return orientations and covariances (N, 3, 3) each, NaN where none is told, and which messages say these."""
+        """Return orientations and covariances (N, 3, 3) each, NaN where none is given, and which messages give them."""
         given = [(message.orientation, message.orientation_covariance) for message, _ in kept]
         quaternion = np.array([(each.x, each.y, each.z, each.w) for each, _ in given], dtype=float)
         covariance = np.array([each for _, each in given], dtype=float).reshape(-1, 3, 3)
-        told: Flags = covariance[:, 0, 0] != -1.0  # REP 145
+        present: Flags = covariance[:, 0, 0] != -1.0  # REP 145
         with np.errstate(over='ignore', invalid='ignore'):
             unit = np.abs(np.sqrt(np.sum(quaternion**2, axis=1)) - 1.0) < _QUATERNION_TOLERANCE
-        dropped[IMU_BAD_QUATERNION] += int(np.sum(told & ~unit))
-        good = told & unit
+        dropped[IMU_BAD_QUATERNION] += int(np.sum(present & ~unit))
+        good = present & unit
         rotation: Array = np.full((len(kept), 3, 3), np.nan)
         measured = rotation_from_quaternion(quaternion[good])
         # That of the sensor's frame in the world: the base's is turned back by where the sensor is on it.

@@ -43,7 +43,7 @@ class JointReader:
     Parameters
     ----------
     joint_names, wheels : names
-    passive : those of joints that nobody reports; what messages hold of them is ignored, and they are read as zero
+    passive : those of unreported joints; their values in messages are ignored, and they are read as zero
     """
 
     def __init__(self, joint_names: Sequence[str], wheels: Sequence[str] = (), passive: Sequence[str] = ()) -> None:
@@ -52,14 +52,14 @@ class JointReader:
         self._passive = tuple(place for place, name in enumerate(joint_names) if name in passive)
         self.all: Joints = tuple(range(len(self._names)))
         self._layouts: dict[tuple[str, ...], _Layout] = {}
-        self.others: tuple[str, ...] = ()  # what the last message that was laid out held beside the joints
+        self.others: tuple[str, ...] = ()  # further names in the last message that was laid out
         self.unknown: tuple[str, ...] = ()  # names of the last message that lacked a joint
         self.missing: tuple[str, ...] = ()
         self.not_finite: Counter[str] = Counter()  # messages with a NaN or infinite value, by field and joint
         self.heard: dict[str, None] = {}  # every name that a message has had, in order; a bounded number
 
     def read(self, messages: Sequence[Any]) -> tuple[dict[Joints, JointStream], Counter[str]]:
-        """Return the measurements by the joints they are of, and how many messages were dropped for what.
+        """Return the measurements by their joints, and the numbers of dropped messages by cause.
 
         A velocity that is not given is NaN. Packets may be together.
         """
@@ -154,7 +154,7 @@ _Run = tuple[_Layout, _Shape, list[Any]]  # messages in a row that have the same
 def _finite_joints(
     runs: Sequence[_Run], wheels: Sequence[int], dropped: Counter[str]
 ) -> tuple[JointStream, dict[int, int]]:
-    """Return what messages hold that have every position, and the speed of every wheel; others are counted.
+    """Return the contents of messages that have every position, and the speed of every wheel; others are counted.
 
     The second result is the number of messages that lack each of these, by its column.
     """
@@ -181,10 +181,7 @@ def _finite_joints(
 def trajectory_of(message: Any) -> JointTrajectory:
     """Return the motion in a trajectory_msgs/JointTrajectory, without efforts.
 
-    Raises
-    ------
-    DataError
-        It is no motion.
+    Raises DataError: It is no motion.
     """
     joints, points = tuple(str(name) for name in message.joint_names), list(message.points)
     time = np.array([point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec for point in points])

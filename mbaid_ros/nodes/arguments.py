@@ -54,7 +54,7 @@ def player_arguments() -> ArgumentParser:
     add('--rate', type=number(0.0, exclusive=True), default=1.0, metavar='R', help='speed (default: 1)')
     add('--clock', action='store_true', help='publish the time of the recording on /clock')
     add('--loop', action='store_true', help='start again at the end, until interrupted')
-    add('--topics', nargs='+', default=[], metavar='TOPIC', help='what to play (default: everything)')
+    add('--topics', nargs='+', default=[], metavar='TOPIC', help='topics to play (default: all)')
     add(
         '--wait-for-subscribers',
         type=number(0.0, unit='s'),
@@ -72,7 +72,7 @@ def watch_arguments() -> ArgumentParser:
         'Show the estimate of a running estimator in the terminal as it converges: intervals of 95 %, and bars that\n'
         'are full at a standard deviation of 0.1 %; and the most informative motion (next), if one is needed.\n'
         'Written to a file or pipe, one line an update.',
-        'watch /servicer/estimator\n  watch --once | tee now.txt',
+        'ros2 run mbaid_ros watch /servicer/estimator\n  ros2 run mbaid_ros watch --once | tee now.txt',
     )
     parser.add_argument('estimator', nargs='?', default='', metavar='NAME', help='node or topic (default: any)')
     parser.add_argument('--once', action='store_true', help='show one update and end')

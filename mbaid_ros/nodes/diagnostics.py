@@ -30,7 +30,7 @@ from mbaid_ros.nodes.reports import (
 )
 from mbaid_ros.nodes.subscriptions import Subscriptions
 from mbaid_ros.nodes.watch import ESTIMATE
-from mbaid_ros.session import explain
+from mbaid_ros.session.explanation import explain
 
 STALE_AFTER = 2.0  # s without a message
 STILL_AFTER = 2.0  # s without a later time on /clock
@@ -185,14 +185,14 @@ class Diagnostics:
         unheard = [info for info in publishers if info.topic_type != subscription.type_name]
         if unheard:
             types = listing(sorted({info.topic_type for info in unheard}))
-            return WARN, f'{rate} Hz; not heard is what {listing(_nodes(unheard))} sends there as {types}', values
+            return WARN, f'{rate} Hz; not read: {listing(_nodes(unheard))} sends there as {types}', values
         return OK, f'{rate} Hz', values
 
     def _thrust(self, state: RunState) -> Report:
         topic, received = self._thrust_subscription.topic, self._thrust_subscription.received
         values: Values = [('topic', topic), ('received', received)]
         if not received:
-            return OK, f'none is commanded on {topic}: what pushes is looked for in the data', values
+            return OK, f'none is commanded on {topic}: external forces are searched for in the data', values
         if state.session is None:
             return WARN, 'thrust cannot be used without a robot description', values
         thrust = state.session.thrust

@@ -20,16 +20,16 @@ from std_srvs.srv import SetBool, Trigger
 
 from mbaid_ros.config.capture import DebrisConfig, SelfCalibrationConfig
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.files import read_robot_description
 from mbaid_ros.config.model_errors import KnownLinksConfig
-from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import DataError, MbaidError
 from mbaid_ros.nodes.diagnostics import Diagnostics, NodeClock
 from mbaid_ros.nodes.planning import AdviceTask, Planning
 from mbaid_ros.nodes.publishers import EstimatePublication
 from mbaid_ros.nodes.reports import RunLog, RunState, remarks
 from mbaid_ros.nodes.subscriptions import DescriptionSubscription, Subscriptions, qos, quiet_publisher, tf_message
-from mbaid_ros.session import Session
 from mbaid_ros.session.reading import TIME_JUMP
+from mbaid_ros.session.session import Session
 
 PERIOD = 1.0  # s, of /diagnostics
 _SLICE_PERIOD = 1e-3  # s, between two time slices of the background task, at least
@@ -43,10 +43,7 @@ _ANY_ROBOT = """\
 class LiveEstimator:
     """Converts, calls the session, publishes; uses messages from the beginning if `active`, else from `activate` on.
 
-    Raises
-    ------
-    ParameterError, ModelError
-        A parameter, or the robot description file it names, cannot be used.
+    Raises ParameterError, ModelError: A parameter, or the robot description file it names, cannot be used.
     """
 
     def __init__(self, node: Node, config: EstimatorConfig, *, active: bool = True) -> None:
@@ -216,10 +213,7 @@ class LiveEstimator:
     def adjust(self, config: EstimatorConfig) -> None:
         """Change the parameters that may change at run time: convergence.*, plan.* and publish_tf.
 
-        Raises
-        ------
-        ParameterError
-            Frames are asked for, but the message package for them is not installed.
+        Raises ParameterError: Frames are asked for, but the message package for them is not installed.
         """
         self._publication.display.send_frames(wanted=config.publish_tf)
         self._config = replace(

@@ -24,10 +24,7 @@ NAME = 'estimator'
 class EstimatorNode(Node):
     """Identifies from its start on.
 
-    Raises
-    ------
-    ParameterError, ModelError
-        A parameter, or the robot description file it names, cannot be used.
+    Raises ParameterError, ModelError: A parameter, or the robot description file it names, cannot be used.
     """
 
     def __init__(self) -> None:
@@ -50,10 +47,7 @@ class ManagedEstimatorNode(LifecycleNode):
     `configure` reads the parameters, which may be set until then, and the robot; `activate` and `deactivate` begin and
     end to use messages; `cleanup` forgets everything.
 
-    Raises
-    ------
-    ParameterError
-        A parameter cannot be used.
+    Raises ParameterError: A parameter cannot be used.
     """
 
     def __init__(self, name: str) -> None:

@@ -25,8 +25,8 @@ from mbaid_ros.nodes.subscriptions import LATCHED, qos, quiet_publisher, tf_mess
 
 NAMESPACE = 'identified_body'
 _RADIUS_95 = math.sqrt(7.814728)  # of the region that holds 95 % of a normal distribution in space
-_SMALLEST = 1e-6  # m; viewers do not draw what has no size
-_LATEST = 2**31 * 1_000_000_000 - 1  # ns, that a stamp can tell
+_SMALLEST = 1e-6  # m; viewers do not draw shapes without size
+_LATEST = 2**31 * 1_000_000_000 - 1  # ns, the largest stamp
 _TF_PERIOD = 1_000_000_000 // 50  # ns
 
 # Okabe and Ito's colours.
@@ -131,10 +131,7 @@ class LinkFrames:
 class Display:
     """Publishes ~/markers, and with frames /tf, with a prefix of the frames' names.
 
-    Raises
-    ------
-    ParameterError
-        Frames are asked for, but the message package for them is not installed.
+    Raises ParameterError: Frames are asked for, but the message package for them is not installed.
     """
 
     def __init__(self, node: Node, *, with_frames: bool, prefix: str = '') -> None:
@@ -149,10 +146,7 @@ class Display:
     def send_frames(self, *, wanted: bool) -> None:
         """Begin or end to send the links' frames.
 
-        Raises
-        ------
-        ParameterError
-            Frames are asked for, but the message package for them is not installed.
+        Raises ParameterError: Frames are asked for, but the message package for them is not installed.
         """
         if wanted and self._tf is None:
             self._message = tf_message("parameter 'publish_tf' is true", 'false')

@@ -93,9 +93,7 @@ class Planning:
         if self._process is not None:
             response.message = 'a motion is being planned already; it comes on ~/motion'
         elif session is None or posterior is None:
-            response.message = (
-                'there is no solution to plan from yet; accepted: a call once method trajectory has come to one'
-            )
+            response.message = 'there is no solution to plan from yet; accepted: a call once method trajectory has one'
         else:
             self._begin_search(session.config, posterior)
             response.success = True

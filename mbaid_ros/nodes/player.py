@@ -36,16 +36,13 @@ class PlayerConfig:
 class PlayerNode(Node):
     """Publishes the messages of a bag.
 
+    Raises DataError: The bag lacks a topic, or its type is not installed.
+
     Parameters
     ----------
-    bag, topics : the open bag and what to publish of it; empty is everything that can be
+    bag, topics : the open bag and its topics to publish; empty: all that can be
     rate, clock : speed relative to the recording; whether to publish /clock
     interrupt : ends the playing
-
-    Raises
-    ------
-    DataError
-        The bag lacks a topic, or its type is not installed.
     """
 
     def __init__(

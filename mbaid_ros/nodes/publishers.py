@@ -1,4 +1,4 @@
-"""What the node `estimator` publishes of a run: estimates as they come, stale or withdrawn."""
+"""The publications of the node `estimator`: estimates as they come, stale or withdrawn."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from mbaid_ros.nodes.planning import Planning
 from mbaid_ros.nodes.reports import RunLog, RunState
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, quiet_publisher
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 
 _PATIENCE = Duration(nanoseconds=50_000_000)  # with a subscriber that has died, or has no time
 

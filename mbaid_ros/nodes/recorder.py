@@ -28,19 +28,16 @@ NAME = 'recorder'
 _INPUTS = ('joint_states', 'odom', 'pose', 'imu', 'thrust', 'stored_momentum', 'robot_description')
 _OUTPUT_TYPES = ('geometry_msgs/msg/InertiaStamped', 'diagnostic_msgs/msg/DiagnosticArray')
 _DISCOVERY_PERIOD = 0.1  # s
-_FLUSH_PERIOD = 1.0  # s, what is lost at most where the machine fails; a tenth of its age of a younger recording
-_DEPTH = 5000  # messages: what arrives at 1 kHz during five seconds of a busy disk
-_ON_ITS_WAY = 300_000_000  # ns, in which what was sent before an interrupt is received
+_FLUSH_PERIOD = 1.0  # s, longest loss if the machine fails; a tenth of its age of a younger recording
+_DEPTH = 5000  # messages, as arrive at 1 kHz during five seconds of a busy disk
+_ON_ITS_WAY = 300_000_000  # ns, in which messages sent before an interrupt are received
 _IDLE_TURNS = 20  # turns of the executor without a message, after which nothing received is left
 
 
 class RecorderNode(Node):
-    """Subscribes to what appears on the graph, and writes the bytes of what arrives.
+    """Subscribes to topics as they appear on the graph, and writes the bytes of their messages.
 
-    Raises
-    ------
-    ParameterError, DataError
-        A parameter is not accepted, or the bag cannot be made.
+    Raises ParameterError, DataError: A parameter is not accepted, or the bag cannot be made.
     """
 
     def __init__(self) -> None:
@@ -53,7 +50,7 @@ class RecorderNode(Node):
         self._refused: set[str] = set()
         self._begin: float | None = None  # monotonic time of the first message
         self._flushed = 0.0  # monotonic time
-        self._until = sys.maxsize  # ns, system time: what is received later is not written
+        self._until = sys.maxsize  # ns, system time: messages received later are not written
         self._writer = BagWriter(self._config.output or time.strftime('rosbag2_%Y_%m_%d-%H_%M_%S'))
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD, self._discover, clock=clock)
@@ -72,21 +69,18 @@ class RecorderNode(Node):
         return duration > 0.0 and self._begin is not None and time.monotonic() - self._begin >= duration
 
     def finish(self) -> None:
-        """Write nothing any more of what is yet to be received, but for what is on its way."""
+        """Write no further messages, except those that are on their way."""
         self._until = time.time_ns() + _ON_ITS_WAY
 
     def close(self) -> str:
-        """Complete the bag and return what is in it, in words."""
+        """Complete the bag and return a sentence about its contents."""
         self._writer.close()
         return f"{self.messages} messages on {len(self._offers)} topics in '{self._writer.path}'"
 
     def _resolved(self, topic: str) -> str:
         """Return the full name of a topic of the parameters.
 
-        Raises
-        ------
-        ParameterError
-            It is none.
+        Raises ParameterError: It is none.
         """
         if reason := why_no_topic(self, topic):
             raise ParameterError(f"parameter 'topics' names '{topic}': {reason}; accepted: names like /joint_states")
@@ -101,7 +95,7 @@ class RecorderNode(Node):
                     self._follow(topic, types[0], publishers)
 
     def _flush(self) -> None:
-        """Hand over what was written: at first more often, as a chunk that is complete can be read after a kill."""
+        """Flush: at first more often, as a chunk that is complete can be read after a kill."""
         now = time.monotonic()
         age = 0.0 if self._begin is None else now - self._begin
         if now - self._flushed >= min(_FLUSH_PERIOD, 0.1 * age):

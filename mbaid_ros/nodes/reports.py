@@ -15,9 +15,11 @@ from mbaid_ros.cli import one_line
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNCHECKED, UNITS, rounded
+from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
 from mbaid_ros.nodes.watch import NEXT
-from mbaid_ros.session import ModelSummary, Session, doubts, explain, obstacles
+from mbaid_ros.session.explanation import doubts, explain, obstacles
+from mbaid_ros.session.model_summary import ModelSummary
+from mbaid_ros.session.session import Session
 
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 
@@ -39,30 +41,18 @@ _LEVEL_OF_STATUS = {
 
 @dataclass
 class RunState:
-    """The state of the node.
+    """The state of the node."""
 
-    Attributes
-    ----------
-    session : the run, None before the first usable robot description
-    problem : why the last robot description was refused; empty if it was not
-    estimate : the last one
-    paused : True while the service ~/pause stops samples
-    active : False while a managed node is not
-    stale : why no estimate follows the last one; empty while one does
-    advice : the most informative motion, in words; empty if none is needed or known
-    plan : of the motion on ~/motion whether it reaches the wanted precision, and the verdict; None without one
-    ignored : messages not handed to a session, by reason
-    """
-
-    session: Session | None = None
-    problem: str = ''
-    estimate: Estimate | None = None
-    paused: bool = False
-    active: bool = True
-    stale: str = ''
-    advice: str = ''
+    session: Session | None = None  # the run, None before the first usable robot description
+    problem: str = ''  # why the last robot description was refused; empty if it was not
+    estimate: Estimate | None = None  # the last one
+    paused: bool = False  # True while the service ~/pause stops samples
+    active: bool = True  # False while a managed node is not
+    stale: str = ''  # why no estimate follows the last one; empty while one does
+    advice: str = ''  # the most informative motion, in words; empty if none is needed or known
+    # of the motion on ~/motion whether it reaches the wanted precision, and the verdict; None without one
     plan: tuple[bool, str] | None = None
-    ignored: Counter[str] = field(default_factory=Counter)
+    ignored: Counter[str] = field(default_factory=Counter)  # messages not handed to a session, by reason
 
     @property
     def halted(self) -> str:
@@ -105,7 +95,7 @@ class SampleReport:
         values += [
             ('used', session.used),
             *((f'dropped, {cause}', count) for cause, count in sorted(session.dropped.items())),
-            *((f'not used wholly, {cause}', count) for cause, count in sorted(session.replaced.items())),
+            *((f'partly used, {cause}', count) for cause, count in sorted(session.replaced.items())),
             *((f'reason {index + 1}', reason) for index, reason in enumerate(remarks(session))),
         ]
         if session.problem or state.halted:
@@ -115,7 +105,7 @@ class SampleReport:
         if not used and self.reasons and heard:
             return ERROR, f'nothing used, {lost} messages dropped since the last report: {self.reasons}', values
         if replaced or lost:
-            partly = f' and {replaced.total()} not used wholly' if replaced else ''
+            partly = f' and {replaced.total()} partly used' if replaced else ''
             reasons = '; '.join(filter(None, [self.reasons, *explain(session, replaced)]))
             text = f'{used} samples used, {lost} messages dropped{partly} since the last report: {reasons}'
             return WARN, text, values
@@ -145,7 +135,7 @@ def complaints(session: Session) -> list[str]:
 
 def remarks(session: Session) -> list[str]:
     """Return the complaints, and the unusable parts of used messages, one sentence each."""
-    partly = (f'messages not used wholly: {reason}' for reason in explain(session, session.replaced))
+    partly = (f'messages partly used: {reason}' for reason in explain(session, session.replaced))
     return [*complaints(session), *partly]
 
 
@@ -171,8 +161,8 @@ def estimate_report(state: RunState) -> Report:
         *((f'likely cause {index + 1}', cause) for index, cause in enumerate(causes)),
         (NEXT, state.advice),
         *([('plan reaches the wanted precision', reached), ('plan', verdict)] if state.plan else []),
-        (MAIN_CAUSES, '' if estimate.budget is None else estimate.budget.told(estimate.std)),
-        (UNCHECKED, '' if estimate.budget is None else estimate.budget.resting()),
+        (MAIN_CAUSES, '' if estimate.budget is None else estimate.budget.main_causes(estimate.std)),
+        (UNOBSERVABLE, '' if estimate.budget is None else estimate.budget.unobservable()),
         ('linear momentum (N s)', numbers(estimate.momentum[:3])),
         ('angular momentum (N m s)', numbers(estimate.momentum[3:])),
         *((f'noise of {name} ({unit})', text) for name, unit, text in noise),

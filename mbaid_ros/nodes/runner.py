@@ -45,10 +45,7 @@ _SOURCE_PLACE = re.compile(r',? at \S+:\d+')
 def own_arguments(argv: Sequence[str]) -> list[str]:
     """Return the arguments that are not ROS's (``--ros-args ...``).
 
-    Raises
-    ------
-    ParameterError
-        ROS does not accept its own.
+    Raises ParameterError: ROS does not accept its own.
     """
     with _refusals():
         return list(remove_ros_args(['', *argv])[1:])
@@ -63,10 +60,7 @@ def declare_parameters(node: Node, cls: type[T], *, settable: bool = False) -> T
     Unlike rclpy alone, it refuses unknown names and accepts a whole number for a double, as `replay` and `simulate` do.
     With `settable`, also parameters can be set that are read only once.
 
-    Raises
-    ------
-    ParameterError
-        An override has an unknown name, or a value that is not accepted.
+    Raises ParameterError: An override has an unknown name, or a value that is not accepted.
     """
     # rclpy has no public way to the overrides of undeclared parameters, and a misspelt name stays undeclared.
     overrides = node._parameter_overrides  # noqa: SLF001
@@ -88,10 +82,7 @@ def declare_parameters(node: Node, cls: type[T], *, settable: bool = False) -> T
 def changed(node: Node, cls: type[T], parameters: Sequence[Parameter]) -> T:
     """Return the parameters of a node with some set to other values.
 
-    Raises
-    ------
-    ParameterError
-        A value is not accepted.
+    Raises ParameterError: A value is not accepted.
     """
     declared = cast('dict[str, Parameter]', node.get_parameters_by_prefix(''))  # those of ROS itself among them
     values = {name: one.value for name, one in declared.items() if specification_of(name, cls)}
@@ -153,10 +144,7 @@ class Interrupt:
 def ros(argv: Sequence[str]) -> Iterator[Interrupt]:
     """Initialise ROS for the duration of a block, and yield the interrupt.
 
-    Raises
-    ------
-    ParameterError
-        ROS does not accept the arguments, or the environment: security without its files.
+    Raises ParameterError: ROS does not accept the arguments, or the environment: security without its files.
     """
     with _refusals():
         rclpy.init(args=['', *argv], signal_handler_options=SignalHandlerOptions.NO)

@@ -6,7 +6,7 @@ import math
 import sys
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from geometry_msgs.msg import InertiaStamped, Vector3Stamped, WrenchStamped
 from nav_msgs.msg import Odometry
@@ -20,15 +20,53 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from mbaid_ros.cli import run
-from mbaid_ros.config.robot import read_robot_description
+from mbaid_ros.config.files import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.messages import trajectory_of
 from mbaid_ros.nodes.arguments import simulator_arguments
-from mbaid_ros.nodes.pace import Pace
 from mbaid_ros.nodes.runner import declare_parameters, own_arguments, ros, spin
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, qos
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
+
+
+class Pace:
+    """The time of a run that goes a number of times as fast as this machine's clock.
+
+    If the machine does not keep up, or stands still for a while, the run is late from then on: to catch up it would
+    publish more at once than its subscribers' queues hold.
+
+    Parameters
+    ----------
+    factor, most : simulated seconds in a second, and between two calls of `now` at most
+    clock : monotonic, s
+    """
+
+    def __init__(self, factor: float, most: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._factor, self._most, self._clock = factor, most, clock
+        self._begin = math.nan  # s of the machine at time 0 of the run
+        self._reached = 0.0
+        self.late = 0.0  # s of the machine, by which the run is later than it would be
+
+    @property
+    def begun(self) -> bool:
+        """Whether the run has begun."""
+        return not math.isnan(self._begin)
+
+    def begin(self) -> None:
+        """Begin the run now."""
+        self._begin = self._clock()
+
+    def now(self) -> float:
+        """Return the time of the run, s."""
+        now = (self._clock() - self._begin) * self._factor
+        missed = (now - self._reached - self._most) / self._factor
+        if missed > 0.0:
+            self._begin, self.late = self._begin + missed, self.late + missed
+            now = self._reached + self._most
+        self._reached = now
+        return now
+
 
 NAME = 'simulator'
 
@@ -44,10 +82,7 @@ _LATE = 1.0  # s, by which a run is late when that is logged
 class SimulatorNode(Node):
     """Publishes the messages of a simulated run when they are due.
 
-    Raises
-    ------
-    ParameterError, ModelError
-        A parameter, or the robot description file it names, cannot be used.
+    Raises ParameterError, ModelError: A parameter, or the robot description file it names, cannot be used.
     """
 
     def __init__(self) -> None:
@@ -97,7 +132,7 @@ class SimulatorNode(Node):
         self._pace.begin()
 
     def _on_timer(self) -> None:
-        """Publish what is due."""
+        """Publish the messages that are due."""
         if not self._pace.begun:
             wanted = self._config.wait_for_subscribers
             if any(self._topics[topic].get_subscription_count() < wanted for topic in ('joint_states', 'odom')):

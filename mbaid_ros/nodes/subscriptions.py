@@ -28,7 +28,7 @@ from mbaid_ros.outgoing import MessageTypes
 
 RMWError = rclpy_implementation.RMWError
 
-DEPTH = 5000  # messages: what arrives at 1 kHz during five seconds of work on a window
+DEPTH = 5000  # messages, as arrive at 1 kHz during five seconds of work on a window
 _OVERRIDABLE = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
 
 
@@ -79,10 +79,7 @@ def tf_message(because: str, accepted: str) -> Any:
 
     An error names the parameter (`because`) that needs it, and its value (`accepted`) without.
 
-    Raises
-    ------
-    ParameterError
-        It is not installed.
+    Raises ParameterError: It is not installed.
     """
     try:
         return import_module('tf2_msgs.msg').TFMessage

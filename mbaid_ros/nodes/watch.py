@@ -98,7 +98,7 @@ def budget(message: Any) -> str:
     causes, shares = tuple(message.budget_causes), np.asarray(message.budget_shares, dtype=float)
     if not causes or len(shares) != len(PARAMETERS) * len(causes):
         return ''
-    return one_line(ErrorBudget(causes, shares.reshape(len(PARAMETERS), -1)).told(numbers(message)[1]))
+    return one_line(ErrorBudget(causes, shares.reshape(len(PARAMETERS), -1)).main_causes(numbers(message)[1]))
 
 
 def certainty(values: Array, stds: Array) -> Array:

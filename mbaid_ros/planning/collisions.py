@@ -24,10 +24,7 @@ _DENSE = 60  # instants of a motion at which distances are asked for
 def no_mesh(name: str) -> Array:
     """Refuse a mesh, where no files are read.
 
-    Raises
-    ------
-    ModelError
-        Always.
+    Raises ModelError: Always.
     """
     raise ModelError(f"the file of mesh '{name}' is not looked for")
 
@@ -38,21 +35,17 @@ class Collisions:
     Shapes of one body, and of bodies that a joint joins, are not compared: these touch by design. Neither are pairs
     that touch where a motion begins.
 
+    Raises ModelError: A shape that is no mesh cannot be read.
+
     Parameters
     ----------
-    model : RobotModel
     clearance : m, that shapes keep from each other
     start : (n,) joint positions where motions begin
-    mesh : what reads the vertices (V, 3) of a mesh by the name of its file, and raises ModelError where it cannot
+    mesh : reads the vertices (V, 3) of a mesh by the name of its file, or raises ModelError
 
     Attributes
     ----------
-    notes : what is left out, a line each
-
-    Raises
-    ------
-    ModelError
-        A shape that is no mesh cannot be read.
+    notes : omitted shapes, a line each
     """
 
     def __init__(self, model: RobotModel, clearance: float, start: Array, mesh: ReadMesh) -> None:
@@ -79,7 +72,7 @@ class Collisions:
         return len(self._shapes.collisionPairs)
 
     def clear(self, positions: Array) -> bool:
-        """Tell whether nothing comes near anything at (T, n) joint positions."""
+        """Return whether nothing comes near anything at (T, n) joint positions."""
         return not self.pairs or all(not self._near(position, first_only=True) for position in positions)
 
     @property
@@ -149,10 +142,7 @@ class Collisions:
 def _read(robot: pinocchio.Model, text: str) -> pinocchio.GeometryModel:
     """Return the collision shapes of a robot description.
 
-    Raises
-    ------
-    ModelError
-        One of them cannot be read; pinocchio would leave it out.
+    Raises ModelError: One of them cannot be read; pinocchio would leave it out.
     """
     complaints: list[str] = []
     try:
@@ -188,10 +178,7 @@ def _without_meshes(text: str) -> tuple[str, list[tuple[str, ET.Element]]]:
 def _hull(shape: ET.Element, read: ReadMesh) -> coal.ConvexBase:
     """Return the convex hull of a mesh.
 
-    Raises
-    ------
-    ModelError
-        The mesh cannot be read, or has no volume.
+    Raises ModelError: The mesh cannot be read, or has no volume.
     """
     element = shape.find('geometry/mesh')
     assert element is not None, 'a shape without a mesh is none of these'
@@ -222,7 +209,6 @@ class Efforts:
 
     Parameters
     ----------
-    model : RobotModel
     bodies : (n + 1, 10) standard parameters of its bodies, each in its own frame
 
     Attributes

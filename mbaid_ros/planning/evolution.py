@@ -1,4 +1,4 @@
-"""The evolution strategy of the search: a mean that moves to the best of what is drawn about it, and an adapted step.
+"""The evolution strategy of the search: a mean that moves to the best samples about it, and an adapted step.
 
 In many dimensions the mean of the best few, weighted by rank, is nearer to an optimum than the best one is. The step
 grows where its successive moves agree and shrinks where they cancel: cumulative step-size adaptation (Hansen and

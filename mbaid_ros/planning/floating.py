@@ -7,26 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.filter.state import Point
 from mbaid_ros.core.filter.twist_prediction import in_plane
 from mbaid_ros.core.geometry import Array, cross, log, rotate, rotate_back
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
+from mbaid_ros.core.samples import ArrayRecord
 
 
 @dataclass(frozen=True)
 class BaseMotion(ArrayRecord):
-    """The base at T instants, B motions side by side, odometry axes, positions from the run's origin.
+    """The base at T instants, B motions side by side, odometry axes, positions from the run's origin."""
 
-    Attributes
-    ----------
-    rotation, position : (T, B, 3, 3), (T, B, 3) m
-    twist : (T, B, 6) (v, w)
-    """
-
-    rotation: Array
-    position: Array
-    twist: Array
+    rotation: Array  # (T, B, 3, 3), (T, B, 3) m
+    position: Array  # (T, B, 3, 3), (T, B, 3) m
+    twist: Array  # (T, B, 6) (v, w)
 
     def away_from(self, other: BaseMotion) -> Array:
         """Return how far this is from another motion: (T, B, 3) rad, m, rad/s."""
@@ -38,21 +32,13 @@ class BaseMotion(ArrayRecord):
 
 @dataclass(frozen=True, eq=False)
 class Floating:
-    """A robot that floats: what it is, its momentum, and where it begins.
+    """A floating robot: its parameters, its momentum, and its start."""
 
-    Attributes
-    ----------
-    point : bodies, momentum (about the run's origin) and what is known of the joints
-    stored : (c,) readings of what stores momentum inside bodies, which stay as they are
-    rotation, position : (3, 3), (3,) m, of the base at the begin
-    plane : (3, 6) the equations that hold for a planar motion, odometry axes; None in space
-    """
-
-    point: Point
-    stored: Array
-    rotation: Array
-    position: Array
-    plane: Array | None
+    point: Point  # bodies, momentum (about the run's origin) and estimates of the joints
+    stored: Array  # (c,) readings of the momentum stored inside bodies, which stay constant
+    rotation: Array  # (3, 3), (3,) m, of the base at the begin
+    position: Array  # (3, 3), (3,) m, of the base at the begin
+    plane: Array | None  # (3, 6) the equations that hold for a planar motion, odometry axes; None in space
 
     def moved(self, joint_position: Array, joint_velocity: Array, step: float) -> BaseMotion:
         """Return how the base moves.

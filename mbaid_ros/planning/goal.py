@@ -1,42 +1,99 @@
-"""The goal of a planned motion: which parameters it has to determine how well, and what the search makes small."""
+"""The goal of a planned motion: which parameters it has to determine how well; and what it may not exceed."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Collection
+from dataclasses import dataclass, fields
 
 import numpy as np
 
+from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array, Flags
-
-Criterion = Literal['worst', 'mean', 'volume']
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.simulation.motion import independent_limits
 
 _SHARP = 8  # exponent of the mean that stands for the worst, smooth enough to be climbed
 
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """What a motion is to reach.
+    """The goal of a motion."""
 
-    Attributes
-    ----------
-    relative : (10,) relative standard deviations wanted
-    asked : (10,) which of them count
-    criterion : what is made small: the worst of the ratios to what is wanted, their mean square, or their volume
-    """
-
-    relative: Array
-    asked: Flags
-    criterion: Criterion = 'worst'
+    relative: Array  # (10,) relative standard deviations wanted
+    asked: Flags  # (10,) which of them count
 
     def ratio(self, relative: Array) -> Array:
-        """Return the largest ratio (...) of (..., 10) to what is wanted: 1 is reached."""
+        """Return the largest ratio (...) of (..., 10) to the wanted precision: 1 is reached."""
         return np.asarray((relative / self.relative)[..., self.asked].max(axis=-1))
 
     def cost(self, relative: Array) -> Array:
-        """Return what the search makes small, (...)."""
+        """Return the cost of the search, (...): the largest ratio, made smooth."""
         ratios = (relative / self.relative)[..., self.asked]
-        if self.criterion == 'volume':
-            return np.asarray(np.exp(np.log(ratios).mean(axis=-1)))
-        power = _SHARP if self.criterion == 'worst' else 2
-        return np.asarray((ratios**power).mean(axis=-1) ** (1.0 / power))
+        return np.asarray((ratios**_SHARP).mean(axis=-1) ** (1.0 / _SHARP))
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Limits of the k joints that follow no other; rad or m, and per s and s^2. A joint that is not moved has none."""
+
+    lower: Array  # (k,)
+    upper: Array  # (k,)
+    velocity: Array  # (k,)
+    acceleration: Array  # (k,)
+    moved: Flags  # (k,) which may be moved at all
+
+
+@dataclass(frozen=True)
+class BaseLimits:
+    """How far a motion of the joints may move the base from where it would be if they rested; infinite for no limit."""
+
+    rotation: float = np.inf  # rad
+    translation: float = np.inf  # m, of the base link's origin
+    rate: float = np.inf  # rad/s
+
+    @property
+    def array(self) -> Array:
+        """(3,) rotation, translation, rate."""
+        return np.array([getattr(self, each.name) for each in fields(self)])
+
+
+def joint_limits(
+    model: RobotModel, position: Array, velocity: float, acceleration: float, stuck: Collection[str]
+) -> JointLimits:
+    """Return the limits of a robot's joints.
+
+    Raises ParameterError: A name is of no joint, none can be moved, or one is outside its limits.
+
+    Parameters
+    ----------
+    position : (k,) where the motion begins, of the joints that follow no other
+    velocity : rad/s or m/s that no joint may exceed, besides its own limit
+    acceleration : rad/s^2 or m/s^2
+    stuck : names of joints that cannot be moved
+    """
+    names = model.independent_joints
+    foreign = [name for name in stuck if name not in names]
+    if foreign:
+        raise ParameterError(f"parameter 'plan.stuck' names '{foreign[0][:60]}'; accepted: {listing(names)}")
+    lower, upper, fastest = independent_limits(model)
+    speed = np.minimum(fastest, velocity)
+    moved = (speed > 0.0) & (upper > lower) & np.array([name not in stuck for name in names])
+    if not moved.any():
+        raise ParameterError(
+            "no joint can be moved; accepted: one at least that is not in 'plan.stuck', with a range and a velocity "
+            'in its URDF limits'
+        )
+    outside = moved & ((position < lower) | (position > upper))
+    if outside.any():
+        joint = int(np.flatnonzero(outside)[0])
+        raise ParameterError(
+            f"joint '{names[joint]}' is at {position[joint]:.4g}, outside its limits {lower[joint]:g} to "
+            f"{upper[joint]:g}: a motion within limits cannot begin there; accepted: inside, or 'plan.stuck' with it"
+        )
+    if not np.isfinite(speed[moved]).all():
+        joint = int(np.flatnonzero(moved & ~np.isfinite(speed))[0])
+        raise ParameterError(
+            f"joint '{names[joint]}' has no velocity limit in the robot description; accepted: one there, or "
+            "'plan.joint_velocity'"
+        )
+    return JointLimits(lower, upper, speed, np.full(len(names), acceleration), moved)

@@ -1,7 +1,7 @@
 """How well everything will be known after a motion to come: the trajectory filter's own, over windows not yet measured.
 
-What a window tells depends on the motion alone, not on the numbers that will be read: rows, noise and the way to the
-next window are those that the filter makes of a motion as it is predicted.
+The information of a window depends on the motion alone, not on the numbers that will be read: rows, noise and the way
+to the next window are those that the filter makes of a motion as it is predicted.
 """
 
 from __future__ import annotations
@@ -29,24 +29,17 @@ from mbaid_ros.core.robot.orbit import OF_A_THRUSTER
 from mbaid_ros.core.trajectory.posterior import FIRST, Posterior
 from mbaid_ros.planning.floating import BaseMotion
 
-_NOTHING = 1e-6  # of its size, by which what a motion leaves open must not move a parameter that it tells
+_NOTHING = 1e-6  # of its size, by which undetermined directions must not move a determined parameter
 _MOST = 256  # windows linearised at once: more of them no longer fit the processor's memory
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Windows of knots over motions that begin at time 0; of knots before and after, when the joints rest.
+    """Windows of knots over motions that begin at time 0; of knots before and after, when the joints rest."""
 
-    Attributes
-    ----------
-    windows : number
-    knots : in each
-    spacing : s, between knots
-    """
-
-    windows: int
-    knots: int
-    spacing: float
+    windows: int  # number
+    knots: int  # in each
+    spacing: float  # s, between knots
 
     @staticmethod
     def over(duration: float, window: float, knots: int) -> Grid:
@@ -66,12 +59,12 @@ class Grid:
 
 
 class Information:
-    """What motions to come will add to what is known.
+    """The information that future motions will add.
 
     Parameters
     ----------
-    knowledge : what a run has come to know
-    reporting : what standard deviations are relative to
+    knowledge : the posterior of a run
+    reporting : has the sizes that standard deviations are relative to
     point : of the robot as it may be; as it is known best where not given
     """
 
@@ -86,7 +79,7 @@ class Information:
         self._start = self._belief()
 
     def as_if(self, point: Point) -> Information:
-        """Return what motions will add if the robot is as it may be."""
+        """Return the information of motions for one of the possible robots."""
         return Information(self._known, self._reporting, point)
 
     @cached_property
@@ -97,7 +90,7 @@ class Information:
 
     @cached_property
     def asked(self) -> Flags:
-        """Which of the ten parameters a motion can tell of at all, (10,): of a planar one, four."""
+        """The parameters that a motion can determine at all, (10,): four in a planar one."""
         variables = self._known.variables
         own = variables.basis[BODY, 2 * variables.poses : variables.own]
         left_out = self._jacobian @ (np.eye(10) - own @ own.T) * self._scale
@@ -108,7 +101,6 @@ class Information:
 
         Parameters
         ----------
-        grid : Grid
         joints : (J, B, n) positions of all joints as read, and rates, at its knots
         base : of the same J knots
         every : how often on the way, in windows; 0 at the end alone
@@ -125,7 +117,7 @@ class Information:
         return np.stack(course) if every else course[-1]
 
     def shares(self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion) -> tuple[tuple[str, ...], Array]:
-        """Return the causes of uncertainty beside the sensors, c names, and their shares of what one motion leaves.
+        """Return the causes of uncertainty beside the sensors, c names, and their shares after one motion.
 
         Parameters
         ----------
@@ -147,7 +139,7 @@ class Information:
     def _followed(
         self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion
     ) -> Iterator[list[SquareRootInformation]]:
-        """Give what will be known of B motions after each window."""
+        """Give the posterior of B motions after each window."""
         whitened = self._windows(grid, joints, base)
         batch = joints[0].shape[1]
         gaussians = [self._start] * batch
@@ -205,7 +197,7 @@ class Information:
         return WindowNoise(samples, sensing.joint_position, sensing.pose, twist)
 
     def _belief(self) -> SquareRootInformation:
-        """Return what is known before the motion, of the pose error nothing: the chain begins anew."""
+        """Return the prior of the motion, without the pose error: the chain begins anew."""
         variables = self._known.variables
         poses, count = variables.poses, len(variables.scale)
         extra = 6 if self._known.hypothesis.force != 'none' else 0

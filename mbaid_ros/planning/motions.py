@@ -1,8 +1,8 @@
-"""Motions of the joints from where a run has ended, what they do to the base and what they tell, many at once."""
+"""Motions of the joints from the end of a run, the base's reaction and the information gained, many at once."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,37 +15,28 @@ from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.planning.collisions import Efforts
 from mbaid_ros.planning.floating import BaseMotion, Floating, as_they_may_be
+from mbaid_ros.planning.goal import BaseLimits, JointLimits
 from mbaid_ros.planning.information import Grid, Information
-from mbaid_ros.planning.limits import BaseLimits, JointLimits
 from mbaid_ros.planning.splines import Splines
 
 _PARTS = (slice(0, 3), slice(3, 6))  # of a twist
-WINDOWS, KNOTS = 14, 5  # of a motion in the search: in finer ones it tells the same within some 2 %
+WINDOWS, KNOTS = 14, 5  # of a motion in the search: finer ones give the same information within some 2 %
 _FINE = 240  # steps of the base's motion along any trajectory
 _STEPS = 2  # a piece, of the base's motion, where nothing but that is asked for
-# What motions beyond a limit are brought to, and whether by longer ramps, in turn.
+# The parts of a limit that motions beyond it are reduced to, and whether by longer ramps, in turn.
 _MARGINS = ((0.98, True), (0.95, True), (0.95, False))
 _SPARSE = 2  # of these from one at which torques are asked for to the next: ends of pieces, where they are largest
 
 
 @dataclass(frozen=True, eq=False)
 class Motions:
-    """All motions of one length.
+    """All motions of one length."""
 
-    Attributes
-    ----------
-    knowledge : where they begin, and what is known there
-    information : what they add to it
-    splines : their form
-    limits : of the joints
-    efforts : of the joints of the robot as it is known best
-    """
-
-    knowledge: Posterior
-    information: Information
-    splines: Splines
-    limits: JointLimits
-    efforts: Efforts
+    knowledge: Posterior  # where they begin, with the posterior there
+    information: Information  # that they add to it
+    splines: Splines  # their form
+    limits: JointLimits  # of the joints
+    efforts: Efforts  # of the joints of the robot as it is known best
 
     def lasting(self, duration: float) -> Motions:
         """Return motions of another length, s."""
@@ -91,10 +82,7 @@ class Motions:
     def require_hold(self) -> None:
         """Refuse a robot whose joints are too weak to stay where they are.
 
-        Raises
-        ------
-        ParameterError
-            One of them is.
+        Raises ParameterError: One of them is.
         """
         joint = int(np.argmax(self.holding))
         if self.holding[joint] >= 1.0:
@@ -110,7 +98,7 @@ class Motions:
         Parameters
         ----------
         speeds : (B, K, k)
-        course : what `course` returns of them first
+        course : their first result of `course`
         """
         times, base = course or self.course(speeds)[:2]
         position, rate = self.joints(speeds, times)
@@ -130,7 +118,7 @@ class Motions:
         return np.asarray(self.course(speeds)[2].max(axis=0))
 
     def beside_holding(self, effort: Array) -> Array:
-        """Return which part (B, k) of what holding leaves of the limits is used: it grows with the motion, nearly."""
+        """Return the used part (B, k) of the limits beside holding: it grows with the motion, nearly."""
         return (effort - self.holding) / (1.0 - self.holding)
 
     def trajectory(self, speeds: Array) -> JointTrajectory:
@@ -192,7 +180,7 @@ class Motions:
         """Return motions (B, K, k) within the limits of efforts and base.
 
         Where efforts ask for it their ramps are made longer; then they are made as much smaller as is left to do. A
-        base that is moved by the sum of what the joints do is moved in proportion to that, nearly; so are torques.
+        base that is moved by the sum of the joints' motions is moved in proportion to that, nearly; so are torques.
         """
         if not (np.isfinite(most.array).any() or self.efforts.limited):
             return speeds
@@ -226,3 +214,69 @@ class Motions:
         sparse = slice(None, None, _SPARSE)
         effort = self.effort(speeds, (times[sparse], base[sparse]))
         return of_base, np.asarray(self.beside_holding(effort).max(axis=1))
+
+
+_SPACING, _EACH = 0.5, 10  # s, of speeds at most; of these for each joint at least
+_RAMP = 2.0  # s, in which joints come from rest and back to it
+_TERMS, _PERIODS = 2, (8.0, 40.0)  # sinusoids a joint, s
+_LEGS = (4.0, 12.0)  # s, that a joint goes one way
+
+Generator = np.random.Generator
+
+
+def simple_motion(kind: str, motions: Motions, base: BaseLimits, seed: int) -> JointTrajectory:
+    """Return a motion that is drawn, as large as the limits of joints and base allow; collisions are not looked at.
+
+    Parameters
+    ----------
+    kind : of SIMPLE
+    motions : where it begins, how long it takes, and the limits of the joints
+    base : limits of the base's motion, for the best estimate of the robot
+    seed : the same gives the same motion
+    """
+    duration = motions.splines.duration
+    joints = len(motions.start)
+    fine = replace(motions, splines=Splines(max(round(duration / _SPACING), _EACH * joints), duration))
+    times = np.arange(1, fine.splines.count + 1) / fine.splines.count * duration
+    drawn = SIMPLE[kind](times, joints, np.random.default_rng(seed))
+    speeds = fine.splines.filling(np.diff(drawn, axis=0, prepend=0.0)[None], fine.start, fine.limits)
+    for _ in range(3):
+        speeds = fine.gentle(speeds, base)
+    return fine.trajectory(speeds[0])
+
+
+def _sinusoids(times: Array, joints: int, generator: Generator) -> Array:
+    """Return random sinusoids of all joints, (T, k)."""
+    size = generator.uniform(0.5, 1.0, (joints, _TERMS))
+    rate = 2.0 * np.pi / generator.uniform(*_PERIODS, (joints, _TERMS))
+    phase = generator.uniform(-np.pi, np.pi, (joints, _TERMS))
+    moved = (size * (np.sin(rate * times[:, None, None] + phase) - np.sin(phase))).sum(axis=-1)
+    ramp = np.clip(np.minimum(times, times[-1] - times) / _RAMP, 0.0, 1.0)[:, None]
+    return np.asarray(moved * np.sin(0.5 * np.pi * ramp) ** 2)
+
+
+def _one_by_one(times: Array, joints: int, generator: Generator) -> Array:
+    """Return each joint there and back while the others rest, (T, k)."""
+    share = np.clip(times[:, None] / times[-1] * joints - np.arange(joints), 0.0, 1.0)
+    return np.sin(np.pi * share) ** 2 * generator.choice([-1.0, 1.0], joints)
+
+
+def _trapezoids(times: Array, joints: int, generator: Generator) -> Array:
+    """Return all joints there and back at a constant speed, with ramps, in legs that are drawn, (T, k)."""
+    step = times[1] - times[0]
+    speed = np.empty((len(times), joints))
+    for joint in range(joints):
+        turns = np.cumsum(generator.uniform(*_LEGS, int(times[-1] / _LEGS[0]) + 2))
+        speed[:, joint] = generator.choice([-1.0, 1.0]) * (-1.0) ** np.searchsorted(turns, times)
+    rest = max(min(round(_RAMP / step), len(times) // 4), 1)  # of a motion that is hardly longer, a part
+    speed[:rest] = speed[-rest:] = 0.0
+    ramp = np.ones(rest) / rest
+    ramped = [np.convolve(each, ramp, 'same') for each in speed.T]
+    return np.asarray(np.cumsum(ramped, axis=1).T)
+
+
+SIMPLE: dict[str, Callable[[Array, int, Generator], Array]] = {
+    'sinusoids': _sinusoids,
+    'one_by_one': _one_by_one,
+    'trapezoids': _trapezoids,
+}

@@ -1,4 +1,4 @@
-"""A planned motion: what it is, what it reaches, what it uses of its limits, and all that in words."""
+"""A planned motion: its trajectory, its precision, its use of the limits, and all of it in words."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.parameters import PARAMETERS
 
 _WHOLE = 0.95  # of the longest motion that is looked for, from which one counts as that long
-_MARGIN = 1.02  # ratio to what is wanted, from which it is told that a plan may miss it
+_MARGIN = 1.02  # ratio to the wanted precision, from which a plan is reported to possibly miss it
 BINDING = 0.9  # part of a limit from which a motion is at it
-# In the order of what motions use: of the joints, then of the base; then what keeps the robot out of its own way.
+# In order: limits of the joints, of the base, and the clearance of the robot from itself.
 LIMITS = (
     'the position limits of the joints',
     'the velocity limits of the joints',
@@ -29,74 +29,43 @@ _UNITS = ('rad', 'm', 'rad/s')
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Numbers over time.
+    """Numbers over time."""
 
-    Attributes
-    ----------
-    time : (T,) s since the begin of the motion
-    value : (T, k)
-    """
-
-    time: Array
-    value: Array
+    time: Array  # (T,) s since the begin of the motion
+    value: Array  # (T, k)
 
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """How far a motion moves the base at most from where it would coast, (3,): rad, m, rad/s.
+    """How far a motion moves the base at most from where it would coast, (3,): rad, m, rad/s."""
 
-    Attributes
-    ----------
-    nominal : of the robot as it is known best
-    sure : of robots as they may be as well, five standard deviations and more
-    """
-
-    nominal: Array
-    sure: Array
+    nominal: Array  # of the robot as it is known best
+    sure: Array  # of robots as they may be as well, five standard deviations and more
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A motion.
+    """A motion."""
 
-    Attributes
-    ----------
-    trajectory : of the joints that are moved
-    target : the link that is identified
-    before, wanted : (10,) relative standard deviations now, and as they are wanted
-    asked : (10,) which of them a motion can tell of
-    course : relative standard deviations on the way, (W, 10)
-    base : how far the base is moved from where it would coast, (T, 3): rad, m, rad/s
-    bounds, base_limits : of that; (3,), infinite where there is none
-    use : (4, k) what the joints use of position, velocity, acceleration and effort limits; 1 is all
-    binding : names of the limits that it is at
-    shortest : whether the shortest was looked for that reaches what is wanted
-    longest : s, that was looked for
-    compared : motions
-    may_be : relative standard deviations after the motion for bodies as the target may be, (D, 10)
-    stuck : joints that are not moved
-    notes : what else is to be known, a line each
-    shapes : collision shapes of the robot
-    """
-
-    trajectory: JointTrajectory
-    target: str
+    trajectory: JointTrajectory  # of the joints that are moved
+    target: str  # the link that is identified
+    # before, wanted: (10,) relative standard deviations now, and as they are wanted
     before: Array
     wanted: Array
-    asked: Flags
-    course: Course
-    base: Course
-    bounds: Bounds
-    base_limits: Array
-    use: Array
-    binding: tuple[str, ...]
-    shortest: bool
-    longest: float
-    compared: int
-    may_be: Array
-    stuck: tuple[str, ...]
-    notes: tuple[str, ...]
-    shapes: int
+    asked: Flags  # (10,) which of them a motion can determine
+    course: Course  # relative standard deviations on the way, (W, 10)
+    base: Course  # displacement of the base from its coasting motion, (T, 3): rad, m, rad/s
+    bounds: Bounds  # of that; (3,), infinite where there is none
+    base_limits: Array  # of that; (3,), infinite where there is none
+    use: Array  # (4, k) share of position, velocity, acceleration and effort limits that the joints use; 1 is all
+    binding: tuple[str, ...]  # names of the limits that it is at
+    shortest: bool  # whether the search was for the shortest that reaches the wanted precision
+    longest: float  # s, that was looked for
+    compared: int  # motions
+    may_be: Array  # relative standard deviations after the motion for bodies as the target may be, (D, 10)
+    stuck: tuple[str, ...]  # joints that are not moved
+    notes: tuple[str, ...]  # further notes, a line each
+    shapes: int  # collision shapes of the robot
 
     @property
     def after(self) -> Array:
@@ -111,22 +80,22 @@ class Plan:
 
     @property
     def ratio(self) -> float:
-        """The largest of them relative to what is wanted, of those a motion can tell of."""
+        """The largest of them relative to the wanted precision, of those a motion can determine."""
         return float((self.after / self.wanted)[self.asked].max())
 
     @property
     def reached(self) -> bool:
-        """Whether what is wanted is reached."""
+        """Whether the wanted precision is reached."""
         return self.ratio <= 1.0
 
     @property
     def worst(self) -> str:
-        """Name of the parameter that is furthest from what is wanted."""
+        """Name of the parameter that is furthest from the wanted precision."""
         return PARAMETERS[int(np.argmax(np.where(self.asked, self.after / self.wanted, -np.inf)))]
 
     @property
     def verdict(self) -> str:
-        """The plan in one sentence: what it reaches, or which limit makes that impossible and what is reachable."""
+        """The plan in one sentence: the precision it reaches, or the limit that prevents the wanted one."""
         place = PARAMETERS.index(self.worst)
         now, then, wanted = (f'{100.0 * each[place]:.3g} %' for each in (self.before, self.after, self.wanted))
         length = f'{self.trajectory.duration:.1f} s'
@@ -135,8 +104,8 @@ class Plan:
             most = (self.between[1] / self.wanted)[self.asked].max()
             margin = f' (up to {most:.2f} times it with the body as it may be)' if most > _MARGIN else ''
             return (
-                f'{length} of motion bring every parameter of {self.target} below what is wanted{margin}; now {known}: '
-                f'{now}'
+                f'{length} of motion bring every parameter of {self.target} below the wanted value{margin}; now '
+                f'{known}: {now}'
             )
         at = f'; the motion is at {", ".join(self.binding)}' if self.binding else ''
         if self.shortest and self.trajectory.duration < _WHOLE * self.longest:
@@ -153,7 +122,7 @@ class Plan:
 
     @property
     def excursions(self) -> tuple[str, ...]:
-        """What the motion does to the base, a line each."""
+        """The effects of the motion on the base, a line each."""
         lines = []
         names = ('turned by', 'displaced by', 'turned faster or slower by')
         for name, unit, value, sure, limit in zip(

@@ -1,4 +1,4 @@
-"""From what a run has come to know to the motion that tells what is still uncertain, within limits."""
+"""From the posterior of a run to the motion that determines the uncertain rest, within limits."""
 
 from __future__ import annotations
 
@@ -12,12 +12,10 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.planning.advice import beyond_motion, single_joint
-from mbaid_ros.planning.assurance import Assurance
+from mbaid_ros.planning.assurance import Assurance, beyond_motion, single_joint
 from mbaid_ros.planning.collisions import Collisions, Efforts, ReadMesh, no_mesh
-from mbaid_ros.planning.goal import Criterion, Wanted
+from mbaid_ros.planning.goal import BaseLimits, Wanted, joint_limits
 from mbaid_ros.planning.information import Grid, Information
-from mbaid_ros.planning.limits import BaseLimits, joint_limits
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import (
     BINDING,
@@ -29,67 +27,49 @@ from mbaid_ros.planning.search import Candidate, Search
 from mbaid_ros.planning.splines import Splines
 
 _FIRST = 20.0  # s, of the motions that a search begins with
-_OTHER = 1.3  # ratio of lengths from which what is unknown of the robot makes another difference to its base
-_MOVING = 5e-3  # rad/s or m/s, from which a joint counts as moving: above what noise makes of one that rests
+_OTHER = 1.3  # ratio of lengths from which the robot's uncertainty changes the base's motion differently
+_MOVING = 5e-3  # rad/s or m/s, from which a joint counts as moving: above the noise of one at rest
 _WINDOW, _KNOTS = 0.5, 10  # s; as the estimator has them
-_CLOSE = 1.2  # ratio to what is wanted, from which more than a little length is missing
-_SMALL = 0.2  # of the duration of a motion that is lengthened for what the fine windows tell
+_CLOSE = 1.2  # ratio to the wanted precision, from which more than a little length is missing
+_SMALL = 0.2  # of the duration of a motion that is lengthened for the fine windows
 
-Progress = Callable[[int], bool]  # takes how many motions have been compared; tells whether to go on
+Progress = Callable[[int], bool]  # takes the number of motions compared; returns whether to go on
 
 
 @dataclass(frozen=True)
 class PlanSettings:
-    """What a motion is to reach, and within what.
+    """Goal and limits of a motion."""
 
-    Attributes
-    ----------
-    relative : (10,) relative standard deviations wanted
-    duration, longest : s; the first 0 for the shortest that reaches them
-    criterion : as `Wanted` has it
-    joint_velocity, joint_acceleration : that no joint exceeds, rad/s and rad/s^2, or m
-    base : how far the base may be moved
-    clearance : m, of collision shapes
-    stuck : joints that are not moved
-    speeds : that each joint goes by, one after the other
-    effort : motions that are compared
-    seed : the same gives the same motion
-    window : s, of the estimator
-    """
-
-    relative: Array
+    relative: Array  # (10,) relative standard deviations wanted
+    # duration, longest: s; the first 0 for the shortest that reaches them
     duration: float = 0.0
     longest: float = 300.0
-    criterion: Criterion = 'worst'
+    # joint_velocity, joint_acceleration: that no joint exceeds, rad/s and rad/s^2, or m
     joint_velocity: float = np.inf
     joint_acceleration: float = 0.1
-    base: BaseLimits = field(default_factory=BaseLimits)
-    clearance: float = 0.02
-    stuck: Collection[str] = ()
-    speeds: int = 32
-    effort: int = 1200
-    seed: int = 0
-    window: float = _WINDOW
+    base: BaseLimits = field(default_factory=BaseLimits)  # how far the base may be moved
+    clearance: float = 0.02  # m, of collision shapes
+    stuck: Collection[str] = ()  # joints that are not moved
+    speeds: int = 32  # that each joint goes by, one after the other
+    effort: int = 1200  # motions that are compared
+    seed: int = 0  # the same gives the same motion
+    window: float = _WINDOW  # s, of the estimator
 
 
 class Planner:
     """Plans motions from the end of a run.
 
+    Raises ParameterError: The parameters contradict each other or the robot.
+
     Parameters
     ----------
-    knowledge : what the run has come to know
-    reporting : what standard deviations are relative to
-    settings : PlanSettings
-    mesh : what reads collision meshes, as `Collisions` has it
+    knowledge : the posterior of the run
+    reporting : has the sizes that standard deviations are relative to
+    mesh : reads collision meshes, as `Collisions` has it
 
     Attributes
     ----------
-    information : what motions add to what is known
-
-    Raises
-    ------
-    ParameterError
-        The parameters contradict each other or the robot.
+    information : the information that motions add
     """
 
     def __init__(
@@ -97,7 +77,7 @@ class Planner:
     ) -> None:
         self._settings, self._mesh = settings, mesh
         self.information = Information(knowledge, reporting)
-        self._wanted = Wanted(settings.relative, self.information.asked, settings.criterion)
+        self._wanted = Wanted(settings.relative, self.information.asked)
         model = knowledge.layout.kernel.model
         limits = joint_limits(
             model,
@@ -136,21 +116,17 @@ class Planner:
     def plan(self, progress: Progress = lambda _compared: True) -> Plan:
         """Return the motion.
 
+        Raises ParameterError: The wanted precision has been reached already, or no motion at all is allowed.
+        Raises ModelError: A collision shape cannot be read.
+
         Parameters
         ----------
-        progress : told of what has been done; where it says no, the best so far is taken
-
-        Raises
-        ------
-        ParameterError
-            What is wanted has been reached already, or no motion at all is allowed.
-        ModelError
-            A collision shape cannot be read.
+        progress : called with the work done; if it returns False, the best so far is taken
         """
         settings = self._settings
         if not settings.duration and self.ratio <= 1.0:
             raise ParameterError(
-                'every parameter is known as well as is wanted already; accepted: a smaller plan.relative_std, or a '
+                'every parameter has the wanted precision already; accepted: a smaller plan.relative_std, or a '
                 'plan.duration'
             )
         clear = self._assurance.clear_part
@@ -178,24 +154,24 @@ class Planner:
         return single_joint(self.motions, self._wanted, self._settings.base)
 
     def _advice(self, candidate: Candidate) -> list[str]:
-        """Return what would help, beside this motion."""
+        """Return remedies beside this motion."""
         beyond = beyond_motion(candidate.motions, candidate.speeds, candidate.motions.coarse, self._wanted)
         return [line for line in (self.advice(), beyond) if line]
 
     def _notes(self) -> list[str]:
-        """Return what holds of where the motion begins."""
+        """Return notes on the start of the motion."""
         notes, knowledge = [], self.motions.knowledge
         model = knowledge.layout.kernel.model
         rate = np.abs(knowledge.end.joint_velocity)
         moving = [name for name, each in zip(model.joint_names, rate, strict=True) if each > _MOVING]
         if moving:
-            notes.append(f'moved at the end of the run, and have to rest before the motion begins: {listing(moving)}')
+            notes.append(f'moved at the end of the run, and must rest before the motion begins: {listing(moving)}')
         if knowledge.hypothesis.disturbed:
             notes.append(f'{knowledge.hypothesis.name}: the motion is planned as if that went on')
         return notes
 
     def _lengthened(self, candidate: Candidate) -> Candidate:
-        """Return a motion that was to reach what is wanted, made longer until it does so in the estimator's windows."""
+        """Return a motion, made longer until it reaches the wanted precision in the estimator's windows."""
         if self._settings.duration or candidate.ratio > _CLOSE:
             return candidate
         first = candidate.duration
@@ -229,7 +205,7 @@ class Planner:
                 motions.effort(candidate.speeds[None]),
             )
         )[:, moved]
-        # What the search was held to: a motion that is at that is at its limit.
+        # The limit of the search: a motion that reaches it is at its limit.
         of_base = np.maximum(bounds.nominal / base.array, bounds.sure / settings.base.array)
         trajectory, grid = motions.trajectory(candidate.speeds), self._grid(candidate.duration)
         return Plan(

@@ -1,9 +1,9 @@
-"""What the search varies of a motion: of each joint the legs that it goes, how long each lasts and where it ends.
+"""The variables of the search: the legs of each joint, their lengths and their ends.
 
-The shortest motions go at full speed nearly all the time, so what tells them apart is when they turn. In legs that is
+The shortest motions go at full speed nearly all the time, so they differ by the times when they turn. In legs that is
 a few numbers, of which a small change is a small change of the motion, while in speeds at given instants a turn that
-comes a little later is a large change of one of them. Where the base's limit binds, what counts is where the joints
-are: a change of one place leaves those after it as they were.
+comes a little later is a large change of one of them. Where the base's limit binds, the places of the joints count: a
+change of one place leaves those after it as they were.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.planning.evolution import CHOSEN, GENERATION, Evolution
-from mbaid_ros.planning.goal import Wanted
-from mbaid_ros.planning.limits import BaseLimits
+from mbaid_ros.planning.goal import BaseLimits, Wanted
 from mbaid_ros.planning.motions import Motions
 
 LEGS = 8  # of a joint: more turns help where the base's limit binds
@@ -44,7 +43,7 @@ def _lasting(lengths: Array) -> Array:
 def speeds_of(legs: Array, count: int) -> Array:
     """Return the mean speeds in each of `count` equal parts of a motion, in parts of the joints' limits, (B, count, k).
 
-    Places are in units of an equal share of the way at full speed; what is faster the limits cut off later.
+    Places are in units of an equal share of the way at full speed; the limits cut off faster motion later.
 
     Parameters
     ----------
@@ -62,31 +61,22 @@ def speeds_of(legs: Array, count: int) -> Array:
 
 
 _DRAWN = 48  # motions at first
-_SHORTER = 0.97  # of the length at which a motion is expected to tell enough
-ENOUGH = 0.97  # of the ratio that is wanted: what the search's few windows tell is right within some 2 %
+_SHORTER = 0.97  # of the length at which a motion is expected to suffice
+ENOUGH = 0.97  # of the wanted ratio: the search's few windows are right within some 2 %
 _PATIENCE = 8  # generations of one length, before another is tried
 _FAR = 1.25  # ratio from which a length is not the one to try long
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A motion.
+    """A motion."""
 
-    Attributes
-    ----------
-    motions : those of its length
-    legs : (NUMBERS, k) that the search has it of
-    speeds : (K, k) within the limits
-    cost, ratio : as `Wanted` has them
-    part : of the size that it would have if nothing of the robot were in its own way
-    """
-
-    motions: Motions
-    legs: Array
-    speeds: Array
-    cost: float
-    ratio: float
-    part: float = 1.0
+    motions: Motions  # those of its length
+    legs: Array  # (NUMBERS, k) that the search has it of
+    speeds: Array  # (K, k) within the limits
+    cost: float  # as `Wanted` has them
+    ratio: float  # as `Wanted` has them
+    part: float = 1.0  # of the size that it would have if nothing of the robot were in its own way
 
     @property
     def duration(self) -> float:
@@ -105,8 +95,7 @@ class Search:
     Parameters
     ----------
     motions : of the length to begin at
-    wanted : Wanted
-    base : limits of what motions do to the base, if the robot is as it is known best; may change on the way
+    base : limits of the base's motion, for the best estimate of the robot; may change on the way
     seed : the same seed leads to the same motion
     first : motions that are drawn, at most
     clear : to which part of its size one motion (K, k) has to be made smaller, for the robot not to be in its own way;
@@ -114,9 +103,9 @@ class Search:
 
     Attributes
     ----------
-    best : the motion that tells most, of the latest length; joints at rest where none is clear
-    nearest : the one that tells most, of any length
-    reached : the shortest that tells enough; None while there is none
+    best : the motion with most information, of the latest length; joints at rest where none is clear
+    nearest : the one with most information, of any length
+    reached : the shortest that reaches the wanted precision; None while there is none
     """
 
     def __init__(
@@ -147,7 +136,7 @@ class Search:
             yield GENERATION
 
     def shortest(self, longest: float) -> Iterator[int]:
-        """Look for the shortest motion that reaches what is wanted, of `longest` s at most, likewise."""
+        """Look for the shortest motion that reaches the wanted precision, of `longest` s at most, likewise."""
         yield self._first
         tried = 0  # generations of this length
         longer_helps = True  # where the base's limit binds, more time alone hardly does
@@ -171,12 +160,12 @@ class Search:
                     longer_helps = self.best.ratio * length < before.ratio * before.duration
 
     def _longer(self, longest: float) -> float:
-        """Return the length to go on with where the best motion of one does not tell enough."""
+        """Return the length to go on with if the best motion of one does not suffice."""
         now, reached = self.best.duration, self.reached
         longer = min(now * min(self.best.ratio**0.6, 2.0) * 1.01, longest)
         if reached is None:
             return longer
-        # No longer than half way to what is known to do; close to that, it is all about this length.
+        # No longer than half way to a length that suffices; close to that, it is all about this length.
         return min(longer, 0.5 * (now + reached.duration)) if now < 0.99 * reached.duration else now
 
     def _take(self) -> None:
@@ -211,13 +200,13 @@ class Search:
         return self._candidate(found, place) if np.isfinite(found.cost[place]) else self._still()
 
     def _compared(self, legs: Array) -> _Compared:
-        """Return what becomes of motions (B, NUMBERS, k), as large as allowed."""
+        """Return the outcomes of motions (B, NUMBERS, k), as large as allowed."""
         motions = self._motions
         fastest = np.where(motions.limits.moved, motions.limits.velocity, 0.0)
         speeds = motions.gentle(motions.within(speeds_of(legs, motions.splines.count) * fastest), self.base)
-        return self._kept_apart(_Compared(legs, speeds, *self._told(speeds), np.ones(len(legs))))
+        return self._kept_apart(_Compared(legs, speeds, *self._scores(speeds), np.ones(len(legs))))
 
-    def _told(self, speeds: Array) -> tuple[Array, Array]:
+    def _scores(self, speeds: Array) -> tuple[Array, Array]:
         """Return costs and ratios (B,) of motions."""
         relative = self._motions.relative(speeds, self._motions.coarse)
         cost, ratio = self._wanted.cost(relative), self._wanted.ratio(relative)
@@ -235,7 +224,7 @@ class Search:
             if smaller:
                 legs[smaller, -1] += np.log(part[smaller])[:, None]
                 speeds[smaller] *= part[smaller, None, None]
-                cost[smaller], ratio[smaller] = self._told(speeds[smaller])
+                cost[smaller], ratio[smaller] = self._scores(speeds[smaller])
         return _Compared(legs, speeds, cost, ratio, part)
 
     def _candidate(self, found: _Compared, place: int) -> Candidate:
@@ -243,7 +232,7 @@ class Search:
         return Candidate(self._motions, found.legs[place], found.speeds[place], cost, ratio, part)
 
     def _still(self) -> Candidate:
-        """Return joints at rest, which tell nothing worth comparing."""
+        """Return joints at rest, which give no information worth comparing."""
         joints = len(self._motions.limits.moved)
         speeds = np.zeros((self._motions.splines.count, joints))
         return Candidate(self._motions, np.zeros((NUMBERS, joints)), speeds, np.inf, np.inf)

@@ -15,7 +15,7 @@ from scipy.interpolate import BSpline
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.planning.limits import JointLimits
+from mbaid_ros.planning.goal import JointLimits
 
 _DENSE = 4  # instants a piece at which limits are checked
 _KEPT = 0.999  # of a limit, as numbers are rounded and a position may bulge between these
@@ -23,16 +23,10 @@ _KEPT = 0.999  # of a limit, as numbers are rounded and a position may bulge bet
 
 @dataclass(frozen=True)
 class Splines:
-    """Motions by speeds at equal distances in time, before and after which the joints rest.
+    """Motions by speeds at equal distances in time, before and after which the joints rest."""
 
-    Attributes
-    ----------
-    count : number K of speeds
-    duration : s
-    """
-
-    count: int
-    duration: float
+    count: int  # number K of speeds
+    duration: float  # s
 
     @property
     def step(self) -> float:
@@ -46,7 +40,7 @@ class Splines:
         return BSpline(np.arange(-2.0, self.count + 5.0), speeds, 2).antiderivative()
 
     def basis(self, times: Array, order: int = 0) -> Array:
-        """Return what speeds make of the derivative of an order at (N,) s, (N, K); at rest before and after."""
+        """Return the weights of speeds in the derivative of an order at (N,) s, (N, K); at rest before and after."""
         passed = np.clip(times / self.step, 0.0, self.count + 2.0)
         return np.asarray(self._spline(passed, nu=order) * self.step ** (1 - order))
 
@@ -63,7 +57,6 @@ class Splines:
         ----------
         speeds : (..., K, k)
         start : (k,)
-        limits : JointLimits
         """
         place, rate, bend = (each @ speeds for each in self._checked)
         parts = (

@@ -22,12 +22,8 @@ _COLUMN_KEYS = ('column', 'scale', 'offset')
 def read_csv(path: Path, columns: Path) -> Recording:
     """Return a log in CSV, whose columns a YAML file describes (docs/measured/hardware.md).
 
-    Raises
-    ------
-    DataError
-        The table cannot be used.
-    ParameterError
-        The YAML file cannot be used, or does not fit the table.
+    Raises DataError: The table cannot be used.
+    Raises ParameterError: The YAML file cannot be used, or does not fit the table.
     """
     mapping = _Mapping(read_yaml(columns, 'column mapping'), str(columns), '', _KEYS)
     separator = mapping.text('separator', ',')
@@ -146,7 +142,7 @@ class _Reading:
         return np.asarray(used)
 
     def notes(self) -> tuple[str, ...]:
-        """Return what has been left out, in words."""
+        """Return a sentence about the rows left out."""
         return tuple(f'{count} {what} left out: no number there' for what, count in self._left_out.items() if count)
 
     def _raw(self, value: Any, where: str) -> Array:

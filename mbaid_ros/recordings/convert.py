@@ -26,8 +26,8 @@ _OPTIONS = {
 }
 
 _DESCRIPTION = """\
-Make an MCAP bag of a log. Beside it in the folder, as far as the format says: robot.urdf, what was flown, with the
-source of every number; estimator.yaml, parameters for replay; truth.json.
+Make an MCAP bag of a log. If the format has them, the folder also gets robot.urdf, with the source of every number,
+estimator.yaml, with parameters for replay, and truth.json.
 
   tudelft-throw *.BFL or CSV of TU Delft's throwing device: gyro, accelerometer and flywheel in free flight, no pose
   spot-2021     *__stitched.mat of Carleton University's SPOT: planar chaser, arm as commanded, thrusters off

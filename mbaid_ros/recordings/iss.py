@@ -30,7 +30,7 @@ _HOUR = 3600.0  # s
 _LONG = 5.0  # s without a reading that the gyro or the torque did not change: a loss of signal
 _ITERATIONS, _CLOSE = 20, 1e-6  # of the momentum at the start; N m s
 _FINE = 1e-5  # rad: residuals below it count alike
-_THRUSTERS = 300.0  # N m s: 10 times what hours without thrusters leave
+_THRUSTERS = 300.0  # N m s: 10 times the misfit of hours without thrusters
 _HELD = 1.0  # s: a joint that stands is sent once, and is read as often as the rates
 
 
@@ -52,8 +52,11 @@ def read_iss(folder: Path, begin: float, end: float) -> Recording:
     angles = [_channel(folder, name, span) for name in _ANGLES]
     # The joints turn on in a loss of signal, too: between readings, straight on; standing, they are sent once.
     joints = np.column_stack([_between_readings(each, time) for each in angles])
-    motion, orbit = _orbit(folder, span, time)
-    inertial = orbit @ rotation_from_quaternion(quaternion)
+    orbit, lvlh, plane = _orbit(folder, span, time)
+    body = rotation_from_quaternion(quaternion)
+    inertial, relative = lvlh @ body, np.swapaxes(plane, -1, -2) @ lvlh @ body
+    drift = rotate(np.swapaxes(plane, -1, -2), log(plane[-1] @ plane[0].T) / (time[-1] - time[0]))
+    rate -= rotate_back(relative, drift)
     torque = np.column_stack([_held(_channel(folder, name, span), time) for name in _TORQUE])
     stored, misfit = stored_momentum(time, inertial, torque, _held(_channel(folder, _MAGNITUDE, span), time))
     if misfit > _THRUSTERS:
@@ -63,10 +66,10 @@ def read_iss(folder: Path, begin: float, end: float) -> Recording:
         )
     return Recording(
         Joints(JOINTS, time, joints),
-        imu=Imu(time, rate, np.zeros_like(rate), orientation=quaternion_from_rotation(inertial)),
+        imu=Imu(time, rate, np.zeros_like(rate), orientation=quaternion_from_rotation(relative)),
         stored=StoredMomentum(time, stored),
         robot=resource('iss.urdf'),
-        parameters=resource('iss.yaml').format(mean_motion=motion),
+        parameters=resource('iss.yaml').format(**orbit),
         notes=(
             f'the momentum of the gyros is the integrated torque; its magnitude is off by {misfit:.3g} N m s (RMS)',
             'no tensor of this month is published: there is no truth.json',
@@ -80,12 +83,13 @@ def orbit_axes(position: Array, velocity: Array) -> Array:
     return np.stack((np.cross(across, down), across, down), axis=-1)
 
 
-def _orbit(folder: Path, span: tuple[float, float], time: Array) -> tuple[float, Array]:
-    """Return the mean motion, rad/s, and the rotations (N, 3, 3) from LVLH to the axes that LVLH has at the begin.
+def _orbit(folder: Path, span: tuple[float, float], time: Array) -> tuple[dict[str, float], Array, Array]:
+    """Return the orbit's parameters, and at times (N,) the rotations (N, 3, 3) from LVLH and from its plane to J2000.
 
-    LVLH does not turn evenly: the orbit is no circle, and the flattened Earth turns its plane, by some 1e-6 rad/s.
-    Positions come every 10 s, some with stamps that are seconds late; what they turn further than a circle are a drift
-    and two harmonics of the orbit, fitted to least absolute deviations.
+    LVLH does not turn evenly: the orbit is no circle, and the flattened Earth turns its plane by some 1e-6 rad/s. An
+    inclination of 1 mrad to the plane is 0.4 N m of gravity gradient, so the axes follow the plane. Positions come
+    every 10 s, some with stamps that are seconds late; their turn beyond a circle is a drift and two harmonics
+    of the orbit, fitted to least absolute deviations.
     """
     track = [_channel(folder, name, span) for name in (*_POSITION, *_VELOCITY)]
     own = track[0][0]
@@ -94,12 +98,21 @@ def _orbit(folder: Path, span: tuple[float, float], time: Array) -> tuple[float,
     moment = np.linalg.norm(np.cross(position, velocity), axis=1)
     motion = float(np.mean(moment / np.sum(position**2, axis=1)))
     axes = orbit_axes(position, velocity)
-    axes = axes[0].T @ axes
-    further = log(np.swapaxes(_turned_with_orbit(own - time[0], motion), -1, -2) @ axes)
+    first = axes[0]
+    further = log(first.T @ axes @ np.swapaxes(_turned_with_orbit(own - time[0], motion), -1, -2))
     known, wanted = (_harmonics(motion * (each - time[0])) for each in (own, time))
-    between = wanted @ np.column_stack([_least_absolute(known, each) for each in further.T])
-    orbit = _turned_with_orbit(time - time[0], motion) @ exp(between)
-    return motion, orbit[0].T @ orbit
+    found = np.column_stack([_least_absolute(known, each) for each in further.T])
+    # Along the orbit 2 e sin(M + n t) about -y: an ellipse, whose phase counts from its begin.
+    eccentric = -found[2:4, 1]
+    plane = found[:2].copy()
+    plane[0, 1] -= eccentric[0]
+    parameters = {
+        'mean_motion': motion,
+        'eccentricity': 0.5 * float(np.linalg.norm(eccentric)),
+        'true_anomaly': float(np.arctan2(*eccentric)),
+    }
+    turned = exp(wanted @ found) @ _turned_with_orbit(time - time[0], motion)
+    return parameters, first @ turned, first @ exp(wanted[:, :2] @ plane)
 
 
 def _harmonics(angle: Array) -> Array:

@@ -23,7 +23,7 @@ STORED_MOMENTUM = '/stored_momentum'
 DESCRIPTION = '/robot_description'
 MODEL_FILE, PARAMETER_FILE, TRUTH_FILE = 'robot.urdf', 'estimator.yaml', 'truth.json'
 ODOMETRY_FRAME = 'odom'
-_LATEST = 4e9  # s, which is about what a stamp can hold
+_LATEST = 4e9  # s, about the largest stamp
 
 _TYPES = {
     JOINT_STATES: 'sensor_msgs/msg/JointState',
@@ -46,36 +46,22 @@ class Joints:
 
 @dataclass(frozen=True)
 class Poses:
-    """N poses of the base, or of a frame on it, at times (N,) s.
-
-    Attributes
-    ----------
-    position : (N, 3) m, in the odometry frame
-    orientation : (N, 4) quaternion x, y, z, w from the frame on the base to the odometry frame
-    twist : (N, 6) linear and angular velocity in that frame's axes, m/s and rad/s; NaN where it is not logged
-    """
+    """N poses of the base, or of a frame on it, at times (N,) s."""
 
     time: Array
-    position: Array
-    orientation: Array
-    twist: Array
+    position: Array  # (N, 3) m, in the odometry frame
+    orientation: Array  # (N, 4) quaternion x, y, z, w from the frame on the base to the odometry frame
+    twist: Array  # (N, 6) linear and angular velocity in that frame's axes, m/s and rad/s; NaN where it is not logged
     frame: str = 'base_link'
 
 
 @dataclass(frozen=True)
 class Thrust:
-    """N commanded wrenches.
+    """N commanded wrenches."""
 
-    Attributes
-    ----------
-    time : (N,) s, from when on each counts
-    wrench : (N, 6) force and torque about the frame's origin in its axes, N and N m
-    frame : a link, or the odometry frame
-    """
-
-    time: Array
-    wrench: Array
-    frame: str = 'base_link'
+    time: Array  # (N,) s, from when on each counts
+    wrench: Array  # (N, 6) force and torque about the frame's origin in its axes, N and N m
+    frame: str = 'base_link'  # a link, or the odometry frame
 
 
 @dataclass(frozen=True)
@@ -103,27 +89,18 @@ class StoredMomentum:
 
 @dataclass(frozen=True)
 class Recording:
-    """A log; None or empty where it holds nothing.
-
-    Attributes
-    ----------
-    robot : URDF of the robot that was flown
-    parameters : text of a parameter file of the estimator
-    truth : content of `truth.json`
-    notes : for the user, in words
-    span : s, begin and end of the part that is of use
-    """
+    """A log; None or empty where it holds nothing."""
 
     joints: Joints | None = None
     poses: Poses | None = None
     thrust: Thrust | None = None
     imu: Imu | None = None
     stored: StoredMomentum | None = None
-    robot: str = ''
-    parameters: str = ''
-    truth: dict[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    span: tuple[float, float] = (-math.inf, math.inf)
+    robot: str = ''  # URDF of the robot that was flown
+    parameters: str = ''  # text of a parameter file of the estimator
+    truth: dict[str, Any] = field(default_factory=dict)  # content of `truth.json`
+    notes: tuple[str, ...] = ()  # for the user, in words
+    span: tuple[float, float] = (-math.inf, math.inf)  # s, begin and end of the part that is of use
 
     def between(self, begin: float, end: float) -> Recording:
         """Return the readings between two times, s, both included."""
@@ -138,12 +115,8 @@ class Recording:
 def write_recording(recording: Recording, path: Path) -> int:
     """Write a bag, and robot, parameters and truth into its folder; return the number of messages.
 
-    Raises
-    ------
-    DataError
-        There is nothing to write, a time is no stamp, or the folder exists.
-    ModelError
-        The robot cannot be used.
+    Raises DataError: There is nothing to write, a time is no stamp, or the folder exists.
+    Raises ModelError: The robot cannot be used.
     """
     if recording.robot:
         load_model(recording.robot)

@@ -45,23 +45,14 @@ SPOT_ARM_SOURCE = """\
 
 @dataclass(frozen=True)
 class Chaser:
-    """A base with an arm.
+    """A base with an arm."""
 
-    Attributes
-    ----------
-    name : of the robot
-    mass, inertia : of the base, kg; kg m^2 about z
-    shoulder : m, distance of the first joint from the base's origin, and rad, its direction there
-    zero : rad, direction of the first link from the base's x axis where the first joint reads 0
-    links : of the arm, from the base on
-    """
-
-    name: str
-    mass: float
-    inertia: float
-    shoulder: tuple[float, float]
-    zero: float
-    links: tuple[ArmLink, ArmLink, ArmLink]
+    name: str  # of the robot
+    mass: float  # of the base, kg; kg m^2 about z
+    inertia: float  # of the base, kg; kg m^2 about z
+    shoulder: tuple[float, float]  # m, distance of the first joint from the base's origin, and rad, its direction there
+    zero: float  # rad, direction of the first link from the base's x axis where the first joint reads 0
+    links: tuple[ArmLink, ArmLink, ArmLink]  # of the arm, from the base on
 
 
 def planar_urdf(chaser: Chaser, source: str) -> str:
@@ -112,7 +103,7 @@ _SOURCE_2021 = f"""
   These are of 2023; of the arm of 2021 no link has been weighed by itself. {COMMANDS_FILE}, of 2017, has a
   lighter and shorter arm (0.273, 0.263, 0.104 kg; 0.2889 m from joint to joint), but the markers on elbow and wrist in
   the logs of 2021 (columns 54 to 57)
-  move on a circle of 0.306 m about the shoulder, and the base shifts by 1.46 times what the lighter arm would make it.
+  move on a circle of 0.306 m about the shoulder, and the base shifts 1.46 times as far as with the lighter arm.
   The shoulder: (0.250, -0.0895) m from the origin of the poses, round which the elbow's marker goes in two of the runs
   (15_33 and 16_13). model_param(8) and (7), b0 and phi about an axis that is turned by 90 degrees against the
   motion capture's, have it 20 mm from there, at (0.239, -0.072) m; the origin of the poses is not the centre of mass.
@@ -125,10 +116,7 @@ CHASER_2021 = Chaser('spot_red_2021', 16.9478, 0.2709, (0.2655, -0.3438), 0.0, S
 def read_spot_2021(path: Path, commands: Path | None = None) -> Recording:
     """Return the run of a ``*__stitched.mat``; without `commands`, the arm's motion is a file in a folder above it.
 
-    Raises
-    ------
-    DataError
-        A file is not what it should be.
+    Raises DataError: A file has another format.
     """
     table = np.asarray(read_matlab(path, ('rt_dataPacket',))['rt_dataPacket'])
     if table.ndim != 2 or table.shape[1] != _COLUMNS_2021 or not np.issubdtype(table.dtype, np.floating):
@@ -194,8 +182,8 @@ _SOURCE_2023 = f"""
   phi is about an axis that is turned by 90 degrees against the motion capture's: the shoulder is at phi - 90 degrees.
   Moments about x and y do not matter on a table and are half of those about z.
 
-  What was to be captured, of the same file: in March BLACK, 12.039 kg and 0.225692 kg m^2; in April BLUE, 10.726 kg and
-  0.194438 kg m^2.
+  The bodies to be captured, of the same file: in March BLACK, 12.039 kg and 0.225692 kg m^2; in April BLUE, 10.726 kg
+  and 0.194438 kg m^2.
 """
 
 CHASER_2023 = Chaser('spot_red_2023', 11.211, 0.20215, (SHOULDER[0], SHOULDER[1] - math.pi / 2.0), 0.0, SPOT_ARM)
@@ -206,10 +194,7 @@ def read_spot_2023(path: Path) -> Recording:
 
     The columns are those of ``ApplyDataDictionaryCE.m``; the pose of the motion capture is new 16 times a second.
 
-    Raises
-    ------
-    DataError
-        It is none.
+    Raises DataError: It is none.
     """
     table = read_table(path, header=False).values
     if table.shape[1] not in _COLUMNS_2023:
@@ -232,8 +217,8 @@ def read_spot_2023(path: Path) -> Recording:
         robot=planar_urdf(CHASER_2023, _SOURCE_2023),
         parameters=resource('spot_2023.yaml'),
         notes=(
-            'thrust is what was commanded, turned into axes of the base',
-            'what was to be captured is nowhere held firmly: there is no truth.json',
+            'thrust is the commanded one, turned into axes of the base',
+            'the body to be captured is nowhere held firmly: there is no truth.json',
         ),
         span=_SPAN_2023,
     )

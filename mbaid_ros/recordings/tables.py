@@ -26,10 +26,7 @@ _DAMAGE = (ValueError, TypeError, LookupError, OverflowError, MemoryError, NotIm
 def read_matlab(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
     """Return variables of a MAT file by name: arrays, and structures as objects with their fields.
 
-    Raises
-    ------
-    DataError
-        The file cannot be read, is too large, or lacks one of them.
+    Raises DataError: The file cannot be read, is too large, or lacks one of them.
     """
     content = _content(path)
     from scipy.io import loadmat  # noqa: PLC0415 - takes a while, and only these logs need it
@@ -78,26 +75,17 @@ def _unpacked(part: bytes, limit: int, path: Path) -> int:
 
 @dataclass(frozen=True)
 class Table:
-    """N rows of k numbers.
-
-    Attributes
-    ----------
-    names : of its columns; empty where the file has none
-    values : (N, k); NaN where a field is empty, NaN or infinite
-    """
+    """N rows of k numbers."""
 
     path: Path
-    names: tuple[str, ...]
-    values: Array
+    names: tuple[str, ...]  # of its columns; empty where the file has none
+    values: Array  # (N, k); NaN where a field is empty, NaN or infinite
 
 
 def read_table(path: Path, separator: str = ',', *, header: bool) -> Table:
     """Return a table of text; with a header, the first line has the names of the columns.
 
-    Raises
-    ------
-    DataError
-        The file cannot be read, a row has another length than the first, or a field is no number.
+    Raises DataError: The file cannot be read, a row has another length than the first, or a field is no number.
     """
     text = read_text(path, 'log', limits.LOG_BYTES, 'accepted: a table of text', DataError)
     lines = text.splitlines()

@@ -1,4 +1,4 @@
-"""What TU Delft threw: a device with a flywheel, alone, with a proof body, or with a holder of steel blocks."""
+"""TU Delft's thrown bodies: a device with a flywheel, alone, with a proof body, or with a holder of steel blocks."""
 
 from __future__ import annotations
 
@@ -25,28 +25,21 @@ _HOLDER, _HOLDER_COM = 0.1785, np.array([0.0, 0.0, -18.9e-3])
 _HOLDER_INERTIA = np.diag([2.994e-1, 1.004e-1, 3.506e-1]) * _HOLDER / 145.2
 _BLOCK, _BLOCK_SIZE = 0.0701, np.array([15e-3, 15e-3, 40e-3])
 _PROOF, _PROOF_SIZE = 0.346, np.array([60.0e-3, 70.0e-3, 30.2e-3])
-# Where what is thrown has its centre of mass in the device's frame, and the device's own moments: what to begin with.
+# Start of the fit: the thrown body's centre of mass in the device's frame, and the device's own moments.
 _BELOW, _OWN = np.array([0.0, 0.0, 0.048]), np.diag([7.6e-5, 2.2e-5, 8.9e-5])
 _PITCH, _BLOCK_HEIGHT = 18e-3, -22e-3
 
 
 @dataclass(frozen=True)
 class Thrown:
-    """What the device is bolted to, which moves as one body with it.
-
-    Attributes
-    ----------
-    name : in words
-    mass : kg
-    inertia : (3, 3) about its own centre of mass, kg m^2
-    """
+    """The body that the device is bolted to; both move as one."""
 
     BASE: ClassVar[str] = 'device'
     JOINT: ClassVar[str] = 'flywheel'
 
-    name: str
-    mass: float
-    inertia: Array
+    name: str  # in words
+    mass: float  # kg
+    inertia: Array  # (3, 3) about its own centre of mass, kg m^2
 
     @property
     def moments(self) -> Array:
@@ -54,7 +47,7 @@ class Thrown:
         return np.asarray(np.linalg.eigvalsh(self.inertia))
 
     def whole(self) -> tuple[float, Array, Array]:
-        """Return about what device and all have: mass, centre of mass (3,) in the device's frame, inertia (3, 3)."""
+        """Return nominal values of device and body: mass, centre of mass (3,) in the device's frame, inertia (3, 3)."""
         mass = _DEVICE + self.mass
         com = self.mass / mass * _BELOW
         return mass, com, self.inertia + _OWN + _moved(_DEVICE * self.mass / mass, _BELOW)
@@ -91,7 +84,7 @@ OBJECTS = {
 
 
 def throw_urdf(thrown: Thrown) -> str:
-    """Return the robot description of the device with what it is bolted to."""
+    """Return the robot description of the device with the body that it is bolted to."""
     mass, com, inertia = thrown.whole()
     return resource('throw.urdf').format(
         name=thrown.name,
@@ -128,17 +121,13 @@ _FEWEST = 100  # samples of a flight
 def read_tudelft_throw(path: Path, thrown: str = '', *, dead_reckoned: bool = False) -> Recording:
     """Return the throw in a blackbox log or CSV.
 
+    Raises DataError: It is no such log, there is no flight in it, or orangebox is missing.
+    Raises ParameterError: The thrown body is not known.
+
     Parameters
     ----------
     thrown : which of OBJECTS the device was bolted to; empty takes it from the log's folder
     dead_reckoned : also make poses of the integrated gyro and accelerometer, in a frame that falls along
-
-    Raises
-    ------
-    DataError
-        It is no such log, there is no flight in it, or orangebox is missing.
-    ParameterError
-        It is not known what was thrown.
     """
     table = _read(path)
     time = (table[:, 0] - table[0, 0]) * 1e-6
@@ -202,7 +191,7 @@ def _read(path: Path) -> Array:
 
 
 def _blackbox(path: Path) -> tuple[tuple[str, ...], Array]:
-    """Return names and values of a blackbox log's columns; what is no number is NaN."""
+    """Return names and values of a blackbox log's columns; other text becomes NaN."""
     try:
         from orangebox import Parser  # noqa: PLC0415 - optional
     except ModuleNotFoundError:

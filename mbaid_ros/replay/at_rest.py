@@ -19,7 +19,7 @@ from mbaid_ros.replay.rest_readings import FEWEST, SHORTEST, Recording, read_rec
 _DEGREE = 3
 _BLOCK = 0.5  # s, over which motion is looked for: noise averages out, and a joint that moves gets somewhere
 _FEWEST_IN_BLOCK = 10
-_MOVED = 3.0  # standard deviations of a single sample; what noise leaves of a block's mean is far below one
+_MOVED = 3.0  # standard deviations of a single sample; the noise of a block's mean is far below one
 
 
 @dataclass(frozen=True)
@@ -43,10 +43,7 @@ def print_noise(arguments: argparse.Namespace) -> int:
 def measure(bag: str, joint_states: str, odom: str, part: tuple[float, float] = (0.0, math.inf)) -> Measured:
     """Return the noise of each channel while the joints rest, from two topics of a bag.
 
-    Raises
-    ------
-    DataError
-        The bag cannot be used, or the joints do not rest for `SHORTEST`.
+    Raises DataError: The bag cannot be used, or the joints do not rest for `SHORTEST`.
     """
     recording, warnings = read_recording(bag, joint_states, odom, part)
     recording, unsteady = without_wheels(recording)
@@ -108,7 +105,7 @@ def scatter(values: Array) -> float:
 
 
 def wanders(time: Array, values: Array) -> bool:
-    """Tell whether what is left of (n, k) about a cubic is no noise alone: a push, a fast tumble, errors that last."""
+    """Return whether the residuals of (n, k) about a cubic are no noise alone: a push, lasting errors."""
     if values.size == 0 or not np.all(np.isfinite(values)):
         return False
     blocks = _blocks(time)

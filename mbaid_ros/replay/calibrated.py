@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from mbaid_ros.calibration.result import Calibration, LinkResult
-from mbaid_ros.calibration.structure import BaseParameter, Exchange, exchanges
+from mbaid_ros.calibration.structure import BaseParameter
 from mbaid_ros.cli import one_line
 from mbaid_ros.config.calibration import CalibrationParameters
 from mbaid_ros.core.errors import listing
@@ -18,7 +18,7 @@ from mbaid_ros.core.results.parameters import BAND, PARAMETERS, rounded
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.catalogue import underestimated_text
 from mbaid_ros.replay.run import BagMotions
-from mbaid_ros.session import ModelSummary, summarise
+from mbaid_ros.session.model_summary import ModelSummary, summarise
 
 _FIRST, _SECOND = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
 # Thresholds of warnings: relative standard deviation of the scale; standard deviations of the prior; of the estimate.
@@ -46,13 +46,8 @@ class Calibrated:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the data contradict the model: what comes out must not be trusted."""
+        """Whether the data contradict the model: the result must not be trusted."""
         return self.calibration.residual > self.parameters.estimator.convergence.largest_residual
-
-    @cached_property
-    def exchanges(self) -> tuple[Exchange, ...]:
-        """Exchanges of parameters between bodies that change no momentum."""
-        return exchanges(self.calibration.mechanism, self.calibration.structure)
 
     @cached_property
     def base_parameters(self) -> tuple[BaseParameter, ...]:
@@ -67,7 +62,7 @@ class Calibrated:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """What a user should know, one line each."""
+        """Notes to the user, one line each."""
         of_bags = [warning for motion in self.motions for warning in motion.warnings]
         priors = [underestimated_text(kind, size, _DECLARED) for kind, size in self.calibration.further_off]
         own = (*_about_motion(self), *_about_values(self), *priors)
@@ -75,7 +70,7 @@ class Calibrated:
 
 
 def why_not(result: Calibrated) -> str:
-    """Return why there is no calibration, and what to add; empty if there is one."""
+    """Return why there is no calibration, and the remedy; empty if there is one."""
     calibration = result.calibration
     if not calibration.settled:
         return (
@@ -90,16 +85,14 @@ def why_not(result: Calibrated) -> str:
             left_open.setdefault(_PRIORS[index], []).append(f'{link.name}.{PARAMETERS[index]}')
     if left_open:
         names = listing((name for group in left_open.values() for name in group), limit=6)
-        return (
-            f'the data leave {names} open, and no prior speaks of them; add {listing(left_open)}, or move more joints'
-        )
+        return f'data and prior do not determine {names}; add {listing(left_open)}, or move more joints'
     if calibration.determined == 0:
         return 'the data add nothing to the prior: move all joints while the base floats freely'
     return ''
 
 
 def _sizes(link: LinkResult, length: float) -> Array:
-    """Return what the standard deviation of each value is taken relative to, for a CoM the radius of gyration."""
+    """Return the size that each standard deviation is relative to, for a CoM the radius of gyration."""
     values = link.cad if link.cad[0] > 0.0 else link.parameters
     gyration = float(np.sqrt(np.sum(values[[4, 7, 9]]) / 2.0 / values[0]))
     com = gyration if link.cad[0] > 0.0 else max(length, gyration)
@@ -129,7 +122,7 @@ def _about_values(result: Calibrated) -> list[str]:
     calibration = result.calibration
     notes = []
     if result.contradicted:
-        notes.append(f'residuals are {calibration.residual:.1f} times what the noise parameters explain')
+        notes.append(f'residuals are {calibration.residual:.1f} times as large as the noise parameters explain')
     if calibration.scale.relative_std > _LOOSE_SCALE:
         notes.append(
             f'the scale is known to {100.0 * calibration.scale.relative_std:.2g} % only: all masses and inertias may '
@@ -138,9 +131,7 @@ def _about_values(result: Calibrated) -> list[str]:
     for link in calibration.links:
         far = [name for name, moved in zip(PARAMETERS, link.moved, strict=True) if abs(moved) > _UNLIKELY]
         if far:
-            notes.append(
-                f'{link.name}: {listing(far)} moved further than the prior makes likely; look at CAD and prior'
-            )
+            notes.append(f'{link.name}: {listing(far)} moved further than the prior makes likely; check CAD and prior')
         if link.consistency_correction > _LARGE_CORRECTION:
             notes.append(
                 f'{link.name} was {link.consistency_correction:.1f} standard deviations away from any real body'
@@ -165,8 +156,8 @@ def sentences(result: Calibrated) -> list[str]:
     shares = ', '.join(f'{name} ({100.0 * share:.0f} %)' for name, share in calibration.scale.fixed_by[:3])
     structure = calibration.structure
     determined = (
-        f'momentum can determine {structure.rank} combinations of {structure.unknowns} parameters; of '
-        f'{calibration.determined}, joints and mount among them, the data determine more than the prior'
+        f'momentum can determine {structure.rank} combinations of {structure.unknowns} parameters; the data improve '
+        f'{calibration.determined} over the prior, joints and mount included'
     )
     std = f'{100.0 * calibration.scale.relative_std:.2g} %'
     lines = [determined, f'scale: total mass known to {std} (one standard deviation), fixed by {shares or "nothing"}']
@@ -184,7 +175,7 @@ def sentences(result: Calibrated) -> list[str]:
 
 
 def _ratio_words(link: LinkResult) -> str:
-    """Return what is known of a body's inertia where its scale is not."""
+    """Return the known part of a body's inertia if its scale is unknown."""
     ratios = link.ratios
     each = zip(ratios.principal.tolist(), ratios.principal_std.tolist(), strict=True)
     parts = ', '.join(' ± '.join(rounded(value, std)) for value, std in each)

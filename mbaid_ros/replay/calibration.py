@@ -16,28 +16,27 @@ from mbaid_ros.calibration.structure import BaseParameter, base_parameter, formu
 from mbaid_ros.calibration.unknowns import OF_A_JOINT, OF_THE_MOUNT, LinkPrior
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line
 from mbaid_ros.config.calibration import NODE, CalibrationParameters, calibration_parameters
-from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.robot import read_robot_description
+from mbaid_ros.config.files import load_parameter_file, read_robot_description
 from mbaid_ros.core.errors import DataError, ModelError, ParameterError, listing
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import displaced
-from mbaid_ros.core.robot.urdf_edit import change_inertial, displace_joint
+from mbaid_ros.core.robot.urdf_edit import displace_joint, replace_inertial
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.files import write_text
 from mbaid_ros.replay.calibrated import Calibrated, summary, why_not
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import check_outputs, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.replay.run import read_motions
-from mbaid_ros.session import springs, storage, with_surroundings
+from mbaid_ros.session.settings import springs, storage, with_surroundings
 
 CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
 _INERTIA = PARAMETERS[4:]
 
 
 def calibrate(arguments: argparse.Namespace) -> int:
-    """Calibrate as the arguments say, write the results, and return the exit code."""
+    """Calibrate by the arguments, write the results, and return the exit code."""
     check_outputs(arguments, 'output')
     model, output = Path(arguments.model), arguments.output
     if output and model.is_file() and Path(output).is_file() and model.samefile(output):
@@ -80,7 +79,7 @@ def _text(result: Calibrated, arguments: argparse.Namespace) -> str:
     if arguments.json:
         hint = f'with known_links.calibration {one_line(arguments.json)}'
         return f'{text}\nreplay and estimator go on from it: {output}, {hint}'
-    return f'{text}\nhow well {output} is known is kept by --json FILE alone, for known_links.calibration'
+    return f'{text}\n--json FILE keeps the uncertainty of {output}, for known_links.calibration'
 
 
 def _kernel(model: RobotModel, parameters: CalibrationParameters) -> MomentumKernel:
@@ -127,7 +126,7 @@ def _uncertainty(model: RobotModel, parameters: CalibrationParameters) -> Uncert
 
 def _calibrated_urdf(urdf: str, calibration: Calibration) -> str:
     for link in calibration.links:
-        urdf = change_inertial(urdf, link.name, link.parameters)
+        urdf = replace_inertial(urdf, link.name, link.parameters)
     names = calibration.mechanism.kernel.model.joint_names
     for name, origin, tilt in zip(names, *calibration.displacements, strict=True):
         urdf = displace_joint(urdf, name, origin, tilt)
@@ -135,7 +134,7 @@ def _calibrated_urdf(urdf: str, calibration: Calibration) -> str:
 
 
 def _as_json(result: Calibrated) -> dict[str, Any]:
-    """Return the result as scripts read it; None for what is not known."""
+    """Return the result as scripts read it; None for unknown values."""
     calibration, structure = result.calibration, result.calibration.structure
     model, links = result.kernel.model, result.kernel.unknown
     bags = [motion.bag for motion in result.motions for _ in motion.runs]
@@ -165,9 +164,6 @@ def _as_json(result: Calibrated) -> dict[str, Any]:
             'unknowns': structure.unknowns,
             'rank': structure.rank,
             'determined': calibration.determined,
-            'cannot_be_told_apart': [
-                {'words': each.words, 'directions': each.directions.shape[1]} for each in result.exchanges
-            ],
             'base_parameters': [_base_parameter(result, each) for each in result.base_parameters],
         },
         'scale': {

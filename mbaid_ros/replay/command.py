@@ -1,20 +1,34 @@
-"""The executable `replay`: bags through the estimator, one by one or on all cores, and the results written."""
+"""The executable `replay`: bags through the estimator, one by one or by processes on all cores, and the results."""
 
 from __future__ import annotations
 
 import argparse
 import gc
-from collections.abc import Iterator, Sequence
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, MutableSequence, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from dataclasses import replace
+from ctypes import c_double
+from dataclasses import dataclass, replace
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from multiprocessing.sharedctypes import RawArray
+from queue import SimpleQueue
+from traceback import format_exc
+from types import TracebackType
+from typing import Any, TypeVar, cast
+
+from tqdm import tqdm
 
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file, parse_assignment
+from mbaid_ros.config.files import load_parameter_file, parse_assignment, read_robot_description
 from mbaid_ros.config.parameters import build
-from mbaid_ros.config.robot import read_robot_description
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.replay.holdout import DEFAULT_FRACTION, LONG_ENOUGH, Holdout, holdout_of
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import as_json, check_outputs, texts, write_results
@@ -22,16 +36,154 @@ from mbaid_ros.replay.provenance import hashes, made_by
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.run import EstimateWriter, progress_bar, replay_bag
 from mbaid_ros.replay.saved import Truth, read_truth, truth_beside
-from mbaid_ros.replay.workers import replay_bags
+
+T = TypeVar('T')
+
+
+class ProcessDiedError(Exception):
+    """A process has died over its work: it was killed, or memory ran out."""
+
+
+class Workers:
+    """Processes that work, as a context: at its end they end; after an error or an interrupt, at once.
+
+    They are new ones (spawn), not copies of this one with locks that its threads hold. Each has a pipe of its own and a
+    thread here that waits for it: none shares a lock or a queue with another, which one that is killed could keep. An
+    interrupt from the terminal, which reaches every process, is left to this one, and they end when it is killed.
+    Every call gets `common` as its first argument.
+    """
+
+    def __init__(self, count: int, common: object) -> None:
+        context = get_context('spawn')
+        self._threads = ThreadPoolExecutor(count)
+        self._idle: SimpleQueue[Connection] = SimpleQueue()
+        self._processes: list[SpawnProcess] = []
+        for _ in range(count):
+            ours, theirs = context.Pipe()
+            process = context.Process(target=_work, args=(theirs, common), daemon=True)
+            # It inherits the mask, for it could be interrupted before it begins to ignore that.
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            try:
+                process.start()
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            theirs.close()
+            self._processes.append(process)
+            self._idle.put(ours)
+
+    def submit(self, function: Callable[..., T], *arguments: object) -> Future[T]:
+        """Call a function in one of the processes; the result raises its error, or a ProcessDiedError."""
+        return self._threads.submit(self._called, function, *arguments)
+
+    def _called(self, function: Callable[..., T], *arguments: object) -> T:
+        """Return what a function leads to in a process that is idle: there are as many of them as threads."""
+        pipe = self._idle.get()
+        try:
+            pipe.send((function, arguments))
+            result, error, trace = pipe.recv()
+        except (EOFError, OSError) as lost:
+            raise ProcessDiedError from lost
+        finally:
+            self._idle.put(pipe)
+        if error is not None:
+            raise error from RuntimeError(trace)  # where it was raised
+        return cast('T', result)
+
+    def __enter__(self) -> Workers:
+        """Return the processes."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the processes."""
+        if kind is not None:
+            for process in self._processes:
+                process.kill()
+        self._threads.shutdown(cancel_futures=True)
+        while not self._idle.empty():
+            self._idle.get().close()
+        for process in self._processes:
+            process.join()
+
+
+def _work(pipe: Connection, common: object) -> None:
+    """Call what comes through a pipe until it is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    while True:
+        try:
+            function, arguments = pipe.recv()
+        except EOFError:
+            return
+        try:
+            pipe.send((function(common, *arguments), None, ''))
+        except Exception as error:  # noqa: BLE001  # raised where the result is asked for
+            pipe.send((None, error, format_exc()))
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+_LOOK = 0.2  # s between two looks at how far the processes are
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What every process gets at its start; `done` is shared memory: the part of each bag that is done, 0 to 1."""
+
+    config: EstimatorConfig
+    urdf: str
+    inputs: Inputs
+    done: MutableSequence[float]
+
+    def replay(self, place: int, bag: str) -> Run:
+        """Replay the bag at a place in the list."""
+
+        def advance(done: int, total: int) -> None:
+            self.done[place] = done / total if total else 1.0
+
+        return replay_bag(bag, self.config, self.urdf, self.inputs, progress=advance)
+
+
+def replay_bags(bags: Sequence[str], config: EstimatorConfig, urdf: str, inputs: Inputs, processes: int) -> list[Run]:
+    """Replay bags in so many processes at a time, with the results of one after the other; a terminal shows a bar.
+
+    Raises DataError, ModelError, ParameterError: The error of the first bag, in the order given, that cannot be
+    replayed.
+    """
+    done: Any = RawArray(c_double, len(bags))
+    task = _Task(config, urdf, inputs, done)
+    shape = '{l_bar}{bar}| {n:.1f}/{total} bags [{elapsed}<{remaining}]'
+    with (
+        tqdm(total=len(bags), bar_format=shape, disable=None, leave=False) as bar,
+        Workers(min(processes, len(bags)), task) as workers,
+    ):
+        futures = [workers.submit(_Task.replay, *each) for each in enumerate(bags)]
+        return [_result(future, done, bar) for future in futures]
+
+
+def _result(future: Future[Run], done: MutableSequence[float], bar: tqdm[None]) -> Run:
+    """Return a result as soon as it is there; show until then how far all are."""
+    while not future.done():
+        wait([future], _LOOK)
+        bar.update(sum(done) - bar.n)
+    try:
+        return future.result()
+    except ProcessDiedError as error:
+        raise DataError(
+            'a process died over a bag: it was killed, or memory ran out; fewer --processes take less of it'
+        ) from error
 
 
 def replay(arguments: argparse.Namespace) -> int:
     """Send bags through the estimator, write the results, and return the exit code.
 
-    Raises
-    ------
-    DataError, ModelError, ParameterError
-        A bag, the robot or an argument cannot be used.
+    Raises DataError, ModelError, ParameterError: A bag, the robot or an argument cannot be used.
     """
     check_outputs(arguments)
     if arguments.output and len(arguments.bags) > 1:
@@ -41,7 +193,7 @@ def replay(arguments: argparse.Namespace) -> int:
     urdf = read_robot_description(arguments.model)
     inputs = Inputs.from_arguments(arguments, config)
     if not gc.get_freeze_count():
-        gc.freeze()  # what there is by now stays: looking through it for garbage takes time, again and again
+        gc.freeze()  # present objects stay: looking through them for garbage takes time, again and again
     if len(arguments.bags) > 1:
         runs = replay_bags(arguments.bags, config, urdf, inputs, arguments.processes)
     else:
@@ -101,6 +253,6 @@ def _writer(path: str | None, config: EstimatorConfig) -> Iterator[EstimateWrite
 
 
 def _page(runs: Sequence[Run], truths: Sequence[Truth | None]) -> str:
-    from mbaid_ros.replay.report import html  # noqa: PLC0415 - matplotlib takes a while, and only a report needs it
+    from mbaid_ros.replay.report.page import html  # noqa: PLC0415 - matplotlib takes a while, and only a report needs it
 
     return html(runs, truths)

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio
 
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line, warn
-from mbaid_ros.config.robot import read_robot_description
+from mbaid_ros.config.files import read_robot_description
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, unvec, vec
 from mbaid_ros.core.results.parameters import PARAMETERS
@@ -38,7 +38,7 @@ _SHAPES = {'urdf-link': (BOX,), **dict.fromkeys(('mjcf', 'mjcf-body', 'json'), (
 
 
 def export(arguments: argparse.Namespace) -> int:
-    """Write the body as the arguments say and return the exit code."""
+    """Write the body by the arguments and return the exit code."""
     _check(arguments)
     body = read_identified(arguments.input, arguments.result, arguments.topic, alone=arguments.debris)
     warn('export', body.notes)
@@ -81,7 +81,7 @@ def _why_not(body: Identified, arguments: argparse.Namespace) -> str:
     if body.contradicted:
         return f"the data contradict the model of '{body.link}': not exported (--format json writes it)"
     if body.missing:
-        hint = '' if arguments.fill else ' (--fill takes them from --model, --format json writes what there is)'
+        hint = '' if arguments.fill else ' (--fill takes them from --model, --format json writes the others)'
         return f"the data do not determine {listing(body.missing)} of '{body.link}'{hint}"
     if not is_physical(standard(body.parameters)):
         return f"no real body has the mass, centre of mass and inertia of '{body.link}': not exported"

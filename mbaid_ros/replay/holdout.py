@@ -18,21 +18,14 @@ _FAR, _NEAR = 1.5, 0.5
 
 @dataclass(frozen=True)
 class Holdout:
-    """How well the model predicts data that the estimate had not seen.
+    """How well the model predicts data that the estimate had not seen."""
 
-    Attributes
-    ----------
-    fraction : of the run, at its end, that is predicted
-    begin : s since the first sample, of that part
-    ratio : error of the prediction over its standard deviation, root mean square; NaN where the rest leads to no
-        solution, or the target changes afterwards
-    contradicted : whether the run contradicts its model
-    """
-
-    fraction: float
-    begin: float
+    fraction: float  # of the run, at its end, that is predicted
+    begin: float  # s since the first sample, of that part
+    # error of the prediction over its standard deviation, root mean square; NaN where the rest leads to no solution, or
+    # the target changes afterwards
     ratio: float
-    contradicted: bool = False
+    contradicted: bool = False  # whether the run contradicts its model
 
     @property
     def sentence(self) -> str:

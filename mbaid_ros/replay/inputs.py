@@ -12,7 +12,7 @@ from mbaid_ros.core.errors import ParameterError
 if TYPE_CHECKING:  # `--help` needs the defaults alone
     from mbaid_ros.bags import BagReader, Recorded
     from mbaid_ros.config.estimator import EstimatorConfig
-    from mbaid_ros.session import Session
+    from mbaid_ros.session.session import Session
 
 JOINT_STATE_TYPE = 'sensor_msgs/msg/JointState'
 ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
@@ -34,10 +34,7 @@ THRUST, STORED_MOMENTUM, IMU = '/thrust', '/stored_momentum', '/imu'
 def between(arguments: argparse.Namespace) -> tuple[float, float]:
     """Return the seconds from a bag's first message between which it is read.
 
-    Raises
-    ------
-    ParameterError
-        There is nothing between the two.
+    Raises ParameterError: There is nothing between the two.
     """
     start, end = getattr(arguments, 'slice_start', None) or 0.0, getattr(arguments, 'slice_end', None)
     end = inf if end is None else end
@@ -48,21 +45,16 @@ def between(arguments: argparse.Namespace) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Inputs:
-    """The topics to read; an empty name stands for the usual topic, where a bag has it.
-
-    Attributes
-    ----------
-    odometry : locates the base: of type nav_msgs/Odometry, or one of POSE_TYPES; empty is /odom or else /pose
-    located : whether anything locates the base; else an IMU has to be there
-    start, end : s from a bag's first message, between which it is read
-    """
+    """The topics to read; an empty name stands for the usual topic, where a bag has it."""
 
     joint_states: str = '/joint_states'
+    # locates the base: of type nav_msgs/Odometry, or one of POSE_TYPES; empty is /odom or else /pose
     odometry: str = ''
     thrust: str = ''
     stored_momentum: str = ''
     imu: str = ''
-    located: bool = True
+    located: bool = True  # whether anything locates the base; else an IMU has to be there
+    # start, end: s from a bag's first message, between which it is read
     start: float = 0.0
     end: float = inf
 
@@ -75,10 +67,7 @@ class Inputs:
     def from_arguments(arguments: argparse.Namespace, config: EstimatorConfig) -> Inputs:
         """Return the topics that the arguments of an executable name.
 
-        Raises
-        ------
-        ParameterError
-            Two topics locate the base.
+        Raises ParameterError: Two topics locate the base.
         """
         if arguments.odom and arguments.pose:
             raise ParameterError(
@@ -99,10 +88,7 @@ class Inputs:
     def topics(self, bag: BagReader) -> tuple[str, ...]:
         """Return the topics of a bag to read, joint states and the base's location first.
 
-        Raises
-        ------
-        DataError
-            The bag lacks a topic, or has it with another type.
+        Raises DataError: The bag lacks a topic, or has it with another type.
         """
         bag.require(self.joint_states, JOINT_STATE_TYPE)
         chosen = [self.joint_states]

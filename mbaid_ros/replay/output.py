@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.cli import one_line
-from mbaid_ros.core.capture import Capture
+from mbaid_ros.core.capture.handover import Capture
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array, Flags, quaternion_from_rotation
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
-from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNCHECKED, UNITS, rounded
+from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
 from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
 from mbaid_ros.files import as_utf8, require_writable, write_text
@@ -53,7 +53,7 @@ def write_results(
         print(summary())
 
 
-# -- JSON: plain numbers in the shapes that scripts rely on, None for what is not known
+# -- JSON: plain numbers in the shapes that scripts rely on, None for unknown values
 
 
 def plain(value: Any) -> Any:
@@ -102,7 +102,7 @@ def as_json(run: Run) -> dict[str, Any]:
         'std': shaped_std(final.std),
         'covariance': matrix(final.covariance),
         'error_budget': None if budget is None else {name: budget.of(name) or None for name in PARAMETERS},
-        'unchecked': None if budget is None else budget.resting() or None,
+        'unchecked': None if budget is None else budget.unobservable() or None,
         'identifiable': shaped(final.identifiable),
         'momentum': shaped_momentum(final.momentum, final.momentum_covariance),
         'time_offset': None
@@ -214,12 +214,12 @@ def summary(run: Run) -> str:
     label = '' if np.all(np.isnan(final.std)) else '; ± 95 %'
     rows.append(f'  {final.samples} samples, {final.time:.3g} s, method {method(final)}{label}')
     if final.budget is not None and not run.contradicted:
-        budget = {MAIN_CAUSES: final.budget.told(final.std), UNCHECKED: final.budget.resting()}
+        budget = {MAIN_CAUSES: final.budget.main_causes(final.std), UNOBSERVABLE: final.budget.unobservable()}
         rows += [f'  {what}: {one_line(causes)}' for what, causes in budget.items() if causes]
     rows += [f'  next: {run.advice}'] if run.advice else []
     rows += [] if run.holdout is None else [f'  {run.holdout.sentence}']
     rows += [] if run.contradicted else [f'  passive joint: {one_line(str(joint))}' for joint in final.flexible]
-    rows += [] if final.noise is None else [f'  noise: {line}' for line in final.noise.told()]
+    rows += [] if final.noise is None else [f'  noise: {line}' for line in final.noise.differences()]
     rows += [f'  {one_line(line)}' for line in (*_event_lines(run), *likely_causes(run))]
     return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])
 

@@ -19,9 +19,8 @@ from mbaid_ros import limits
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line, warn
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file, parse_assignment
+from mbaid_ros.config.files import load_parameter_file, parse_assignment, read_robot_description
 from mbaid_ros.config.parameters import build
-from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.trajectory import as_yaml
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.results.parameters import PARAMETERS
@@ -34,12 +33,12 @@ from mbaid_ros.replay.output import check_outputs, plain, write_results
 from mbaid_ros.replay.provenance import in_words, made_by, sha256
 from mbaid_ros.replay.run import BAG_TYPES, progress_bar, replay_bag
 from mbaid_ros.replay.saved import usable
-from mbaid_ros.session import from_numbers
 from mbaid_ros.session.planning import make_planner
+from mbaid_ros.session.posterior import from_numbers
 from mbaid_ros.session.robot import Robot
 
 TOPIC, TYPE = '/joint_trajectory', 'trajectory_msgs/msg/JointTrajectory'
-_ACCEPTED = 'accepted: what replay --json writes, or a bag'
+_ACCEPTED = 'accepted: a file of replay --json, or a bag'
 _FILES = ('robot_description_file',)  # parameters of a result that need not be there any more
 _BASE = (('rotation', 'rad'), ('translation', 'm'), ('rate', 'rad/s'))
 
@@ -57,10 +56,7 @@ class Begin:
 def plan(arguments: argparse.Namespace) -> int:
     """Plan a motion, write the results, and return the exit code.
 
-    Raises
-    ------
-    DataError, ModelError, ParameterError
-        The run, the robot or a parameter cannot be used.
+    Raises DataError, ModelError, ParameterError: The run, the robot or a parameter cannot be used.
     """
     check_outputs(arguments, 'yaml')
     if arguments.output and Path(arguments.output).exists():
@@ -168,7 +164,7 @@ def _begin(path: str, config: EstimatorConfig, urdf: str, status: str, state: An
     """Return the begin of a state as JSON has it."""
     if config.calibration.enabled:
         raise ParameterError(
-            "parameter 'calibration.enabled' is true: what such a run learns of the robot is not in its result; "
+            "parameter 'calibration.enabled' is true: the result of such a run lacks the calibrated robot; "
             'accepted: false, or the service ~/plan of the estimator'
         )
     if not state:

@@ -1,4 +1,4 @@
-"""The versions of what made a result."""
+"""The versions of the programs that made a result."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class RobotFile:
 
 @dataclass(frozen=True)
 class MadeBy:
-    """What made a result: version of mbaid_ros, command as a shell takes it, date (ISO 8601, UTC), robot."""
+    """The origin of a result: version of mbaid_ros, command as a shell takes it, date (ISO 8601, UTC), robot."""
 
     version: str
     command: str
@@ -63,7 +63,7 @@ class MadeBy:
 
 
 def made_by(executable: str, argv: Sequence[str], model: str, urdf: str) -> MadeBy:
-    """Return what makes the results of a command, now; a model that is a pipe is known by its text `urdf` alone."""
+    """Return the origin of the results of a command, now; a model that is a pipe is known by its text `urdf` alone."""
     path = Path(model)
     digest = sha256(path) if path.is_file() else hashlib.sha256(urdf.encode()).hexdigest()
     command = shlex.join(('ros2', 'run', 'mbaid_ros', executable, *argv))
@@ -91,12 +91,12 @@ def sha256(file: Path) -> str:
 
 
 def as_json(made: MadeBy, parameters: Mapping[str, object], files: Mapping[str, str | None]) -> dict[str, Any]:
-    """Return what made a result, with every parameter and the files of its bag, as scripts read it."""
+    """Return the origin of a result, with every parameter and the files of its bag, as scripts read it."""
     return {**asdict(made), 'parameters': dict(parameters), 'bag_sha256': dict(files)}
 
 
 def in_words(made: MadeBy) -> list[str]:
-    """Return what a result was made by, a line each."""
+    """Return the origin of a result, a line each."""
     robot = made.robot
     return [
         f'mbaid_ros {made.version}, {made.date}: {made.command}',

@@ -26,20 +26,14 @@ _NEAR = 200_000_000  # ns between readings that are compared for outliers
 
 @dataclass(frozen=True)
 class Recording:
-    """The readings in a bag.
-
-    Attributes
-    ----------
-    joint_time, base_time : (n,), (m,) s, stamps since the first one of the joints
-    joint_channels : by name, (n, k) each; (n, 0) where nothing was measured
-    base_channels : by name, (m, 3) each; orientations as rotation vectors from the first one
-    """
+    """The readings in a bag."""
 
     joints: tuple[str, ...]
+    # joint_time, base_time: (n,), (m,) s, stamps since the first one of the joints
     joint_time: Array
     base_time: Array
-    joint_channels: dict[str, Array]
-    base_channels: dict[str, Array]
+    joint_channels: dict[str, Array]  # by name, (n, k) each; (n, 0) where nothing was measured
+    base_channels: dict[str, Array]  # by name, (m, 3) each; orientations as rotation vectors from the first one
 
     def between(self, begin: float, end: float) -> Recording:
         """Return the readings from a time to another, s."""
@@ -85,7 +79,7 @@ def read_recording(bag: str, joint_states: str, odom: str, between: tuple[float,
 
 
 def _joint_stream(joints: Sequence[Any], where: str) -> tuple[tuple[str, ...], JointStream, list[str]]:
-    """Return names and readings of the joints that are measured, without turns and outliers, and what was left out."""
+    """Return names and readings of the joints, without turns and outliers, and notes on omitted readings."""
     names, stamps = _names(joints, where), _stamps(joints, where)
     position: Array = np.array([joint.position for joint in joints], dtype=float)
     velocity: Array = np.array([joint.velocity for joint in joints], dtype=float)
@@ -107,7 +101,7 @@ def _joint_stream(joints: Sequence[Any], where: str) -> tuple[tuple[str, ...], J
 
 
 def _base_stream(bases: Sequence[Any], where: str) -> tuple[BaseStream, list[str]]:
-    """Return the readings of the base as an estimator reads them, without outliers, and what was left out."""
+    """Return the readings of the base as an estimator reads them, without outliers, and notes on omitted readings."""
     _stamps(bases, where)
     frame = AttachedFrame(np.eye(3), np.zeros(3))
     reader = OdometryReader({}, frame, (), 'inertial', SensorNoise(*TYPICAL.tolist()))

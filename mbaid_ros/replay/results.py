@@ -1,8 +1,7 @@
-"""The result of a replay, and what it is gathered from: estimates, times of arrival, the last pose."""
+"""The result of a replay, and its sources: estimates, times of arrival, the last pose."""
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
@@ -10,9 +9,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mbaid_ros.cdr import Packets
-from mbaid_ros.core.capture import Capture, Phase
+from mbaid_ros.core.capture.handover import Capture
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import CapturePhase, Estimate
 from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.samples import Stamps
@@ -20,34 +19,22 @@ from mbaid_ros.core.sensors.levels import SensorLevels
 from mbaid_ros.messages import joint_state_shape, odometry_shape, positions_of
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.holdout import Holdout
-from mbaid_ros.session import ModelSummary
+from mbaid_ros.session.model_summary import ModelSummary
 
 HISTORY_LIMIT = 5_000
 Record = TypeVar('Record', Estimate, SensorLevels)
 
-_PIECES = 120  # points of the rate over time
-_GAP = 3.0  # usual intervals that make a gap
-_LISTED = 20  # gaps that are kept, the longest
-_KEPT = 400_000  # times that are kept, at most
 _NAME_LISTS = 64  # of joints, of which the last message is kept
 
 
 @dataclass(frozen=True)
 class TopicStatistics:
-    """The messages of a topic: full names, number, and rate in Hz (NaN for fewer than two).
-
-    Attributes
-    ----------
-    gaps : (begin, length), s, of the longest intervals without a message that stand out
-    course : (time, rate), s and Hz, of equal pieces of the run
-    """
+    """The messages of a topic: full names, number, and rate in Hz (NaN for fewer than two)."""
 
     topic: str
     type: str
     messages: int
     rate: float
-    gaps: tuple[tuple[float, float], ...] = ()
-    course: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -61,51 +48,31 @@ class Pose:
 
 @dataclass(frozen=True)
 class Run:
-    """The result of replaying a bag.
+    """The result of replaying a bag."""
 
-    Attributes
-    ----------
-    bag : path as the user gave it
-    target_link : link whose inertia was identified
-    history : estimates in order, thinned evenly to at most HISTORY_LIMIT
-    topics : the inputs
-    used : number of samples the estimator was given
-    dropped : messages that were not used, by cause
-    warnings : of the bag and of the run, one line each
-    urdf : text of the robot description
-    pose : the last one, None where the bag holds none
-    settings : every parameter of the estimator with its value
-    debris : the captured body alone, None where not asked for or not determined
-    phase : in which the bag ends
-    missing_joints : for want of which most of the joint states could not be used
-    survey : the model summary, None where there is none
-    state : the posterior, from which the next motion is planned; None where the method has none
-    advice : the motion that would help most, in words; empty where none is needed or known
-    files : SHA-256 of each file of the bag, by its name; None for one that is too large
-    holdout : how well the rest predicts the last part of the run; None where not asked for
-    """
-
-    bag: str
-    target_link: str
+    bag: str  # path as the user gave it
+    target_link: str  # link whose inertia was identified
     final: Estimate
-    history: tuple[Estimate, ...]
-    topics: tuple[TopicStatistics, ...]
-    used: int
-    dropped: Mapping[str, int]
-    warnings: tuple[str, ...]
-    urdf: str = ''
-    pose: Pose | None = None
-    settings: Mapping[str, object] = field(default_factory=dict)
-    debris: Debris | None = None
-    phase: Phase = 'post_capture'
+    history: tuple[Estimate, ...]  # estimates in order, thinned evenly to at most HISTORY_LIMIT
+    topics: tuple[TopicStatistics, ...]  # the inputs
+    used: int  # number of samples the estimator was given
+    dropped: Mapping[str, int]  # messages that were not used, by cause
+    warnings: tuple[str, ...]  # of the bag and of the run, one line each
+    urdf: str = ''  # text of the robot description
+    pose: Pose | None = None  # the last one, None where the bag holds none
+    settings: Mapping[str, object] = field(default_factory=dict)  # every parameter of the estimator with its value
+    debris: Debris | None = None  # the captured body alone, None where not asked for or not determined
+    phase: CapturePhase = 'post_capture'  # in which the bag ends
     capture: Capture | None = None
-    missing_joints: tuple[str, ...] = ()
-    survey: ModelSummary | None = None
+    missing_joints: tuple[str, ...] = ()  # for want of which most of the joint states could not be used
+    survey: ModelSummary | None = None  # the model summary, None where there is none
     made_by: provenance.MadeBy | None = None
+    # SHA-256 of each file of the bag, by its name; None for one that is too large
     files: Mapping[str, str | None] = field(default_factory=dict)
+    # the posterior, from which the next motion is planned; None where the method has none
     state: Mapping[str, Any] | None = None
-    advice: str = ''
-    holdout: Holdout | None = None
+    advice: str = ''  # the motion that would help most, in words; empty where none is needed or known
+    holdout: Holdout | None = None  # how well the rest predicts the last part of the run; None where not asked for
 
     @property
     def reached(self) -> bool:
@@ -168,71 +135,26 @@ def _copied(record: Record) -> Record:
 
 
 class Arrivals:
-    """The times at which a topic's messages were recorded: of many every second, every fourth ..."""
+    """The number of messages of a topic, and when the first and the last one were recorded, ns."""
 
     def __init__(self) -> None:
-        self.first: int | None = None  # ns
-        self._last = 0  # ns
-        self.count = 0
-        self._stride = 1  # messages from one whose time is kept to the next one
-        self._times, self._intervals = array('q'), array('q')  # ns; since the message before
-        # Interval and its begin, ns, number of the message after it.
-        self._longest: Stamps = np.zeros((0, 3), dtype=np.int64)
+        self.count, self._first, self._last = 0, 0, 0
 
     def add(self, times: Stamps) -> None:
         """Take the times of messages, (N,) ns."""
-        if not len(times):
-            return
-        if self.first is None:
-            self.first = self._last = int(times[0])
-        intervals = np.diff(times, prepend=self._last)
-        self._keep_longest(times, intervals)
-        kept = slice(-self.count % self._stride, None, self._stride)
-        self._times.frombytes(times[kept].tobytes())
-        self._intervals.frombytes(intervals[kept].tobytes())
-        self.count, self._last = self.count + len(times), int(times[-1])
-        while len(self._times) > _KEPT:
-            self._times, self._intervals = self._times[::2], self._intervals[::2]
-            self._stride *= 2
-
-    def _keep_longest(self, times: Stamps, intervals: Stamps) -> None:
-        least = self._longest[:, 0].min() if len(self._longest) == _LISTED else np.iinfo(np.int64).min
-        long = np.flatnonzero(intervals > least)
-        if len(long):
-            new = np.column_stack((intervals[long], times[long] - intervals[long], self.count + long))
-            both = np.concatenate((self._longest, new))
-            self._longest = both[np.argsort(-both[:, 0], kind='stable')[:_LISTED]]
+        if len(times):
+            self._first = self._first if self.count else int(times[0])
+            self.count, self._last = self.count + len(times), int(times[-1])
 
     @property
     def span(self) -> float:
         """Time from the first message to the last, s."""
-        return 0.0 if self.first is None else 1e-9 * (self._last - self.first)
+        return 1e-9 * (self._last - self._first)
 
-    def statistics(self, topic: str, type_name: str, messages: int, origin: int) -> TopicStatistics:
-        """Return the statistics of a topic whose bag claims a number of messages; times are since an origin, ns."""
-        span = self.span
-        rate = (messages - 1) / span if span > 0.0 else float('nan')
-        return TopicStatistics(topic, type_name, messages, rate, self._gaps(origin), self._rates(origin, span))
-
-    def _gaps(self, origin: int) -> tuple[tuple[float, float], ...]:
-        """Return (begin, length), s, of the longest intervals without a message, in order."""
-        if len(self._intervals) < 2:
-            return ()
-        usual = max(1e-9 * float(np.median(np.array(self._intervals)[1:])), 1e-9)
-        in_order = self._longest[np.argsort(self._longest[:, 2])]
-        gaps = ((1e-9 * (int(begin) - origin), 1e-9 * int(length)) for length, begin, _ in in_order)
-        return tuple((begin, length) for begin, length in gaps if length > _GAP * usual)
-
-    def _rates(self, origin: int, span: float) -> tuple[tuple[float, float], ...]:
-        """Return (time, rate), s and Hz, of pieces of the run with equal numbers of messages."""
-        times = 1e-9 * (np.array(self._times, dtype=np.int64) - origin)
-        pieces = min(_PIECES, len(times) // 8)
-        if pieces < 2 or span <= 0.0:
-            return ()
-        edges = np.linspace(0, len(times) - 1, pieces + 1).astype(int)
-        begin, end = times[edges[:-1]], times[edges[1:]]
-        rate = self._stride * np.diff(edges) / np.maximum(end - begin, 1e-9)
-        return tuple(zip((0.5 * (begin + end)).tolist(), rate.tolist(), strict=True))
+    def statistics(self, topic: str, type_name: str, messages: int) -> TopicStatistics:
+        """Return the statistics of a topic whose bag claims a number of messages."""
+        rate = (messages - 1) / self.span if self.span > 0.0 else float('nan')
+        return TopicStatistics(topic, type_name, messages, rate)
 
 
 class LastPose:

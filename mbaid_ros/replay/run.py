@@ -13,7 +13,7 @@ from tqdm import tqdm
 from mbaid_ros.bags import BagReader, BagWriter, Recorded, message_class
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
-from mbaid_ros.core.capture import Capture
+from mbaid_ros.core.capture.handover import Capture
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
@@ -24,7 +24,9 @@ from mbaid_ros.messages import stamps_of
 from mbaid_ros.outgoing import Frames, MessageTypes, debris_message, estimate_message, inertia_message
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.results import Arrivals, History, LastPose, Run, TopicStatistics
-from mbaid_ros.session import Session, as_numbers, intake_warnings, missing_joints
+from mbaid_ros.session.explanation import intake_warnings, missing_joints
+from mbaid_ros.session.posterior import as_numbers
+from mbaid_ros.session.session import Session
 
 BAG_TYPES = MessageTypes(find=message_class, flags=np.asarray)  # of messages made without a graph
 ESTIMATE_TOPIC = '/estimator/estimate'
@@ -42,10 +44,7 @@ Progress = Callable[[int, int], None]
 def feed(bag: BagReader, inputs: Inputs, add: Callable[[Recorded], None], progress: Progress | None) -> Iterator[None]:
     """Hand over a bag's messages; yield where it is time to work through them, the last time at the end.
 
-    Raises
-    ------
-    DataError
-        The bag lacks a topic, or has it with another type.
+    Raises DataError: The bag lacks a topic, or has it with another type.
     """
     topics = inputs.topics(bag)
     total = sum(bag.topics[topic].count for topic in topics)
@@ -114,12 +113,8 @@ def replay_bag(
 ) -> Run:
     """Send a bag's messages through a session and return the result; a writer gets every estimate.
 
-    Raises
-    ------
-    DataError
-        The bag cannot be read, or lacks a topic.
-    ModelError, ParameterError
-        The robot or the parameters cannot be used.
+    Raises DataError: The bag cannot be read, or lacks a topic.
+    Raises ModelError, ParameterError: The robot or the parameters cannot be used.
     """
     session = Session(config, urdf)
     robot = session.robot
@@ -157,7 +152,7 @@ def replay_bag(
 
 
 def _advice(config: EstimatorConfig, knowledge: Posterior) -> str:
-    """Return what motion would help most."""
+    """Return the motion that would help most."""
     from mbaid_ros.session.planning import advice  # noqa: PLC0415 - takes a while, and many a run ends without it
 
     return advice(config, knowledge)
@@ -196,9 +191,8 @@ class _Intake:
                     f'{stamped.span:.3g} s: rates are by the stamps'
                 )
                 self._arrivals = self._arrivals | self._stamped
-        origin = min((each.first for each in self._arrivals.values() if each.first is not None), default=0)
         return tuple(
-            arrivals.statistics(topic, bag.topics[topic].type, self._count(bag, topic), origin)
+            arrivals.statistics(topic, bag.topics[topic].type, self._count(bag, topic))
             for topic, arrivals in self._arrivals.items()
         )
 
@@ -217,20 +211,12 @@ def _keep(estimates: Sequence[Estimate], session: Session, history: History, wri
 
 @dataclass(frozen=True)
 class BagMotions:
-    """The motions in a bag, as the windows that a calibration takes.
+    """The motions in a bag, as the windows that a calibration takes."""
 
-    Attributes
-    ----------
-    bag : path as the user gave it
-    runs : motions, each as windows; stamps that jump back begin another one
-    warnings : of bag, intake and data, one line each
-    heard : joints that the messages name
-    """
-
-    bag: str
-    runs: tuple[list[Samples], ...]
-    warnings: tuple[str, ...]
-    heard: tuple[str, ...] = ()
+    bag: str  # path as the user gave it
+    runs: tuple[list[Samples], ...]  # motions, each as windows; stamps that jump back begin another one
+    warnings: tuple[str, ...]  # of bag, intake and data, one line each
+    heard: tuple[str, ...] = ()  # joints that the messages name
 
 
 class _Collector:
@@ -252,12 +238,8 @@ class _Collector:
 def read_motions(path: str, config: EstimatorConfig, urdf: str, inputs: Inputs) -> BagMotions:
     """Return the motions in a bag, through the same intake as an estimator's, with a progress bar.
 
-    Raises
-    ------
-    DataError
-        The bag cannot be read, or lacks a topic.
-    ModelError, ParameterError
-        The robot or the parameters cannot be used.
+    Raises DataError: The bag cannot be read, or lacks a topic.
+    Raises ModelError, ParameterError: The robot or the parameters cannot be used.
     """
     collectors: list[_Collector] = []
 

@@ -23,7 +23,7 @@ TRUTH_FILE = 'truth.json'
 ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'
 _DEBRIS = '/debris'  # end of the name of the topic with the captured body alone
 _DEBRIS_NEEDS = 'accepted: results of a run with debris.report: true that determined all ten parameters'
-_ACCEPTED = 'accepted: what replay --json writes, or a bag that holds estimates'
+_ACCEPTED = 'accepted: a file of replay --json, or a bag that holds estimates'
 _ACCEPTED_TRUTH = 'accepted: a JSON object with target_link, mass, com and inertia, as simulate writes it'
 
 
@@ -71,10 +71,7 @@ def truth_beside(bag: str) -> Truth | None:
 def read_truth(path: str | Path) -> Truth:
     """Return the truth in a file.
 
-    Raises
-    ------
-    DataError
-        It cannot be read or is no truth.
+    Raises DataError: It cannot be read or is no truth.
     """
     content = read_json(path, 'truth', limits.TRUTH_CHARACTERS, _ACCEPTED_TRUTH)
     with usable(path, _ACCEPTED_TRUTH):
@@ -141,12 +138,8 @@ def read_identified(path: str, result: int = 1, topic: str = '', *, alone: bool 
 
     With `alone` it is the captured body without the link that holds it.
 
-    Raises
-    ------
-    DataError
-        The file cannot be read or holds no such body, or one of a size that none has.
-    ParameterError
-        A topic is given, and the file is no bag.
+    Raises DataError: The file cannot be read or holds no such body, or one of a size that none has.
+    Raises ParameterError: A topic is given, and the file is no bag.
     """
     json = Path(path).suffix.lower() == '.json'
     if json and topic:

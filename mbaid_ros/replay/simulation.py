@@ -13,9 +13,8 @@ from tqdm import tqdm
 
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import one_line
-from mbaid_ros.config.files import load_parameter_file, parse_assignment
+from mbaid_ros.config.files import load_parameter_file, parse_assignment, read_robot_description
 from mbaid_ros.config.parameters import build, values_of
-from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.config.trajectory import read_trajectory
 from mbaid_ros.core.errors import ParameterError
@@ -34,7 +33,7 @@ _CHUNK = 1.0  # s of the run between two looks at the progress bar
 
 
 def simulate(arguments: argparse.Namespace) -> int:
-    """Simulate a run as the arguments say, and return the exit code."""
+    """Simulate a run by the arguments, and return the exit code."""
     config = _config(arguments)
     run = SimulatedRun(config, read_robot_description(config.robot_description_file), BAG_TYPES)
     begin = time.monotonic()

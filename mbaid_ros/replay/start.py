@@ -1,4 +1,4 @@
-"""The offline executables' entry points: their arguments; what does the work is imported only after `--help`."""
+"""The offline executables' entry points: their arguments; the working modules are imported after `--help`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FORMATS = ('urdf-link', 'urdf', 'mjcf', 'mjcf-body', 'basilisk-hub', 'basilisk-e
 
 
 def replay(argv: Sequence[str] | None = None) -> int:
-    """Replay bags: 0 if every bag led to an estimate; else 2, 4 or 3, as the help says."""
+    """Replay bags: 0 if every bag led to an estimate; else 2, 4 or 3, as in the help."""
     return _start(argv, 'replay', _replay_parser, 'command:replay')
 
 
@@ -25,12 +25,12 @@ def simulate(argv: Sequence[str] | None = None) -> int:
 
 
 def plan(argv: Sequence[str] | None = None) -> int:
-    """Plan a motion: 0 if it reaches what is wanted; else 2, 3 or 4, as the help says."""
+    """Plan a motion: 0 if it reaches the wanted precision; else 2, 3 or 4, as in the help."""
     return _start(argv, 'plan', _plan_parser, 'planning:plan')
 
 
 def calibrate(argv: Sequence[str] | None = None) -> int:
-    """Calibrate a robot: 0 if there is a calibration; else 2, 3 or 4, as the help says."""
+    """Calibrate a robot: 0 if there is a calibration; else 2, 3 or 4, as in the help."""
     return _start(argv, 'calibrate', _calibrate_parser, 'calibration:calibrate')
 
 
@@ -40,7 +40,7 @@ def campaign(argv: Sequence[str] | None = None) -> int:
 
 
 def export(argv: Sequence[str] | None = None) -> int:
-    """Export an identified body: 0 if it is written; else 2, 3 or 4, as the help says."""
+    """Export an identified body: 0 if it is written; else 2, 3 or 4, as in the help."""
     return _start(argv, 'export', _export_parser, 'exporting:export')
 
 
@@ -63,14 +63,14 @@ def _start(argv: Sequence[str] | None, name: str, parser: Callable[[], ArgumentP
 
 
 def _replay_parser() -> ArgumentParser:
-    from mbaid_ros.config.methods import METHODS  # noqa: PLC0415 - other executables start sooner without it
+    from mbaid_ros.config.parameters import METHODS  # noqa: PLC0415 - other executables start sooner without it
 
     parser = ArgumentParser(
         'replay',
         'Identify the inertia of a link from recorded bags, as the estimator node does from live topics.\n'
-        'Exit code: 0 an estimate was reached, 4 the data contradict the model: do not trust the numbers,\n'
-        '3 the data do not determine an estimate, 2 bad input. Of several bags the worst counts: 2, then 4, then 3.',
-        'replay run1 --model robot.urdf --target gripper --report run1.html',
+        'Exit code: 0 an estimate was reached, 2 bad input, 3 the data do not determine an estimate, 4 the data\n'
+        'contradict the model: do not trust the numbers. Of several bags the worst counts: 2, then 4, then 3.',
+        'ros2 run mbaid_ros replay run1 --model robot.urdf --target gripper --report run1.html',
     )
     add = parser.add_argument
     _add_model(parser)
@@ -91,9 +91,9 @@ def _replay_parser() -> ArgumentParser:
 def _simulate_parser() -> ArgumentParser:
     parser = ArgumentParser(
         'simulate',
-        'Simulate a free-floating robot and write what its sensors measure to an MCAP bag.',
-        'simulate --model config/table1.urdf --params config/table1_simulator.yaml --output /tmp/table1\n'
-        '  a minute of the robot as the folder /tmp/table1: an MCAP bag, and the truth in truth.json',
+        'Simulate a free-floating robot and write its sensor messages to an MCAP bag.',
+        'ros2 run mbaid_ros simulate --model config/table1.urdf --params config/table1_simulator.yaml --output table1\n'
+        '  a minute of the robot as the folder table1: an MCAP bag, and the truth in truth.json',
     )
     add = parser.add_argument
     add('--model', metavar='URDF', help='robot description (or the parameter robot_description_file)')
@@ -109,15 +109,14 @@ def _simulate_parser() -> ArgumentParser:
 def _plan_parser() -> ArgumentParser:
     parser = ArgumentParser(
         'plan',
-        'Plan the motion of the joints that reduces most of the uncertainty a run has left, or the shortest that\n'
-        'reaches a wanted precision, within the limits of the joints (URDF) and of what the motion may do to the\n'
-        'base.\n'
+        'Plan the joint motion that reduces the uncertainty of a run most, or the shortest one that reaches a wanted\n'
+        'precision, within the limits of the joints (URDF) and of the base.\n'
         'Nothing is moved. The parameters plan.* hold the wanted precision and the limits: relative_std, duration,\n'
         'joint_velocity, joint_acceleration, base_rotation, base_translation, base_rate, clearance, stuck, ...\n'
         'Ctrl-C takes the best motion so far.\n'
-        'Exit code: 0 the motion reaches the precision, 3 no motion within the limits does: the best is written,\n'
-        '4 the data of the run contradict the model, 2 bad input.',
-        'plan result.json --model robot.urdf -p plan.base_rotation:=0.035 --yaml motion.yaml\n'
+        'Exit code: 0 the motion reaches the precision, 2 bad input, 3 no motion within the limits does: the best is\n'
+        'written, 4 the data of the run contradict the model.',
+        'ros2 run mbaid_ros plan result.json --model robot.urdf -p plan.base_rotation:=0.035 --yaml motion.yaml\n'
         '  with result.json of: replay run1 --model robot.urdf --params estimator.yaml --json result.json',
     )
     add = parser.add_argument
@@ -136,9 +135,9 @@ def _calibrate_parser() -> ArgumentParser:
         'calibrate',
         'Identify any set of bodies of a free-floating robot from recorded motions, before it captures anything. The\n'
         'values in the URDF are its start; the parameters prior.* declare how well they are known.\n'
-        'Exit code: 0 calibrated, 4 the data contradict the model: no --output is written, 3 data and prior do not\n'
-        'determine the bodies, 2 bad input.',
-        'calibrate before_capture --model robot.urdf --params calibrate.yaml --output calibrated.urdf',
+        'Exit code: 0 calibrated, 2 bad input, 3 data and prior do not determine the bodies, 4 the data contradict\n'
+        'the model: no --output is written.',
+        'ros2 run mbaid_ros calibrate before --model robot.urdf --params calibrate.yaml --output calibrated.urdf',
     )
     add = parser.add_argument
     _add_model(parser, 'the robot description, with the CAD values')
@@ -154,11 +153,10 @@ def _calibrate_parser() -> ArgumentParser:
 def _campaign_parser() -> ArgumentParser:
     parser = ArgumentParser(
         'campaign',
-        'Simulate and identify many times over seeds, motions, robots, noise and methods, on all cores or a Dask '
-        'cluster.\n'
+        'Simulate and identify many times over seeds, motions, robots, noise and methods, on all cores or a cluster.\n'
         'After an interruption the same command continues with the missing runs.\n'
-        'Exit code: 0 every run was made, 3 some failed, 2 bad input.',
-        'campaign config/table1_campaign.yaml --output table1_campaign',
+        'Exit code: 0 every run was made, 2 bad input, 3 some failed.',
+        'ros2 run mbaid_ros campaign config/table1_campaign.yaml --output table1_campaign',
     )
     add = parser.add_argument
     add(
@@ -167,7 +165,7 @@ def _campaign_parser() -> ArgumentParser:
         help='seeds, motions, robots and cases, and the parameters of simulator and estimator',
     )
     add('--output', metavar='FOLDER', help="folder of the results (default: the YAML's name without its ending)")
-    add('--scheduler', metavar='ADDRESS', help='of a Dask cluster that makes the runs, like tcp://10.0.0.1:8786')
+    add('--scheduler', metavar='ADDRESS', help='a Dask cluster that makes the runs, like tcp://10.0.0.1:8786')
     add('--retry-failed', action='store_true', help='repeat failed runs')
     _add_processes(parser)
     return parser
@@ -177,7 +175,7 @@ def _export_parser() -> ArgumentParser:
     parser = ArgumentParser(
         'export',
         'Write an identified body as URDF link, whole URDF, MuJoCo model or body, Basilisk parameters or plain JSON.\n'
-        'Exit code: 0 written, 4 the data contradict the model, 3 they do not determine the body, 2 bad input.',
+        'Exit code: 0 written, 2 bad input, 3 the data do not determine the body, 4 they contradict the model.',
         'ros2 run mbaid_ros export run1.json --format mjcf --output captured.xml',
     )
     add = parser.add_argument
@@ -185,8 +183,8 @@ def _export_parser() -> ArgumentParser:
     add('--format', choices=FORMATS, default=FORMATS[0], help='default: %(default)s')
     add('--output', metavar='FILE', help='default: standard output')
     add('--model', metavar='URDF', help='the robot description, for the format urdf and for --fill')
-    add('--result', type=_whole(1), default=1, metavar='N', help='which result of a JSON of several bags (default: 1)')
-    add('--topic', default='', metavar='TOPIC', help='which estimates of a bag with those of several estimators')
+    add('--result', type=_whole(1), default=1, metavar='N', help='number of a result in a JSON of several (default: 1)')
+    add('--topic', default='', metavar='TOPIC', help='topic of the estimates, if a bag has several estimators')
     add('--debris', action='store_true', help='write the captured body alone (a run with debris.report: true has it)')
     add('--principal', action='store_true', help='write the inertia in its principal axes')
     add('--equivalent', choices=('box', 'ellipsoid'), help='add the uniform body of the same inertia')
@@ -198,9 +196,9 @@ def _noise_parser() -> ArgumentParser:
     parser = ArgumentParser(
         'noise_at_rest',
         "Print the sensors' noise as a parameter file, from a bag recorded with the joints braked, the base drifting\n"
-        'freely: the standard deviation of each channel about a cubic in time, of the noisiest axis or joint. Where\n'
-        'joints move, the longest part of the bag in which none does counts, with a warning.\n'
-        'Exit code: 0 printed, 2 bad input, or no five seconds in which all joints rest.',
+        'freely: the standard deviation of each channel about a cubic in time, of the noisiest axis or joint. If\n'
+        'joints move, the longest part of the bag at rest counts, with a warning.\n'
+        'Exit code: 0 printed, 2 bad input, or joints that rest for less than five seconds.',
         'ros2 run mbaid_ros noise_at_rest rest_run > noise.yaml',
     )
     add = parser.add_argument

@@ -38,16 +38,16 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
         JOINT_MISSING: _lacking(session),
         WRONG_CHILD_FRAME: _wrong_child_frame(session),
         BAD_QUATERNION: 'its length is not 1',
-        LOST_TRACKING: 'what locates the base has not seen it',
+        LOST_TRACKING: 'the tracking system has lost the base',
         NOT_FINITE: _not_finite(session),
         ZERO_STAMP: 'the publisher has to fill in header.stamp',
         LATE: f'reorder_time is {config.reorder_time:g} s',
-        OTHER_CLOCK: 'it has to start again, too, or its clock to be set',
+        OTHER_CLOCK: 'restart it, too, or set its clock',
         ODOMETRY_GAP: f'longer than maximum_gap, {config.maximum_gap:g} s',
-        NO_ODOMETRY: 'it had not begun, or it stayed away',
+        NO_ODOMETRY: 'it had not begun, or had stopped',
         IMU_FRAME: _imu_frame(session),
         OTHER_SOURCE: _other_source(session),
-        REPEATED_POSE: 'odometry that says again what it said before is no new measurement',
+        REPEATED_POSE: 'a repeated pose is no new measurement',
         OUTLIER: _outliers(session),
         JOINT_OUTLIER: _outlying_joint(session),
         JOINTS_HELD: f'new only every {session.synchroniser.joint_interval:.2g} s',
@@ -68,7 +68,7 @@ def intake_warnings(session: Session) -> list[str]:
     """Return the unused and partly used messages, one line a cause with its remedy, after restarts and obstacles."""
     lines = [
         f'{causes[cause]} messages {how}: {text}'
-        for how, causes in (('not used', session.dropped), ('not used wholly', session.replaced))
+        for how, causes in (('not used', session.dropped), ('partly used', session.replaced))
         for cause, text in zip(sorted(causes), explain(session, causes), strict=True)
     ]
     return [*session.restarts, *obstacles(session), *doubts(session), *lines]
@@ -89,7 +89,7 @@ def obstacles(session: Session) -> list[str]:
         found.append('imu.noise_density is set, and nothing comes on imu')
     if session.config.imu.orientation and received[IMU] and not intake.orientation_measured:
         found.append(
-            'imu.orientation is true, and no message on imu has told one; accepted: a unit quaternion and a covariance '
+            'imu.orientation is true, and no message on imu has one; accepted: a unit quaternion and a covariance '
             'that does not begin with -1 (REP 145)'
         )
     joints, base = newest[JOINTS], newest[ODOMETRY]
@@ -112,7 +112,7 @@ def obstacles(session: Session) -> list[str]:
 def doubts(session: Session) -> list[str]:
     """Return doubtful assumptions about the messages that are used."""
     frames = [f"'{frame}'" for frame in session.intake.odometry_reader.frames]
-    text = f'the base is located in the frames {listing(frames)}, which are taken for one'
+    text = f'the base is located in the frames {listing(frames)}, which count as one'
     return [f'{text}: where they differ, the base seems to jump; accepted: one frame_id'] if len(frames) > 1 else []
 
 
@@ -159,17 +159,17 @@ def _links_on_base(session: Session) -> list[str]:
 
 def _imu_frame(session: Session) -> str:
     given, links = session.intake.imu_reader.other_frame[:60], _links_on_base(session)
-    return f"it is '{given}'; accepted: {listing(links)}; or imu.frame says which it is, also one that joints move"
+    return f"it is '{given}'; accepted: {listing(links)}; or name it by imu.frame, also one that joints move"
 
 
 def _other_source(session: Session) -> str:
     if session.config.imu.alone:
-        return 'imu.alone says that the IMU alone is used'
+        return 'imu.alone is true: the IMU alone is used'
     if session.config.pose.tf_child_frame:
-        return 'pose.tf_child_frame says that it is on /tf'
+        return 'pose.tf_child_frame selects /tf'
     names = {'odom': 'Odometry', 'pose': 'a pose', 'tf': 'a transform'}
     first = session.base_source.kind
-    return f'{names[first]} was first' if first else 'pose.tf_child_frame says which transform it is'
+    return f'{names[first]} was first' if first else 'pose.tf_child_frame selects the transform'
 
 
 def _wrong_child_frame(session: Session) -> str:
@@ -177,5 +177,5 @@ def _wrong_child_frame(session: Session) -> str:
     links = listing(f"'{name}'" for name in _links_on_base(session))
     return (
         f"child_frame_id is '{given}'; accepted: {links}; or, with marker.position, any that is no link of the robot"
-        + ('; or pose.frame says which it is' if session.base_source.kind != 'odom' else '')
+        + ('; or name it by pose.frame' if session.base_source.kind != 'odom' else '')
     )

@@ -12,7 +12,8 @@ from mbaid_ros.calibration.result import Calibration
 from mbaid_ros.calibration.unknowns import LinkPrior, make_prior
 from mbaid_ros.config.capture import SelfCalibrationConfig
 from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
-from mbaid_ros.core.capture import Calibrate, CaptureEstimator, Chaser, Handover
+from mbaid_ros.core.capture.estimator import CaptureEstimator
+from mbaid_ros.core.capture.handover import Calibrate, Chaser, Handover
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
 from mbaid_ros.core.errors import DataError, ParameterError, listing
 from mbaid_ros.core.identifier import Estimator
@@ -25,12 +26,14 @@ from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
 from mbaid_ros.core.trajectory.target_runs import TrajectorySettings
 from mbaid_ros.core.two_stage import TwoStageEstimator
+from mbaid_ros.core.unknowns.bodies import KnownTarget
 from mbaid_ros.core.unknowns.catalogue import catalogue, underestimated_text
 from mbaid_ros.session.posterior import KnownRobot, declared_errors, nominal_model
 from mbaid_ros.session.settings import declared_uncertainty
 
 START_WINDOWS = 10  # before the first estimate of trajectory: 5 s of motion, from which a batch start converges
 _RELINEARISED_WINDOWS = 120  # at most, before the linearisation of trajectory freezes: bounds the time of an update
+_DESCRIBED_WINDOWS = 600  # the same where the target has a prior: hours of a station, of which minutes lead nowhere
 _ADAPT = True  # whether trajectory tries hypotheses of disturbances that walk
 _SOLVED_WINDOWS = 40  # that difference solves again at each update; older ones are marginalised
 
@@ -44,17 +47,13 @@ def make_estimator(
 ) -> Estimator:
     """Return the method that the parameters name.
 
+    Raises ParameterError: The method lacks a parameter.
+
     Parameters
     ----------
-    config : EstimatorConfig
     kernel : of the robot, with the errors of its known bodies
     known : nominal model with its uncertainty; None for the one that the parameters declare
-    judge : makes the thresholds of what is published; `make_reporting` where not given
-
-    Raises
-    ------
-    ParameterError
-        The method lacks a parameter.
+    judge : makes the thresholds of publication; `make_reporting` where not given
     """
     _check_imu(config)
     if not kernel.errors.count:
@@ -80,14 +79,14 @@ def _varies(config: EstimatorConfig) -> bool:
 
 
 def make_reporting(config: EstimatorConfig, kernel: MomentumKernel) -> Reporting:
-    """Return the thresholds of what a method publishes."""
+    """Return the thresholds of publication of a method."""
     reporting = Reporting(unknown_scale(kernel)[:10], 0.0, 0.0, 0.0, 0.0)
     set_thresholds(reporting, config.convergence)
     return reporting
 
 
 def set_thresholds(reporting: Reporting, convergence: ConvergenceConfig) -> None:
-    """Change the thresholds of what is published, from the next window on."""
+    """Change the thresholds of publication, from the next window on."""
     reporting.identifiable_std = convergence.identifiable_std
     reporting.converged_std = convergence.relative_std
     reporting.length = convergence.length
@@ -99,7 +98,7 @@ def _trajectory(config: EstimatorConfig, known: KnownRobot, reporting: Reporting
         noise=config.noise.declared,
         window=config.window,
         start=START_WINDOWS,
-        kept=_RELINEARISED_WINDOWS,
+        kept=_DESCRIBED_WINDOWS if isinstance(known.uncertainty.target, KnownTarget) else _RELINEARISED_WINDOWS,
         uncertainty=known.uncertainty,
         adapt=_ADAPT,
         constant=cast("Literal['none', 'inertial', 'body']", config.disturbance.constant),
@@ -114,18 +113,18 @@ def _difference(config: EstimatorConfig, known: KnownRobot, reporting: Reporting
     """Return the weighted difference form: a method by itself, and the first stage of trajectory."""
     if config.disturbance.constant != 'none':
         raise ParameterError(
-            f"parameter 'disturbance.constant' is '{config.disturbance.constant}' with method difference, which takes "
-            'the momentum for constant; accepted: none, or method trajectory'
+            f"parameter 'disturbance.constant' is '{config.disturbance.constant}' with method difference, which "
+            'assumes constant momentum; accepted: none, or method trajectory'
         )
     if _varies(config):
         raise ParameterError(
-            "parameters 'disturbance.torque_time' and '.force_time' are set with method difference, which takes both "
-            'for constant in a motion; accepted: 0, or method trajectory'
+            "parameters 'disturbance.torque_time' and '.force_time' are set with method difference, which assumes both "
+            'constant in a motion; accepted: 0, or method trajectory'
         )
     if config.method == 'difference' and config.target_prior.mass_std > 0.0:
         raise ParameterError(
             f"parameter 'target_prior.mass_std' is {config.target_prior.mass_std:g} kg with method difference, which "
-            'takes nothing of the target for known; accepted: 0, or method trajectory'
+            'uses no prior of the target; accepted: 0, or method trajectory'
         )
     settings = DifferenceSettings(
         noise=config.noise.declared,
@@ -140,15 +139,13 @@ def _paper(config: EstimatorConfig, kernel: MomentumKernel) -> PaperEstimator:
     if config.orbit.mean_motion > 0.0:
         raise ParameterError(
             f"parameter 'orbit.mean_motion' is {config.orbit.mean_motion:g} rad/s with method {config.method}, which "
-            'takes the momentum for constant; accepted: 0, or methods trajectory and difference'
+            'assumes constant momentum; accepted: 0, or methods trajectory and difference'
         )
     paper = config.paper
     settings = PaperSettings(
         form='main' if config.method == 'paper_main' else 'difference',
         forgetting_factor=paper.forgetting_factor,
-        initial_covariance=paper.initial_covariance,
         reference='first' if paper.reference == 'first' else 'previous',
-        lag=paper.lag,
         total_angular_momentum=paper.total_angular_momentum,
         settled=config.convergence.relative_std,
         length=config.convergence.length,
@@ -161,7 +158,7 @@ def _check_imu(config: EstimatorConfig) -> None:
     if not config.imu.alone:
         if config.imu.orientation:
             raise ParameterError(
-                "parameter 'imu.orientation' is true without 'imu.alone'; accepted: both, for beside poses an IMU's "
+                "parameter 'imu.orientation' is true without 'imu.alone'; accepted: both; beside poses an IMU's "
                 'orientation is not used'
             )
         return
@@ -195,17 +192,13 @@ def make_capture(
 ) -> CaptureEstimator | None:
     """Return the estimator of a run that begins before the capture, None of any other run.
 
+    Raises ModelError, ParameterError: A calibration is asked for, and its parameters cannot be used.
+
     Parameters
     ----------
-    config : EstimatorConfig
     kernel : of the robot before the capture
     known : nominal model with its uncertainty; None for the one that the parameters declare
     make : makes the method after the capture, of a kernel and a nominal model
-
-    Raises
-    ------
-    ModelError, ParameterError
-        A calibration is asked for, and its parameters cannot be used.
     """
     calibrate_robot = _self_calibration(config, kernel, make)
     if config.capture.phase == 'post_capture' and config.capture.time == 0.0:
@@ -239,8 +232,8 @@ def _self_calibration(
     declared = 'calibration' if known.calibration else next(iter(known.links), '')
     if declared:
         raise ParameterError(
-            f"parameter 'known_links.{declared}' is given; with 'calibration.enabled', which finds how well all links "
-            'are known, none is accepted'
+            f"parameter 'known_links.{declared}' is given; with 'calibration.enabled', which estimates all "
+            'links, none is accepted'
         )
     model, target = kernel.model, kernel.target
     # The target link comes first: the filter has it unknown after the capture.
@@ -259,11 +252,9 @@ def _self_calibration(
     def calibrate_before(windows: list[Samples]) -> Handover:
         found = calibrate(robot, [windows], settings)
         if not found.settled:
-            raise DataError('the data before it lead to no solution that stays; accepted: a URDF that is nearer')
+            raise DataError('the data before it lead to no convergent solution; accepted: a URDF nearer to the robot')
         if found.determined == 0:
-            raise DataError(
-                'the data before it say nothing that the URDF does not; accepted: a run in which all joints move'
-            )
+            raise DataError('the data before it add nothing to the URDF; accepted: a run in which all joints move')
         after = MomentumKernel(_calibrated_model(model, found), target.name).storing(kernel.storage)
         after = after.swinging(kernel.springs)
         after = after.with_uncertainty(calibrated(links, found.covariance, [target.name]))
@@ -276,7 +267,7 @@ def _self_calibration(
             again=partial(make, after, known),
             chaser=Chaser(found.momentum[0], found.momentum_covariance[0], found.residual, found.samples),
             link_covariance=found.covariance[:10, :10] if target.parameters[0] > 0.0 else None,
-            told=_summary(found),
+            calibration=_summary(found),
         )
 
     return calibrate_before
@@ -319,6 +310,6 @@ def _summary(found: Calibration) -> str:
     further_off = ''.join('; ' + underestimated_text(kind, size, _DECLARED) for kind, size in found.further_off)
     return (
         f'{bodies} bodies calibrated from the {found.span:.3g} s before the capture: '
-        f'they say more than the URDF of {found.determined} combinations, total mass known to '
+        f'they improve {found.determined} combinations over the URDF, total mass known to '
         f'{100.0 * found.scale.relative_std:.2g} %, residual {found.residual:.2f}{further_off}'
     )

@@ -19,35 +19,20 @@ _ROUNDED = 1e-2
 
 @dataclass(frozen=True)
 class ModelSummary:
-    """A robot as a run uses it.
+    """A robot as a run uses it."""
 
-    Attributes
-    ----------
-    robot, base_link : names of the robot and of its floating link
-    target_link : whose inertia is identified; empty if several are, or none
-    chosen : whether a parameter names it
-    mass : of all links but the target, kg
-    joints : number of those that move
-    without_inertia : links
-    bare : those of them that move, or float, without any mass on their body
-    impossible : links whose inertia no real body has
-    foreign : joints of the messages that the robot description lacks
-    unheard : moving joints that no message has named so far; empty before the first message
-    dropped : ignored parts of the robot description, a line each
-    """
-
-    robot: str
-    base_link: str
-    target_link: str
-    chosen: bool
-    mass: float
-    joints: int
-    without_inertia: tuple[str, ...]
-    bare: tuple[str, ...]
-    impossible: tuple[str, ...]
-    foreign: tuple[str, ...] = ()
-    unheard: tuple[str, ...] = ()
-    dropped: tuple[str, ...] = ()
+    robot: str  # names of the robot and of its floating link
+    base_link: str  # names of the robot and of its floating link
+    target_link: str  # whose inertia is identified; empty if several are, or none
+    chosen: bool  # whether a parameter names it
+    mass: float  # of all links but the target, kg
+    joints: int  # number of those that move
+    without_inertia: tuple[str, ...]  # links
+    bare: tuple[str, ...]  # those of them that move, or float, without any mass on their body
+    impossible: tuple[str, ...]  # links whose inertia no real body has
+    foreign: tuple[str, ...] = ()  # joints of the messages that the robot description lacks
+    unheard: tuple[str, ...] = ()  # moving joints that no message has named so far; empty before the first message
+    dropped: tuple[str, ...] = ()  # ignored parts of the robot description, a line each
 
     @property
     def lines(self) -> list[str]:
@@ -96,7 +81,6 @@ def summarise(
 
     Parameters
     ----------
-    model : RobotModel
     target_link : its unknown link; empty if there are none or many
     chosen : whether a parameter names that
     heard : joints that the messages name

@@ -9,7 +9,7 @@ from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.planning.limits import BaseLimits
+from mbaid_ros.planning.goal import BaseLimits
 from mbaid_ros.planning.planner import Planner, PlanSettings
 from mbaid_ros.session.methods import make_reporting
 from mbaid_ros.session.robot import mesh_points
@@ -19,10 +19,7 @@ from mbaid_ros.session.session import UNSOLVABLE
 def make_planner(config: EstimatorConfig, posterior: Posterior) -> Planner:
     """Return the planner that the parameters describe.
 
-    Raises
-    ------
-    ParameterError
-        The parameters contradict each other or the robot.
+    Raises ParameterError: The parameters contradict each other or the robot.
     """
     return Planner(posterior, make_reporting(config, posterior.layout.kernel), plan_settings(config), mesh_points)
 
@@ -41,10 +38,7 @@ def advice(config: EstimatorConfig, posterior: Posterior) -> str:
 def plan_settings(config: EstimatorConfig) -> PlanSettings:
     """Return the settings of a planned motion.
 
-    Raises
-    ------
-    ParameterError
-        A wanted precision is not positive.
+    Raises ParameterError: A wanted precision is not positive.
     """
     plan = config.plan
     return PlanSettings(

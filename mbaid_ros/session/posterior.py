@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.model_errors import BodyDeviations, KnownErrors, body_sizes, calibrated, declared
 from mbaid_ros.core.trajectory.posterior import FIRST, End, Posterior, Sensing
+from mbaid_ros.core.unknowns.bodies import KnownTarget
 from mbaid_ros.core.unknowns.catalogue import CalibratedSide, Uncertainty
 from mbaid_ros.core.unknowns.environment import hypotheses
 from mbaid_ros.session.settings import declared_uncertainty
@@ -29,24 +30,18 @@ from mbaid_ros.session.settings import declared_uncertainty
 _SAME = 1e-6
 # Warning of a contradicted run in which nothing may deviate.
 EXACT_ROBOT = (
-    'the robot is said to be exactly its URDF, as only a simulated one is: leave known_links, known_joints and '
-    'odometry_mount at their defaults, or say how well it is known'
+    'the robot is declared to be exactly its URDF, as only a simulated one is: leave known_links, known_joints and '
+    'odometry_mount at their defaults, or declare its uncertainty'
 )
 _ACCEPTED = 'accepted: the URDF that calibrate --output wrote with it'
 
 
 @dataclass(frozen=True, eq=False)
 class KnownRobot:
-    """The nominal model with its uncertainty, as the trajectory filter needs it.
+    """The nominal model with its uncertainty, as the trajectory filter needs it."""
 
-    Attributes
-    ----------
-    kernel : with the errors of its known bodies, as the catalogue of unknowns has them
-    uncertainty : of all else, and the joint covariance of everything
-    """
-
-    kernel: MomentumKernel
-    uncertainty: Uncertainty
+    kernel: MomentumKernel  # with the errors of its known bodies, as the catalogue of unknowns has them
+    uncertainty: Uncertainty  # of all else, and the joint covariance of everything
 
 
 def with_known_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> tuple[MomentumKernel, Array | None]:
@@ -54,10 +49,7 @@ def with_known_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> tuple
 
     The covariance is (10, 10) of (m, h, I_o) in the target link's frame, None where they count as exact.
 
-    Raises
-    ------
-    ParameterError
-        The parameters contradict each other or the robot, or the calibration cannot be used.
+    Raises ParameterError: The parameters contradict each other or the robot, or the calibration cannot be used.
     """
     link = kernel.target.parameters
     if not config.calibration:
@@ -75,12 +67,11 @@ def with_known_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> tuple
 def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot:
     """Return the nominal model of a kernel that has the errors of its known bodies, as declared or calibrated.
 
-    Raises
-    ------
-    ParameterError
-        The parameters contradict each other or the robot, or the calibration cannot be used.
+    Raises ParameterError: The parameters contradict each other or the robot, or the calibration cannot be used.
     """
     uncertainty = declared_uncertainty(config, kernel.model)
+    if (given := config.known_links.links.get(kernel.target.name)) is not None:
+        uncertainty = replace(uncertainty, target=_described(config, kernel, given))
     if not config.known_links.calibration:
         return KnownRobot(kernel, uncertainty)
     found = _calibration(kernel.model, config.known_links)
@@ -111,8 +102,8 @@ def _calibration(model: RobotModel, config: KnownLinksConfig) -> CalibrationFile
     """Return the calibration that the parameters name, of the very robot."""
     if config.links:
         raise ParameterError(
-            f"parameter 'known_links.{next(iter(config.links))}' is given; with 'known_links.calibration', which says "
-            'it of all bodies, none is accepted'
+            f"parameter 'known_links.{next(iter(config.links))}' is given; with 'known_links.calibration', which "
+            'covers all bodies, none is accepted'
         )
     found = read_calibration(config.calibration)
     _require_the_same(found, model)
@@ -153,21 +144,15 @@ def _require_the_same(found: CalibrationFile, model: RobotModel) -> None:
 def declared_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> KnownErrors:
     """Return the errors that the parameters declare, body by body.
 
-    Raises
-    ------
-    ParameterError
-        A name is not that of a known link with mass.
+    Raises ParameterError: A name is not that of a known link with mass.
     """
     unknown = {link.name for link in kernel.unknown}
     massive = (link for link in kernel.model.links if link.parameters[0] > 0.0 and link.name not in unknown)
     bodies = {link.name: link.body for link in massive}
     own: dict[int, BodyDeviations] = {}
     for name, given in config.links.items():
-        if name in unknown:
-            raise ParameterError(
-                f"parameter 'known_links.{name[:60]}' is of the link that is identified; what is known of that goes "
-                'into target_prior.mass, mass_std, com and com_std'
-            )
+        if name == kernel.target.name:
+            continue  # it has a prior of its own
         if name not in bodies:
             raise ParameterError(
                 f"parameter 'known_links.{name[:60]}' is of no known link with mass; accepted: {listing(bodies)}"
@@ -179,6 +164,20 @@ def declared_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> KnownEr
             given.get('inertia_relative_std', every.inertia),
         )
     return declared(kernel.known, config.relative_std, own)
+
+
+def _described(config: EstimatorConfig, kernel: MomentumKernel, given: Mapping[str, float]) -> KnownTarget:
+    """Return the prior of a target link that the robot description describes as well as `given`."""
+    target, name = kernel.target, f'known_links.{kernel.target.name[:60]}'
+    stds = [given.get(part, 0.0) for part in ('mass_relative_std', 'com_std', 'inertia_relative_std')]
+    if min(stds) <= 0.0 or target.parameters[0] <= 0.0:
+        raise ParameterError(
+            f"parameter '{name}' is of the link that is identified; accepted: mass_relative_std, com_std and "
+            'inertia_relative_std, all above 0, and an <inertial> in the robot description, or target_prior.mass'
+        )
+    if config.target_prior.mass_std > 0.0:
+        raise ParameterError(f"parameters '{name}' and 'target_prior' are both of the same link; accepted: one")
+    return KnownTarget(target.parameters, BodyDeviations(*stds).factor(target.parameters))
 
 
 _OF_END = ('joint_position', 'joint_velocity', 'stored', 'base_rotation', 'base_position', 'origin', 'brought')
@@ -207,12 +206,8 @@ def from_numbers(numbers: Mapping[str, Any], config: EstimatorConfig, kernel: Mo
 
     The numbers are those of `as_numbers`, the kernel is of the run's robot, with the errors of its known bodies.
 
-    Raises
-    ------
-    DataError
-        They are of another robot, or of a run with other parameters.
-    KeyError, TypeError, ValueError
-        They are no such numbers.
+    Raises DataError: They are of another robot, or of a run with other parameters.
+    Raises KeyError, TypeError, ValueError: They are no such numbers.
     """
     known = nominal_model(config, kernel)
     model = known.kernel.model

@@ -40,7 +40,7 @@ OTHER_SOURCE = 'the pose of the base comes from another source'
 
 
 class MessageQueue:
-    """Collects the messages of all topics, each in the order of arrival, until `problem` says why not."""
+    """Collects the messages of all topics, each in the order of arrival, until `problem` is set."""
 
     def __init__(self, topics: Collection[str], config: EstimatorConfig) -> None:
         self._threshold = round(TIME_JUMP * 1e9)
@@ -123,7 +123,7 @@ class MessageQueue:
         gate = self._gates[name]
         text = f'stamps on {name} jumped back by {amount * 1e-9:.6g} s (a bag or simulation started again, a clock set)'
         if self._stops:
-            self.problem = f'{text}; stopped, as time_jump: error says'
+            self.problem = f'{text}; stopped by time_jump: error'
         elif gate.epoch > self._epoch:
             self._epoch = gate.epoch
             return text
@@ -133,14 +133,11 @@ class MessageQueue:
 class BaseSource:
     """The messages that locate the base: of the source that comes first, or of the one that the parameters name.
 
+    Raises ParameterError: A frame that the parameters name is not on the base.
+
     Attributes
     ----------
     kind, dropped : of the source, None before the first message; number of messages of other sources
-
-    Raises
-    ------
-    ParameterError
-        A frame that the parameters name is not on the base.
     """
 
     def __init__(self, config: EstimatorConfig, robot: Robot) -> None:
@@ -194,17 +191,14 @@ def _kinds(messages: Sequence[Any]) -> set[Source]:
 class Intake:
     """The readers of a run's messages, and the measurements that wait until their order is sure.
 
+    Raises ParameterError: A frame that the parameters name is not on the base.
+
     Attributes
     ----------
     joint_reader, odometry_reader, imu_reader, stored_momentum : of messages
     merge : of joints from several publishers
     faults : plain in the joint readings or the robot description
     alone, orientation_measured : whether an IMU alone measures the base's motion, and has measured an orientation
-
-    Raises
-    ------
-    ParameterError
-        A frame that the parameters name is not on the base.
     """
 
     def __init__(self, config: EstimatorConfig, robot: Robot) -> None:

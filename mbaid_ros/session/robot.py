@@ -11,16 +11,17 @@ import numpy as np
 
 from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.capture import Capture, CaptureEstimator, Phase
+from mbaid_ros.core.capture.estimator import CaptureEstimator
+from mbaid_ros.core.capture.handover import Capture
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import CapturePhase, Estimate
 from mbaid_ros.core.results.published_inertia import Debris, debris
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_document import kept_words
-from mbaid_ros.core.robot.urdf_edit import change_inertial, joints_moved
+from mbaid_ros.core.robot.urdf_edit import joints_moved, replace_inertial
 from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.files import require_regular
 from mbaid_ros.session.posterior import nominal_model, with_known_errors
@@ -32,14 +33,11 @@ _PACKAGE, _FILE = 'package://', 'file://'
 def mesh_points(name: str) -> Array:
     """Return the vertices (V, 3) of a mesh, in the units of its file.
 
+    Raises ModelError: There is no such file, or it cannot be read.
+
     Parameters
     ----------
     name : as a robot description has it: package://, file:// or a path that is not relative
-
-    Raises
-    ------
-    ModelError
-        There is no such file, or it cannot be read.
     """
     path = _path(name)
     require_regular(path, 'mesh', ModelError)
@@ -49,8 +47,8 @@ def mesh_points(name: str) -> Array:
         with kept_words([]):
             return np.asarray(coal.MeshLoader().load(str(path), np.ones(3)).vertices())
     except (ValueError, RuntimeError) as error:
-        told = [line for line in str(error).splitlines() if not line.startswith('Hint:')]
-        raise ModelError(f"mesh '{name}' cannot be read: {told[-1]}") from error
+        lines = [line for line in str(error).splitlines() if not line.startswith('Hint:')]
+        raise ModelError(f"mesh '{name}' cannot be read: {lines[-1]}") from error
 
 
 def _path(name: str) -> Path:
@@ -71,9 +69,10 @@ def _path(name: str) -> Path:
 class Robot:
     """The robot of a session, before and after a calibration at the capture.
 
+    Raises ModelError, ParameterError: The robot, the target link or a combination of parameters cannot be used.
+
     Parameters
     ----------
-    config : EstimatorConfig
     urdf : text of the robot description
 
     Attributes
@@ -83,18 +82,13 @@ class Robot:
     described : momentum kernel of the robot description
     known : nominal model of a calibration file; None without one
     marker : frame of the odometry on the base, if the parameters place one
-
-    Raises
-    ------
-    ModelError, ParameterError
-        The robot, the target link or a combination of parameters cannot be used.
     """
 
     def __init__(self, config: EstimatorConfig, urdf: str) -> None:
         self._report_debris = config.debris.report
         self._in_principal_axes = config.debris.frame == PRINCIPAL
         self.model = load_model(urdf, config.base_link)
-        self._written: tuple[RobotModel, str] = (self.model, urdf)  # what `urdf` was last asked for
+        self._written: tuple[RobotModel, str] = (self.model, urdf)  # the last result of `urdf`
         self.target_link = config.target_link or self.model.last_link
         kernel = MomentumKernel(self.model, self.target_link).storing(storage(config.wheels, self.model))
         kernel = kernel.swinging(springs(config.flexible, self.model))
@@ -120,7 +114,7 @@ class Robot:
         return (*self.model.independent_joints, *self.described.storage.names)
 
     @property
-    def phase(self) -> Phase:
+    def phase(self) -> CapturePhase:
         """Phase of the run relative to the capture."""
         return 'post_capture' if self._capture is None else self._capture.phase
 
@@ -128,7 +122,7 @@ class Robot:
     def calibrated(self) -> str:
         """Summary of the calibration at the capture, in a line; empty without one."""
         handover = None if self._capture is None else self._capture.handover
-        return '' if handover is None else handover.told
+        return '' if handover is None else handover.calibration
 
     @property
     def urdf(self) -> str:
@@ -137,7 +131,7 @@ class Robot:
             model, text = self.kernel.model, self.model.urdf
             for old, new in zip(self.model.links, model.links, strict=True):
                 if new.parameters is not old.parameters:
-                    text = change_inertial(text, new.name, physical(new.parameters))
+                    text = replace_inertial(text, new.name, physical(new.parameters))
             text = joints_moved(text, self.model, model)
             self._written = model, text
         return self._written[1]

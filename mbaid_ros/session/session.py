@@ -32,7 +32,7 @@ from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, BaseSource, Intake,
 from mbaid_ros.session.robot import Robot
 from mbaid_ros.session.settings import falling_frame, uncertain_thrusters
 
-IMU_NOT_ASKED_FOR = 'an IMU is heard and not used: set imu.noise_density'
+IMU_NOT_ASKED_FOR = 'an IMU is published but not used: set imu.noise_density'
 
 # No known data lead to these. A node in a robot's graph has to report them and go on all the same.
 UNSOLVABLE = (np.linalg.LinAlgError, FloatingPointError)
@@ -48,9 +48,10 @@ MakeEstimator = Callable[..., Estimator]
 class Session:
     """Everything between the first message and the last estimate.
 
+    Raises ModelError, ParameterError: The robot, the target link or a combination of parameters cannot be used.
+
     Parameters
     ----------
-    config : EstimatorConfig
     urdf : text of the robot description
     make : makes the method of each segment, of the parameters, the robot's kernel and, from a calibration, the nominal
         model (None without one); `make_estimator` where not given
@@ -64,11 +65,6 @@ class Session:
     intake : readers of the segment's messages
     thrust : commanded thrust since the segment began
     queue : of messages that wait to be processed
-
-    Raises
-    ------
-    ModelError, ParameterError
-        The robot, the target link or a combination of parameters cannot be used.
     """
 
     def __init__(self, config: EstimatorConfig, urdf: str, make: MakeEstimator | None = None) -> None:
@@ -149,10 +145,7 @@ class Session:
     def process(self) -> list[Estimate]:
         """Process the added messages and return the new estimates; how calls are spread makes no difference to them.
 
-        Raises
-        ------
-        DataError
-            The stamps have jumped back, and the parameter time_jump makes this an error.
+        Raises DataError: The stamps have jumped back, and the parameter time_jump makes this an error.
         """
         estimates = self._ready + self._work()
         self._ready = []
@@ -176,10 +169,7 @@ class Session:
 
         A second call moves a capture that was announced too early: data since then are forgotten.
 
-        Raises
-        ------
-        DataError
-            The run did not begin before a capture, has had it, or has no samples yet.
+        Raises DataError: The run did not begin before a capture, has had it, or has no samples yet.
         """
         self._ready += self._work()
         return self._segment.captured(self.queue.latest)
@@ -214,7 +204,7 @@ class Session:
 
     @property
     def synchroniser(self) -> Synchroniser:
-        """The gates of the readings, and what brings them to common stamps."""
+        """The gates of the readings, and their synchronisation to common stamps."""
         return self._segment.identifier.synchroniser
 
     @property
@@ -371,11 +361,9 @@ class _Segment:
             capture.time = time
             return f'captured {time:.3f} s after the first sample'
         if not time > before:
-            raise DataError(f'the capture was told before, at {before:.6g} s; accepted: a later one, or reset')
+            raise DataError(f'the capture was announced before, at {before:.6g} s; accepted: a later one, or reset')
         capture.move(time)
-        return (
-            f'captured {time:.3f} s after the first sample, not {before:.3f} s: what was learnt since then is forgotten'
-        )
+        return f'captured {time:.3f} s after the first sample, not {before:.3f} s: the estimate since then is dropped'
 
     def judge_by(self, convergence: ConvergenceConfig) -> None:
         """Change the thresholds from the next window on."""

@@ -43,10 +43,7 @@ _TRACKING_TIME = 2.0  # s, in which a servo's following error decorrelates: some
 def marker_frame(config: EstimatorConfig) -> AttachedFrame | None:
     """Return the frame that the parameters place on the base.
 
-    Raises
-    ------
-    ParameterError
-        The orientation is no unit quaternion.
+    Raises ParameterError: The orientation is no unit quaternion.
     """
     quaternion = np.array(config.marker.orientation)
     length = float(np.linalg.norm(quaternion))
@@ -62,10 +59,7 @@ def marker_frame(config: EstimatorConfig) -> AttachedFrame | None:
 def imu_link(config: EstimatorConfig, model: RobotModel) -> Link | None:
     """Return the link of an IMU that joints move; None on the base.
 
-    Raises
-    ------
-    ParameterError
-        There is no such link, or it moves with the target.
+    Raises ParameterError: There is no such link, or it moves with the target.
     """
     given, links = config.imu.frame, {config.frame_prefix + link.name: link for link in model.links}
     if not given:
@@ -84,10 +78,7 @@ def imu_link(config: EstimatorConfig, model: RobotModel) -> Link | None:
 def imu_reader(config: EstimatorConfig, model: RobotModel) -> ImuReader:
     """Return the reader of Imu messages: in base axes, or in those of a link that joints move.
 
-    Raises
-    ------
-    ParameterError
-        The IMU cannot be on the frame that the parameters name.
+    Raises ParameterError: The IMU cannot be on the frame that the parameters name.
     """
     axes = {config.frame_prefix + link.name: link.rotation for link in model.links if link.body == 0}
     if imu_link(config, model) is not None:
@@ -99,10 +90,7 @@ def imu_reader(config: EstimatorConfig, model: RobotModel) -> ImuReader:
 def debris_frame(name: str, model: RobotModel, target: Link) -> Frame:
     """Return the frame of the captured body: a link's, the target link's for '', or PRINCIPAL (its name only).
 
-    Raises
-    ------
-    ParameterError
-        There is no such link, or it moves against the target link.
+    Raises ParameterError: There is no such link, or it moves against the target link.
     """
     if name == PRINCIPAL:
         return Frame(f'{target.name}_{PRINCIPAL}', np.eye(3), np.zeros(3))
@@ -124,10 +112,7 @@ def debris_frame(name: str, model: RobotModel, target: Link) -> Frame:
 def falling_frame(config: OrbitConfig, model: RobotModel, *, located: bool = True) -> FallingFrame | None:
     """Return the transformation of odometry to the frame in free fall, None without an orbit.
 
-    Raises
-    ------
-    ParameterError
-        The directions do not make an orbit.
+    Raises ParameterError: The directions do not make an orbit.
     """
     orbit = make_orbit(config)
     if orbit is None:
@@ -139,10 +124,7 @@ def falling_frame(config: OrbitConfig, model: RobotModel, *, located: bool = Tru
 def uncertain_thrusters(config: ThrustConfig, model: RobotModel) -> tuple[str, ...]:
     """Return the frames of thrusters whose strength and direction are estimated.
 
-    Raises
-    ------
-    ModelError, ParameterError
-        A frame is no link, or named twice.
+    Raises ModelError, ParameterError: A frame is no link, or named twice.
     """
     if config.scale_std == config.direction_std == 0.0 and not config.frames:
         return ()
@@ -156,10 +138,8 @@ def uncertain_thrusters(config: ThrustConfig, model: RobotModel) -> tuple[str, .
 def storage(config: WheelsConfig, model: RobotModel) -> Storage:
     """Return the momentum stored inside bodies: the wheels by name, then that of the topic stored_momentum.
 
-    Raises
-    ------
-    ModelError, ParameterError
-        Names, axes and spin inertias differ in number, an axis is zero, or a name is a joint's or no link's.
+    Raises ModelError, ParameterError: Names, axes and spin inertias differ in number, an axis is zero, or a name is a
+    joint's or no link's.
     """
     wheels = make_storage(config.names, config.axes, config.spin_inertias, model, _WHEEL_SPEED_STD)
     if not config.momentum_frame:
@@ -170,10 +150,7 @@ def storage(config: WheelsConfig, model: RobotModel) -> Storage:
 def springs(config: FlexibleConfig, model: RobotModel) -> Springs:
     """Return the springs of passive joints as declared.
 
-    Raises
-    ------
-    ParameterError
-        A name is no joint's, a joint has no frequency, or mimics another.
+    Raises ParameterError: A name is no joint's, a joint has no frequency, or mimics another.
     """
     passive = config.passive(model.joint_names)
     followers = [name for name in passive if name not in model.independent_joints]
@@ -202,10 +179,7 @@ def _spin_deviations(config: WheelsConfig) -> tuple[float, ...]:
 def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertainty:
     """Return the declared uncertainty of joints, mount, wheels, stamps, target, momentum and orbit.
 
-    Raises
-    ------
-    ParameterError
-        A name is not that of a joint, or half of a prior is missing.
+    Raises ParameterError: A name is not that of a joint, or half of a prior is missing.
     """
     mount = config.odometry_mount
     zeros, origins, axes = (

@@ -1,9 +1,9 @@
-"""Motion of the free-floating robot: pinocchio's articulated-body algorithm under an explicit Runge-Kutta step."""
+"""Motion of the free-floating robot: pinocchio's articulated-body algorithm under the torques of its joints."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +12,7 @@ import pinocchio
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, parse
-from mbaid_ros.simulation.environment import BodyPoses, Effect, Push
-from mbaid_ros.simulation.one_quaternion import rotate, rotation_vector_rate, turned
-from mbaid_ros.simulation.springs import Springs
+from mbaid_ros.simulation.environment import BodyPoses, Effect, Push, Springs
 
 # Smallest eigenvalue, relative to the largest, of the joint-space inertia scaled to a unit diagonal. Rounding leaves
 # 1e-16; the stiffest of the robots tested has 1e-5.
@@ -22,69 +20,47 @@ _SMALLEST_EIGENVALUE = 1e-12
 # The inertia of a massless tail vanishes in every configuration; others may in a few only. Try several.
 _CONFIGURATIONS_TRIED = 5
 
-# Butcher's Runge-Kutta method of order 6 with seven stages (J. Austral. Math. Soc. 4, 1964): the instants of the
-# stages, what each takes of the earlier slopes, and the weights of the result.
-_NODES = (0.0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1.0)
-_STAGES = tuple(
-    np.array(row)
-    for row in (
-        [],
-        [1 / 3],
-        [0, 2 / 3],
-        [1 / 12, 1 / 3, -1 / 12],
-        [-1 / 16, 9 / 8, -3 / 16, -3 / 8],
-        [0, 9 / 8, -3 / 8, -3 / 4, 1 / 2],
-        [9 / 44, -9 / 11, 63 / 44, 18 / 11, 0, -16 / 11],
-    )
-)
-_WEIGHTS = np.array([11 / 120, 0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120])
-
-
 _OF_A_PLACE = ('rotation', 'translation')
-_DIVERGED = 'the simulated motion is not finite: masses, rates or torques are extreme, or the step too long'
+DIVERGED = 'the simulated motion is not finite: masses, rates or torques are extreme'
 
 
 @dataclass(frozen=True)
 class State:
-    """One instant of the robot's motion.
+    """One instant of the robot's motion."""
 
-    Attributes
-    ----------
-    base_position : (3,) m, origin of the base link in the odometry frame
-    base_orientation : (4,) unit quaternion (x, y, z, w), base link to odometry frame
-    joint_position : (n,) rad or m; continuous joints count their turns
-    velocity : (6 + n,) of the base origin (m/s), angular of the base (rad/s), both in base axes; joint rates
-    """
-
-    base_position: Array
-    base_orientation: Array
-    joint_position: Array
-    velocity: Array
+    base_position: Array  # (3,) m, origin of the base link in the odometry frame
+    base_orientation: Array  # (4,) unit quaternion (x, y, z, w), base link to odometry frame
+    joint_position: Array  # (n,) rad or m; continuous joints count their turns
+    velocity: Array  # (6 + n,) of the base origin (m/s), angular of the base (rad/s), both in base axes; joint rates
 
     @property
     def joint_velocity(self) -> Array:
         """The (n,) joint rates, rad/s or m/s."""
         return self.velocity[6:]
 
+    @property
+    def array(self) -> Array:
+        """All its numbers in the order of the attributes, (13 + 2 n,)."""
+        return np.concatenate((self.base_position, self.base_orientation, self.joint_position, self.velocity))
 
-# Joint torques (n,) at a time (s) in a state.
-TorqueLaw = Callable[[float, State], Array]
+    @staticmethod
+    def from_array(values: Array) -> State:
+        """Return the state with these numbers, its quaternion of unit length."""
+        joints = 7 + (len(values) - 13) // 2
+        orientation = values[3:7] / math.sqrt(values[3:7] @ values[3:7])
+        return State(values[:3], orientation, values[7:joints], values[joints:])
 
 
 class Dynamics:
     """Forward and inverse dynamics of one robot, without gravity.
 
+    Raises ModelError: The mass matrix is singular or not positive: something that moves has no inertia.
+
     Parameters
     ----------
-    model : RobotModel
-    push : what acts on it from outside
-    effects : what else acts on its bodies
+    push : external wrench on it
+    effects : further effects on its bodies
     springs : of joints that nothing drives
-
-    Raises
-    ------
-    ModelError
-        The mass matrix is singular or not positive: something that moves has no inertia.
     """
 
     def __init__(
@@ -113,46 +89,40 @@ class Dynamics:
     def acceleration(self, state: State, torque: Array, time: float = 0.0) -> Array:
         """Return the acceleration under joint torques.
 
+        Raises ModelError: The result is not finite: the mass matrix is singular in this state, or the motion has
+        diverged.
+
         Parameters
         ----------
-        state : State
         torque : (n,) N m, or N for a prismatic joint
         time : s, which the effects depend on
 
         Returns
         -------
         (6 + n,) rate of change of `State.velocity`, component by component
-
-        Raises
-        ------
-        ModelError
-            The result is not finite: the mass matrix is singular in this state, or the motion has diverged.
         """
         generalised = np.concatenate((np.zeros(6), torque))
         configuration = self._configuration(state)
         self._act_all(time, state, configuration)
         result = pinocchio.aba(self._pinocchio, self._data, configuration, state.velocity, generalised, self._forces)
         if not math.isfinite(result.sum()):
-            raise ModelError(_DIVERGED)
+            raise ModelError(DIVERGED)
         return np.array(result)
 
     def torque(self, state: State, joint_acceleration: Array, time: float = 0.0) -> Array:
         """Return the joint torques that give the joints an acceleration while the base floats (computed torque).
 
+        Raises ModelError: The inertia of the whole robot is singular in this state, so that nothing gives the base's
+        acceleration.
+
         Parameters
         ----------
-        state : State
         joint_acceleration : (n,) rad/s^2 or m/s^2
         time : s, which the effects depend on
 
         Returns
         -------
         (n,) array, N m or N; internal, so the total momentum does not change
-
-        Raises
-        ------
-        ModelError
-            The inertia of the whole robot is singular in this state, so that nothing gives the base's acceleration.
         """
         configuration = self._configuration(state)
         acceleration = np.concatenate((np.zeros(6), joint_acceleration))
@@ -168,11 +138,11 @@ class Dynamics:
         try:
             acceleration[:6] = np.linalg.solve(self._data.Ycrb[1].matrix(), -push)
         except np.linalg.LinAlgError as error:
-            raise ModelError(_DIVERGED) from error
+            raise ModelError(DIVERGED) from error
         return np.array(pinocchio.rnea(*motion, acceleration, *forces)[6:])
 
     def spring_torque(self, state: State) -> Array:
-        """Return what springs do to the joints, (n,), N m or N."""
+        """Return the torques of springs on the joints, (n,), N m or N."""
         torque = np.zeros(self.model.joints)
         if self._springs is not None:
             torque[self._springs.joints] = self._springs.torque(state.joint_position, state.joint_velocity)
@@ -190,46 +160,11 @@ class Dynamics:
         try:
             acceleration[free] = np.linalg.solve(self._mass_matrix(configuration)[np.ix_(free, free)], missing)
         except np.linalg.LinAlgError as error:
-            raise ModelError(_DIVERGED) from error
+            raise ModelError(DIVERGED) from error
         return np.array(pinocchio.rnea(*motion, acceleration, *forces)[6:])
 
-    def step(self, time: float, state: State, acceleration: Array, length: float, law: TorqueLaw) -> State:
-        """Return the state one Runge-Kutta step (Butcher's, order 6) later.
-
-        The configuration moves in a chart around the step's start: positions and angles add, the orientation is the
-        start's turned by a rotation vector (Munthe-Kaas). Every stage is thus a true orientation and the order is kept.
-
-        Parameters
-        ----------
-        time : s at the start
-        state : at the start
-        acceleration : (6 + n,) at the start, as `acceleration` gives it under the law
-        length : s
-        law : joint torques as a function of time and state
-
-        Returns
-        -------
-        State
-
-        Raises
-        ------
-        ModelError
-            The motion has diverged.
-        """
-        size = 6 + self.model.joints
-        slopes = np.empty((len(_NODES), 2 * size))
-        slopes[0] = np.concatenate((_chart_rate(state, np.zeros(3)), acceleration))
-        for stage in range(1, len(_NODES)):
-            moved = length * (_STAGES[stage] @ slopes[:stage])
-            reached = _moved(state, moved[:size], state.velocity + moved[size:])
-            instant = time + _NODES[stage] * length
-            slopes[stage, :size] = _chart_rate(reached, moved[3:6])
-            slopes[stage, size:] = self.acceleration(reached, law(instant, reached), instant)
-        moved = length * (_WEIGHTS @ slopes)
-        return _moved(state, moved[:size], state.velocity + moved[size:])
-
     def _act_all(self, time: float, state: State, configuration: Array) -> None:
-        """Tell pinocchio of everything that acts and depends on time or state."""
+        """Give pinocchio everything that acts and depends on time or state."""
         inertial = None
         if self._inertial is not None:
             inertial = self._inertial.on_base(state.base_position, state.base_orientation)
@@ -247,7 +182,7 @@ class Dynamics:
             self._act(0, *inertial)
 
     def _act(self, body: int, force: Array, torque: Array) -> None:
-        """Tell pinocchio what acts on a body from outside, in its axes."""
+        """Give pinocchio the external wrench on a body, in its axes."""
         # Its universe comes before the bodies.
         self._forces[body + 1] = pinocchio.Force(force, torque)
 
@@ -294,23 +229,3 @@ class Dynamics:
             'ends of its chains have <inertial>, and that every inertia is that of a real body'
         )
         raise ModelError(message)
-
-
-def _moved(state: State, chart: Array, velocity: Array) -> State:
-    """Return the state displaced by chart coordinates: (position, rotation vector in base axes, joints)."""
-    if not math.isfinite(chart[3:6] @ chart[3:6]):
-        raise ModelError(_DIVERGED)
-    return State(
-        state.base_position + chart[:3],
-        turned(state.base_orientation, chart[3:6]),
-        state.joint_position + chart[6:],
-        velocity,
-    )
-
-
-def _chart_rate(state: State, rotation_vector: Array) -> Array:
-    """Return the rates of the chart's coordinates in a state that is turned by a rotation vector from the start."""
-    rate = state.velocity.copy()
-    rate[:3] = rotate(state.base_orientation, rate[:3])
-    rate[3:6] = rotation_vector_rate(rotation_vector, rate[3:6])
-    return rate

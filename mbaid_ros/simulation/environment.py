@@ -1,36 +1,51 @@
-"""What acts on the bodies of a simulated robot beside the torques of its joints and a constant push."""
+"""What acts on the bodies of a simulated robot beside the torques of its joints: pushes, tides, wheels, springs."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, cross, rotate, rotate_back, unvec
+from mbaid_ros.core.geometry import Array, Integers, cross, rotate, rotate_back, unvec
+from mbaid_ros.core.robot.kernel import cantilever_inertias
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.simulation import quaternions
-from mbaid_ros.simulation.springs import Springs
+
+
+@dataclass(frozen=True)
+class Springs:
+    """f joints that a spring draws to zero and a damper slows."""
+
+    joints: Integers  # (f,) indices
+    # stiffness, damping: (f,) N m/rad, N m s/rad; N/m, N s/m for a prismatic joint
+    stiffness: Array
+    damping: Array
+
+    @staticmethod
+    def of(model: RobotModel, names: Sequence[str], frequencies: Sequence[float], ratios: Sequence[float]) -> Springs:
+        """Return those of joints with natural frequencies, Hz, all else held, and damping ratios."""
+        joints = np.array([model.joint_names.index(name) for name in names], dtype=np.intp)
+        inertia = cantilever_inertias(model, model.body_parameters())[joints]
+        rate = 2.0 * np.pi * np.array(frequencies)
+        return Springs(joints, inertia * rate**2, 2.0 * np.array(ratios) * inertia * rate)
+
+    def torque(self, position: Array, velocity: Array) -> Array:
+        """Return their torques on their joints, (f,), from all joints' (n,) positions and rates."""
+        return np.asarray(-self.stiffness * position[self.joints] - self.damping * velocity[self.joints])
 
 
 @dataclass(frozen=True)
 class BodyPoses:
-    """Where the n + 1 bodies are at an instant.
+    """Where the n + 1 bodies are at an instant."""
 
-    Attributes
-    ----------
-    time : s since the start of the run
-    rotation : (n + 1, 3, 3) body to odometry axes
-    position : (n + 1, 3) m, body origins in the odometry frame
-    angular_velocity : (3,) rad/s, of the base, in its axes
-    """
-
-    time: float
-    rotation: Array
-    position: Array
-    angular_velocity: Array
+    time: float  # s since the start of the run
+    rotation: Array  # (n + 1, 3, 3) body to odometry axes
+    position: Array  # (n + 1, 3) m, body origins in the odometry frame
+    angular_velocity: Array  # (3,) rad/s, of the base, in its axes
 
 
 class Effect(Protocol):
@@ -43,15 +58,10 @@ class Effect(Protocol):
 
 @dataclass(frozen=True)
 class Push:
-    """A force and torque on a body, constant in its axes; or on the base, constant in those of the odometry frame.
+    """A force and torque on a body, constant in its axes; or on the base, constant in those of the odometry frame."""
 
-    Attributes
-    ----------
-    body : index of the moving body; None for the odometry frame
-    force, torque : (3,) N, N m, about the frame's origin, in its axes
-    """
-
-    body: int | None
+    body: int | None  # index of the moving body; None for the odometry frame
+    # force, torque: (3,) N, N m, about the frame's origin, in its axes
     force: Array
     torque: Array
 
@@ -81,24 +91,18 @@ class Push:
 
 @dataclass(frozen=True, eq=False)
 class Tide:
-    """What gravity leaves in the frame that falls along.
+    """The gravity that remains in the frame that falls along."""
 
-    Attributes
-    ----------
-    orbit : Orbit
-    origin : (3,) m, which the bodies' positions count from
-    mass, centre, inertia : (b,), (b, 3), (b, 3, 3) of each body, kg, m, kg m^2 about the centre of mass, its own axes
-    """
-
-    orbit: Orbit
-    origin: Array
+    orbit: Orbit  # Orbit
+    origin: Array  # (3,) m, which the bodies' positions count from
+    # mass, centre, inertia: (b,), (b, 3), (b, 3, 3) of each body, kg, m, kg m^2 about the centre of mass, its own axes
     mass: Array
     centre: Array
     inertia: Array
 
     @staticmethod
     def on(model: RobotModel, orbit: Orbit, origin: Array) -> Tide:
-        """Return what acts on a robot whose positions count from an origin (3,) m in the falling frame."""
+        """Return the effects on a robot whose positions count from an origin (3,) m in the falling frame."""
         bodies = model.body_parameters()
         massive = bodies[:, 0] > 0.0
         values = np.zeros_like(bodies)
@@ -121,25 +125,16 @@ _PERIODS = (8.0, 40.0)  # s
 
 @dataclass(frozen=True, eq=False)
 class Wheels:
-    """w wheels whose speeds relative to the base are s(t) = start + slope t + sum_k a_k (sin(r_k t + p_k) - sin(p_k)).
+    """w wheels of speeds s(t) = start + slope t + sum_k a_k (sin(r_k t + p_k) - sin(p_k)) relative to the base."""
 
-    Attributes
-    ----------
-    names : of each
-    axes : (w, 3) unit vectors in the base's axes
-    spin_inertias : (w,) kg m^2
-    start, slope : (w,) rad/s, rad/s^2
-    amplitude, rate, phase : (w, K) rad/s, rad/s, rad
-    """
-
-    names: tuple[str, ...]
-    axes: Array
-    spin_inertias: Array
-    start: Array
-    slope: Array
-    amplitude: Array
-    rate: Array
-    phase: Array
+    names: tuple[str, ...]  # of each
+    axes: Array  # (w, 3) unit vectors in the base's axes
+    spin_inertias: Array  # (w,) kg m^2
+    start: Array  # (w,) rad/s, rad/s^2
+    slope: Array  # (w,) rad/s, rad/s^2
+    amplitude: Array  # (w, K) rad/s, rad/s, rad
+    rate: Array  # (w, K) rad/s, rad/s, rad
+    phase: Array  # (w, K) rad/s, rad/s, rad
 
     @staticmethod
     def drawn(
@@ -177,7 +172,7 @@ class Wheels:
         return np.asarray((self.spin_inertias * speeds) @ self.axes)
 
     def wrenches(self, now: BodyPoses) -> Array:
-        """Return what their motors and their gyroscopic reaction do to the base: -(h' + w x h)."""
+        """Return the reaction of their motors and their gyroscopic torque on the base: -(h' + w x h)."""
         angle = self.rate * now.time + self.phase
         slopes = self.slope + np.sum(self.amplitude * self.rate * np.cos(angle), axis=-1)
         stored = self.stored(self.speeds(np.array([now.time])))[0]
@@ -192,21 +187,14 @@ class Wheels:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What acts on the bodies all the time.
+    """Lasting effects on the bodies."""
 
-    Attributes
-    ----------
-    wheels : inside the base; None where there are none
-    orbit : about the epoch at time 0; None where there is none
-    springs : of joints that nothing drives; None where there is none
-    """
-
-    wheels: Wheels | None = None
-    orbit: Orbit | None = None
-    springs: Springs | None = None
+    wheels: Wheels | None = None  # inside the base; None where there are none
+    orbit: Orbit | None = None  # about the epoch at time 0; None where there is none
+    springs: Springs | None = None  # of joints that nothing drives; None where there is none
 
     def effects(self, model: RobotModel, origin: Array) -> tuple[Effect, ...]:
-        """Return what acts on a robot whose positions count from an origin (3,) m in the odometry frame."""
+        """Return the effects on a robot whose positions count from an origin (3,) m in the odometry frame."""
         tide = () if self.orbit is None else (Tide.on(model, self.orbit, origin),)
         return (*tide, *(() if self.wheels is None else (self.wheels,)))
 

@@ -1,4 +1,4 @@
-"""What the arm's joints are made to do while the base floats."""
+"""Motions of the arm's joints while the base floats."""
 
 from __future__ import annotations
 
@@ -67,18 +67,12 @@ class Passive:
 
 @dataclass(frozen=True)
 class Sinusoids:
-    """Joints that follow q_j(t) = q0_j + sum_k a_jk (sin(2 pi f_jk t + phi_jk) - sin(phi_jk)).
+    """Joints that follow q_j(t) = q0_j + sum_k a_jk (sin(2 pi f_jk t + phi_jk) - sin(phi_jk))."""
 
-    Attributes
-    ----------
-    start : (n,) q0, rad or m
-    amplitude, frequency, phase : (n, K): rad or m; Hz; rad
-    """
-
-    start: Array
-    amplitude: Array
-    frequency: Array
-    phase: Array
+    start: Array  # (n,) q0, rad or m
+    amplitude: Array  # (n, K): rad or m; Hz; rad
+    frequency: Array  # (n, K): rad or m; Hz; rad
+    phase: Array  # (n, K): rad or m; Hz; rad
 
     def reference(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration of the joints at a time, (n,) each."""
@@ -101,20 +95,13 @@ class Sinusoids:
 def sinusoids(start: Array, amplitudes: Array, frequencies: Array, phases: Array) -> Sinusoids:
     """Build sinusoids from flat arrays, joint by joint: (j1 term 1, j1 term 2, ..., j2 term 1, ...).
 
+    Raises ParameterError: The arrays are not of one length, a multiple of the number of joints.
+
     Parameters
     ----------
     start : (n,) rad or m
     amplitudes, frequencies : (n K,) rad or m; Hz
     phases : (n K,) rad, or empty for zero
-
-    Returns
-    -------
-    Sinusoids
-
-    Raises
-    ------
-    ParameterError
-        The arrays are not of one length, a multiple of the number of joints.
     """
     joints = len(start)
     if not len(phases):
@@ -149,6 +136,8 @@ def random_sinusoids(
 ) -> Sinusoids:
     """Draw sinusoids: amplitudes in (0.5, 1) of `amplitude` shared among the terms, periods uniform in their range.
 
+    Raises ParameterError: The periods are not in order.
+
     Parameters
     ----------
     start : (n,) rad or m
@@ -156,15 +145,6 @@ def random_sinusoids(
     terms : sinusoids a joint
     amplitude : rad or m, largest excursion of a joint from the middle of its motion
     period_min, period_max : s
-
-    Returns
-    -------
-    Sinusoids
-
-    Raises
-    ------
-    ParameterError
-        The periods are not in order.
     """
     if not 0.0 < period_min <= period_max:
         raise ParameterError(
@@ -207,10 +187,7 @@ def within_limits(motion: Sinusoids, model: RobotModel, *, start_given: bool) ->
 
     Where the start is not given, it moves to where the motion fits.
 
-    Raises
-    ------
-    ParameterError
-        The start that is given is outside the limits.
+    Raises ParameterError: The start that is given is outside the limits.
     """
     lower, upper, velocity = independent_limits(model)
     outside = (motion.start < lower) | (motion.start > upper)
@@ -247,6 +224,6 @@ def followed(motion: Sinusoids, transmission: Transmission) -> Sinusoids:
 
 
 def _ratio(allowed: Array, wanted: Array) -> Array:
-    """Return 1 where what is wanted is allowed, else what part of it is."""
+    """Return the allowed part of the wanted motion, 1 if all of it."""
     fits = wanted <= allowed
     return np.where(fits, 1.0, _KEPT * allowed / np.where(fits, 1.0, wanted))

@@ -1,7 +1,7 @@
 """Unit quaternions (x, y, z, w) in batches, element by element.
 
-Matrix products round differently for different batch sizes; what is here does not, so that a run is the same to the
-last bit however it is cut.
+Matrix products round differently for different batch sizes; these functions do not, so that a run is the same to the
+last bit in any batches.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def normalised(quaternion: Array) -> Array:
 
 
 def _dot(left: Array, right: Array) -> Array:
-    """Return the scalar products (..., 1) of vectors (..., 3), summed in one order whatever the layout in memory."""
+    """Return the scalar products (..., 1) of vectors (..., 3), summed in one order for any layout in memory."""
     parts = left * right
     total: Array = parts[..., 0:1] + parts[..., 1:2] + parts[..., 2:3]
     return total

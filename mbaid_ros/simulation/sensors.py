@@ -14,50 +14,31 @@ from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.simulation import quaternions
-from mbaid_ros.simulation.capture import CaptureSimulation
-from mbaid_ros.simulation.simulation import Simulation, Truth
-from mbaid_ros.simulation.thrust import ThrustSimulation
+from mbaid_ros.simulation.simulation import ChangingSimulation, Simulation, Truth
 from mbaid_ros.simulation.true_robot import misread
 
 
 @dataclass(frozen=True)
 class ImuErrors:
-    """What an IMU reads wrong.
+    """The errors of an IMU."""
 
-    Attributes
-    ----------
-    noise_density : rad/s/sqrt(Hz)
-    bias : (3,) rad/s at the begin
-    bias_walk : rad/s/sqrt(s)
-    scale : (3,) by what part each axis reads too much
-    orientation : rad, white noise of the orientation that it tells, about fixed axes; 0 is that it tells none
-    """
-
-    noise_density: float = 0.0
-    bias: tuple[float, ...] = (0.0, 0.0, 0.0)
-    bias_walk: float = 0.0
-    scale: tuple[float, ...] = (0.0, 0.0, 0.0)
+    noise_density: float = 0.0  # rad/s/sqrt(Hz)
+    bias: tuple[float, ...] = (0.0, 0.0, 0.0)  # (3,) rad/s at the begin
+    bias_walk: float = 0.0  # rad/s/sqrt(s)
+    scale: tuple[float, ...] = (0.0, 0.0, 0.0)  # (3,) relative error of each axis
+    # rad, white noise of the orientation, about fixed axes; 0 is an IMU without orientation
     orientation: float = 0.0
 
 
 @dataclass(frozen=True)
 class ImuReadings:
-    """N readings, in the axes of the link that it is on.
+    """N readings, in the axes of the link that it is on."""
 
-    Attributes
-    ----------
-    time : (N,) s since the start of the run
-    angular_velocity : (N, 3) rad/s
-    orientation : (N, 4) quaternions (x, y, z, w) from those axes to the odometry's; (N, 0) where it tells none
-    orientation_std : rad, of its noise
-    link : name of that link; empty is the base link
-    """
-
-    time: Array
-    angular_velocity: Array
-    orientation: Array
-    orientation_std: float = 0.0
-    link: str = ''
+    time: Array  # (N,) s since the start of the run
+    angular_velocity: Array  # (N, 3) rad/s
+    orientation: Array  # (N, 4) quaternions (x, y, z, w) from those axes to the odometry's; (N, 0) if there are none
+    orientation_std: float = 0.0  # rad, of its noise
+    link: str = ''  # name of that link; empty is the base link
 
 
 class Imu:
@@ -65,8 +46,6 @@ class Imu:
 
     Parameters
     ----------
-    rate : Hz
-    errors : ImuErrors
     seed : the same seed gives the same noise
     robot : the one that moves, where it is on a link that is not the base link
     link : that one
@@ -84,7 +63,7 @@ class Imu:
         self._bias: Array = np.array(errors.bias, dtype=float)
 
     def readings(self, truth: Truth) -> ImuReadings:
-        """Return what it reads of the true motion at the next N of its instants."""
+        """Return its readings of the true motion at the next N of its instants."""
         errors = self._errors
         orientation, angular_velocity = self._of_link(truth)
         shape = angular_velocity.shape
@@ -93,11 +72,11 @@ class Imu:
         self._bias = bias[-1]
         noise = errors.noise_density * np.sqrt(self.rate) * self._noise.standard_normal(shape)
         turn = errors.orientation * self._attitude.standard_normal(shape)
-        told = quaternions.product(quaternions.exp(turn), orientation)
+        measured = quaternions.product(quaternions.exp(turn), orientation)
         return ImuReadings(
             truth.time,
             (1.0 + np.array(errors.scale)) * angular_velocity + bias[:-1] + noise,
-            told if errors.orientation > 0.0 else told[:, :0],
+            measured if errors.orientation > 0.0 else measured[:, :0],
             errors.orientation,
             '' if self._link is None else self._link.name,
         )
@@ -121,43 +100,27 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class JointReadings:
-    """N readings of the joints.
+    """N readings of the joints."""
 
-    Attributes
-    ----------
-    time : (N,) s since the start of the run
-    position, velocity, effort : (N, n) rad, rad/s, N m (m, m/s, N for a prismatic joint)
-    wheel_speed : (N, w) rad/s
-    """
-
-    time: Array
+    time: Array  # (N,) s since the start of the run
+    # position, velocity, effort: (N, n) rad, rad/s, N m (m, m/s, N for a prismatic joint)
     position: Array
     velocity: Array
     effort: Array
-    wheel_speed: Array
+    wheel_speed: Array  # (N, w) rad/s
 
 
 @dataclass(frozen=True)
 class BaseReadings:
-    """N readings of the base link's pose and twist.
+    """N readings of the base link's pose and twist."""
 
-    Attributes
-    ----------
-    time : (N,) s since the start of the run
-    position : (N, 3) m, in the odometry frame
-    orientation : (N, 4) unit quaternion (x, y, z, w), base link to odometry frame
-    linear_velocity, angular_velocity : (N, 3) m/s, rad/s, in base axes
-    pose_covariance : (6, 6) of position and orientation, odometry axes
-    twist_covariance : (6, 6) of linear and angular velocity, base axes
-    """
-
-    time: Array
-    position: Array
-    orientation: Array
-    linear_velocity: Array
-    angular_velocity: Array
-    pose_covariance: Array
-    twist_covariance: Array
+    time: Array  # (N,) s since the start of the run
+    position: Array  # (N, 3) m, in the odometry frame
+    orientation: Array  # (N, 4) unit quaternion (x, y, z, w), base link to odometry frame
+    linear_velocity: Array  # (N, 3) m/s, rad/s, in base axes
+    angular_velocity: Array  # (N, 3) m/s, rad/s, in base axes
+    pose_covariance: Array  # (6, 6) of position and orientation, odometry axes
+    twist_covariance: Array  # (6, 6) of linear and angular velocity, base axes
 
 
 class Sensors:
@@ -170,9 +133,9 @@ class Sensors:
     ----------
     noise : one standard deviation of each channel; 0 is none
     seed : the same seed gives the same noise
-    errors : what the robot has more than the URDF says, whose zeros and mount the sensors know nothing of
+    errors : deviations of the robot from its URDF; the sensors ignore zeros and mount
     wheel_noise : rad/s, of the speed of wheels inside the base
-    view : what makes a motion one as seen from the frame of the odometry, where that is not the falling one
+    view : converts a motion into the frame of the odometry, if that is not the falling one
     """
 
     def __init__(
@@ -193,7 +156,7 @@ class Sensors:
         )
 
     def joints(self, truth: Truth) -> JointReadings:
-        """Return what the encoders read of the true motion."""
+        """Return the encoders' readings of the true motion."""
         noise, truth = self.noise, self._without_noise(truth)
         return JointReadings(
             time=truth.time,
@@ -204,7 +167,7 @@ class Sensors:
         )
 
     def base(self, truth: Truth) -> BaseReadings:
-        """Return what the navigation reads of the true motion.
+        """Return the navigation's readings of the true motion.
 
         The orientation's error is a small rotation about the fixed axes of the odometry frame, as the covariance of a
         ROS pose has it.
@@ -234,14 +197,13 @@ class SensedSimulation:
     Parameters
     ----------
     simulation : the true motion
-    sensors : Sensors
     joint_rate, odometry_rate : readings a second, from time 0 on
     imu : on a link, if there is one
     """
 
     def __init__(
         self,
-        simulation: Simulation | CaptureSimulation | ThrustSimulation,
+        simulation: Simulation | ChangingSimulation,
         sensors: Sensors,
         joint_rate: float,
         odometry_rate: float,
@@ -256,10 +218,7 @@ class SensedSimulation:
     def read(self, until: float) -> tuple[JointReadings, BaseReadings, ImuReadings | None]:
         """Return the readings that are due up to and including a time (s) and have not been returned before.
 
-        Raises
-        ------
-        ModelError
-            The motion has diverged.
+        Raises ModelError: The motion has diverged.
         """
         joint_time, base_time = (self._due(sensor, until) for sensor in (0, 1))
         imu_time = np.zeros(0) if self._imu is None else self._due(2, until)

@@ -2,49 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.integrate import DOP853, DenseOutput
 
-from mbaid_ros.core.array_record import ArrayRecord
-from mbaid_ros.core.errors import DataError
+from mbaid_ros.core.errors import DataError, ModelError
 from mbaid_ros.core.geometry import Array, cross, quaternion_from_rotation, rotate_back, rotation_from_quaternion
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, express
 from mbaid_ros.core.robot.momentum import momentum
 from mbaid_ros.core.robot.orbit import Orbit
+from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.simulation import quaternions
-from mbaid_ros.simulation.dynamics import Dynamics, State
+from mbaid_ros.simulation.dynamics import DIVERGED, Dynamics, State
 from mbaid_ros.simulation.environment import Push, Surroundings, Wheels
-from mbaid_ros.simulation.hermite import HermiteSpline
 from mbaid_ros.simulation.motion import Motion
 
-# An instant this close to a step of the integrator (in steps) is that step.
-_ON_GRID = 1e-9
+LONGEST_STEP = 0.1  # s, of the integrator, which may be ahead by so much
+_MOST = 30_000  # evaluations in a second of the run: spins of hundreds of rad/s take fewer
+_RELATIVE, _ABSOLUTE = 1e-11, 1e-12  # errors of a step: momentum is conserved to 1e-9
 
 
 @dataclass(frozen=True)
 class Truth(ArrayRecord):
-    """The true motion at N instants.
+    """The true motion at N instants."""
 
-    Attributes
-    ----------
-    time : (N,) s since the start of the run
-    joint_position, joint_velocity, joint_effort : (N, n) rad, rad/s, N m (m, m/s, N for a prismatic joint)
-    base_position : (N, 3) m, origin of the base link in the odometry frame
-    base_orientation : (N, 4) unit quaternion (x, y, z, w), base link to odometry frame, continuous in time
-    base_linear_velocity, base_angular_velocity : (N, 3) m/s, rad/s, of the base link's origin, in base axes
-    wheel_speed : (N, w) rad/s, of wheels inside the base; none where not given
-    """
-
-    time: Array
+    time: Array  # (N,) s since the start of the run
+    # joint_position, joint_velocity, joint_effort: (N, n) rad, rad/s, N m (m, m/s, N for a prismatic joint)
     joint_position: Array
     joint_velocity: Array
     joint_effort: Array
-    base_position: Array
-    base_orientation: Array
+    base_position: Array  # (N, 3) m, origin of the base link in the odometry frame
+    base_orientation: Array  # (N, 4) unit quaternion (x, y, z, w), base link to odometry frame, continuous in time
+    # base_linear_velocity, base_angular_velocity: (N, 3) m/s, rad/s, of the base link's origin, in base axes
     base_linear_velocity: Array
     base_angular_velocity: Array
+    # (N, w) rad/s, of wheels inside the base; none where not given
     wheel_speed: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
@@ -54,24 +49,18 @@ class Truth(ArrayRecord):
 
 
 class Simulation:
-    """A run of the free-floating robot, integrated with a fixed step.
+    """A run of the free-floating robot, integrated by Dormand and Prince's method of order 8.
 
-    The motion does not depend on the instants asked for, nor on how they are cut into batches: between two steps it is
-    interpolated to the integrator's own order.
+    The motion does not depend on the instants asked for, nor on how they are cut into batches.
+
+    Raises ModelError: The robot's mass matrix is singular.
 
     Parameters
     ----------
-    model : RobotModel
-    motion : what drives the joints
+    motion : of the joints
     initial : state at time 0
-    step : s, of the integrator
-    push : what acts on the robot from outside all the time
-    surroundings : what else acts on its bodies
-
-    Raises
-    ------
-    ModelError
-        The robot's mass matrix is singular.
+    push : constant external wrench on the robot
+    surroundings : further effects on its bodies
     """
 
     def __init__(
@@ -79,115 +68,104 @@ class Simulation:
         model: RobotModel,
         motion: Motion,
         initial: State,
-        step: float,
         push: Push | None = None,
         surroundings: Surroundings | None = None,
     ) -> None:
         self.model = model
         self.motion = motion
-        self.step = step
         # Positions count from the start: far from the odometry origin their rounding would show in the velocities.
         self._origin = initial.base_position
         around = surroundings or Surroundings()
         self._wheels = around.wheels
-        self._dynamics = Dynamics(
-            model,
-            None if push is None else push.about(self._origin),
-            around.effects(model, self._origin),
-            around.springs,
-        )
-        start = replace(initial, base_position=np.zeros(3))
-        self._first = 0  # index of the first step kept
-        self._states = [start]
-        self._accelerations = [self._dynamics.acceleration(start, self._torque(0.0, start))]
+        push = None if push is None else push.about(self._origin)
+        self._dynamics = Dynamics(model, push, around.effects(model, self._origin), around.springs)
+        start = replace(initial, base_position=np.zeros(3)).array
+        tolerances = {'rtol': _RELATIVE, 'atol': _ABSOLUTE, 'max_step': LONGEST_STEP}
+        self._solver = DOP853(self._rates, 0.0, start, np.inf, **tolerances)
+        self._steps: list[DenseOutput] = []  # those that later instants may lie in
+        self._last = 0.0  # s, the last instant asked for
 
     def advance(self, instants: Array) -> Truth:
-        """Return the true motion at instants, and forget what lies before the last of them.
+        """Return the true motion at instants, and forget the motion before the last of them.
+
+        Raises DataError: An instant lies before one already passed.
+        Raises ModelError: The motion has diverged.
 
         Parameters
         ----------
         instants : (N,) s, in order, none before the last one of the previous call
-
-        Returns
-        -------
-        Truth
-
-        Raises
-        ------
-        DataError
-            An instant lies before one already passed.
-        ModelError
-            The motion has diverged.
         """
-        whole = np.floor(instants / self.step + _ON_GRID).astype(int)
-        if np.any(whole < self._first) or np.any(np.diff(instants) < 0.0):
+        if np.any(np.diff(instants, prepend=self._last) < 0.0):
             raise DataError('the simulation was asked for a past instant; instants in order are accepted')
-        last = int(whole[-1]) if len(whole) else self._first
-        self._integrate_to(last + 1)
-        curve = _spline(self.step, self._states, self._accelerations)
-        values, rates = curve.at(whole - self._first, np.maximum(instants / self.step - whole, 0.0))
-        del self._states[: last - self._first], self._accelerations[: last - self._first]
-        self._first = last
-        return self._truth(instants, values, rates)
+        self._last = float(instants[-1]) if len(instants) else self._last
+        while not self._steps or self._solver.t < self._last:
+            self._solver.step()
+            if self._solver.status == 'failed' or self._solver.nfev > _MOST * (1.0 + self._solver.t):
+                raise ModelError(DIVERGED)
+            self._steps.append(self._solver.dense_output())
+        ends = np.array([step.t for step in self._steps])
+        within = np.searchsorted(ends, instants)
+        values = np.array([self._steps[step](time) for step, time in zip(within, instants, strict=True)])
+        self._steps = self._steps[int(np.searchsorted(ends, self._last)) :]
+        return self._truth(instants, values.reshape(len(instants), self._solver.n))
 
-    def _integrate_to(self, last: int) -> None:
-        """Extend the states kept through step number `last`."""
-        for index in range(self._first + len(self._states) - 1, last):
-            time = index * self.step
-            state = self._dynamics.step(time, self._states[-1], self._accelerations[-1], self.step, self._torque)
-            self._states.append(state)
-            torque = self._torque(time + self.step, state)
-            self._accelerations.append(self._dynamics.acceleration(state, torque, time + self.step))
+    def _rates(self, time: float, values: Array) -> Array:
+        """Return the rates of change of a state's numbers; the quaternion's is q w / 2."""
+        state = State.from_array(values)
+        linear = quaternions.rotate(state.base_orientation, state.velocity[:3])
+        turning = 0.5 * quaternions.product(values[3:7], quaternions.pure(state.velocity[3:6]))
+        acceleration = self._dynamics.acceleration(state, self._torque(time, state), time)
+        return np.concatenate((linear, turning, state.joint_velocity, acceleration))
 
     def _torque(self, time: float, state: State) -> Array:
         command = self.motion.command(time, state.joint_position, state.joint_velocity)
         return self._dynamics.spring_torque(state) if command is None else self._dynamics.torque(state, command, time)
 
-    def _truth(self, instants: Array, values: Array, rates: Array) -> Truth:
-        """Return what the interpolated curve (position, quaternion, joints) and its rates say."""
-        orientation = quaternions.normalised(values[:, 3:7])
-        back = quaternions.conjugate(orientation)
-        # w = 2 conj(q) q'; the real part is the rate of the length, which interpolation leaves at rounding's size.
-        angular = 2.0 * quaternions.product(back, rates[:, 3:7])[:, :3]
-        linear = quaternions.rotate(back, rates[:, :3])
-        velocity = np.concatenate((linear, angular, rates[:, 7:]), axis=1)
-        states = [State(*parts) for parts in zip(values[:, :3], orientation, values[:, 7:], velocity, strict=True)]
+    def _truth(self, instants: Array, values: Array) -> Truth:
+        states = [State.from_array(each) for each in values]
         efforts = [self._torque(float(time), state) for time, state in zip(instants, states, strict=True)]
+        joints = self.model.joints
+        velocity = values[:, 7 + joints :]
         return Truth(
             time=np.array(instants, dtype=float),
-            joint_position=values[:, 7:],
-            joint_velocity=rates[:, 7:],
-            joint_effort=np.array(efforts).reshape(len(instants), self.model.joints),
+            joint_position=values[:, 7 : 7 + joints],
+            joint_velocity=velocity[:, 6:],
+            joint_effort=np.array(efforts).reshape(len(instants), joints),
             base_position=values[:, :3] + self._origin,
-            base_orientation=orientation,
-            base_linear_velocity=linear,
-            base_angular_velocity=angular,
+            base_orientation=quaternions.normalised(values[:, 3:7]),
+            base_linear_velocity=velocity[:, :3],
+            base_angular_velocity=velocity[:, 3:6],
             wheel_speed=np.zeros((len(instants), 0)) if self._wheels is None else self._wheels.speeds(instants),
         )
 
 
-def _spline(step: float, states: list[State], accelerations: list[Array]) -> HermiteSpline:
-    """Return base position, quaternion and joints (K, 7 + n) with their first two derivatives."""
-    position = np.array([state.base_position for state in states])
-    orientation = np.array([state.base_orientation for state in states])
-    joints = np.array([state.joint_position for state in states])
-    velocity = np.array([state.velocity for state in states])
-    acceleration = np.array(accelerations)
-    linear, angular = velocity[:, :3], velocity[:, 3:6]
-    spin = quaternions.pure(angular)
-    turning = 0.5 * quaternions.product(orientation, spin)  # q' = q w / 2
-    turning_rate = 0.5 * (
-        quaternions.product(turning, spin) + quaternions.product(orientation, quaternions.pure(acceleration[:, 3:6]))
-    )
-    # d/dt (R v) = R (v' + w x v)
-    push = quaternions.rotate(orientation, acceleration[:, :3] + cross(angular, linear))
-    pace = quaternions.rotate(orientation, linear)
-    return HermiteSpline(
-        step,
-        value=np.concatenate((position, orientation, joints), axis=1),
-        rate=np.concatenate((pace, turning, velocity[:, 6:]), axis=1),
-        curvature=np.concatenate((push, turning_rate, acceleration[:, 6:]), axis=1),
-    )
+class ChangingSimulation:
+    """A run in which the integrator begins anew where something changes, so that its steps stay smooth.
+
+    Parameters
+    ----------
+    first : until the first change
+    changes : s, and what makes the run from there on, whose time 0 it is, of the motion at it
+    """
+
+    def __init__(self, first: Simulation, changes: list[tuple[float, Callable[[Truth], Simulation]]]) -> None:
+        self._simulation, self._changes, self._start = first, changes, 0.0
+
+    def advance(self, instants: Array) -> Truth:
+        """Return the true motion at instants, as Simulation does."""
+        parts: list[Truth] = []
+        while self._changes and len(instants) and instants[-1] >= self._changes[0][0]:
+            time, change = self._changes.pop(0)
+            early = instants < time
+            part = self._now(np.append(instants[early], time))
+            parts.append(part[: len(part) - 1])
+            instants = instants[~early]
+            self._start, self._simulation = time, change(part[len(part) - 1 :])
+        parts.append(self._now(instants))
+        return Truth.concatenate(parts)
+
+    def _now(self, instants: Array) -> Truth:
+        return replace(self._simulation.advance(instants - self._start), time=instants)
 
 
 def total_momentum(model: RobotModel, truth: Truth, wheels: Wheels | None = None) -> Array:
@@ -195,7 +173,6 @@ def total_momentum(model: RobotModel, truth: Truth, wheels: Wheels | None = None
 
     Parameters
     ----------
-    model : RobotModel
     truth : of N instants
     wheels : whose momentum counts, too
 

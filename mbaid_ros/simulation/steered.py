@@ -20,20 +20,12 @@ _NEAR = 0.05  # rad or m, by which a trajectory may begin elsewhere than the joi
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """Joints that follow a trajectory from a time on, and rest before it and after it.
+    """Joints that follow a trajectory from a time on, and rest before it and after it."""
 
-    Attributes
-    ----------
-    trajectory : of the k joints that it moves, the others of the n rest
-    start : (n,) where all joints are before it, rad or m; at its first point those that it moves
-    places : (k,) of the joints that it moves among the n
-    begin : s
-    """
-
-    trajectory: JointTrajectory
-    start: Array
-    places: Places
-    begin: float = 0.0
+    trajectory: JointTrajectory  # of the k joints that it moves, the others of the n rest
+    start: Array  # (n,) where all joints are before it, rad or m; at its first point those that it moves
+    places: Places  # (k,) of the joints that it moves among the n
+    begin: float = 0.0  # s
 
     def reference(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration of the joints at a time, (n,) each."""
@@ -72,10 +64,7 @@ class Steered:
     def follow(self, trajectory: JointTrajectory, model: RobotModel, begin: float) -> None:
         """Follow a trajectory from a time (s) on that is still to come; joints that it does not name rest from there.
 
-        Raises
-        ------
-        DataError
-            It names joints that the robot does not have, or begins where the joints are not.
+        Raises DataError: It names joints that the robot does not have, or begins where the joints are not.
         """
         place, rate, bend = self.reference(begin)
         every = of_all_joints(trajectory, model)
@@ -99,7 +88,7 @@ class Steered:
         return self._first.reference(now)
 
     def later(self, time: float) -> Steered:
-        """Return the same motion, begun at a time (s) of this one; what is given to either is given to both."""
+        """Return the same motion, begun at a time (s) of this one; changes of either apply to both."""
         other = Steered(self._first)
         other._orders, other._offset = self._orders, self._offset + time
         return other
@@ -112,10 +101,7 @@ class Steered:
 def of_all_joints(trajectory: JointTrajectory, model: RobotModel) -> JointTrajectory:
     """Return a trajectory with those joints, too, that follow the ones it moves.
 
-    Raises
-    ------
-    DataError
-        It names a joint that the robot does not have, or that follows another.
+    Raises DataError: It names a joint that the robot does not have, or that follows another.
     """
     independent = list(model.independent_joints)
     foreign = [name for name in trajectory.joints if name not in independent]
@@ -143,17 +129,13 @@ def of_all_joints(trajectory: JointTrajectory, model: RobotModel) -> JointTrajec
 def made_to_follow(trajectory: JointTrajectory, model: RobotModel, start: Array | None, begin: float) -> Followed:
     """Return the motion of a robot that follows a trajectory from a time (s) on.
 
+    Raises DataError: The trajectory is of other joints, or begins elsewhere.
+
     Parameters
     ----------
     trajectory : of some of its joints
-    model : RobotModel
     start : (n,) where its joints are before; None for zero, and where the trajectory begins
     begin : s
-
-    Raises
-    ------
-    DataError
-        The trajectory is of other joints, or begins elsewhere.
     """
     every = of_all_joints(trajectory, model)
     places = _places(every, model)

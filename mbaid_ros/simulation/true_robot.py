@@ -1,71 +1,43 @@
-"""A robot that is not its URDF, with a document of its own: whatever reads URDF can then move it."""
+"""A robot that is not its URDF, with a document of its own: any reader of URDF can then move it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from xml.etree import ElementTree as ET
 
 import numpy as np
-import pinocchio
 
 from mbaid_ros.core.errors import ModelError
-from mbaid_ros.core.geometry import Array, cross, exp
+from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors, changing_link, in_frame_of, relative_factor, with_bodies
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.core.robot.urdf_document import tree_of
-from mbaid_ros.core.robot.urdf_edit import replace_inertial
+from mbaid_ros.core.robot.urdf_edit import displace_joint, replace_inertial
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.simulation import Truth
 
 
 def true_robot(model: RobotModel, errors: ModelErrors, fixed: Sequence[str] = ()) -> RobotModel:
-    """Return the robot that has these errors: its bodies and its joints' frames, as `with_bodies` and `displaced` say.
+    """Return the robot that has these errors: its bodies and its joints' frames, as by `with_bodies` and `displaced`.
 
-    Zeros and mount are no part of it: they are in what its sensors say. Without errors it is the same object.
+    Zeros and mount are no part of it: they are in its sensors' readings. Without errors it is the same object.
 
     Parameters
     ----------
-    model : RobotModel, as its URDF says
-    errors : ModelErrors
+    model : RobotModel of its URDF
     fixed : links that are exact
     """
     if not any(np.any(block) for block in (errors.bodies, errors.origins, errors.tilts)):
         return model
-    text = _displaced(model, errors.origins, errors.tilts)
+    text = model.urdf
+    for name, origin, tilt in zip(model.joint_names, errors.origins, errors.tilts, strict=True):
+        text = displace_joint(text, name, origin, tilt)
     changed = with_bodies(model, errors.bodies, fixed)
     for link, before in zip(changed.links, model.links, strict=True):
         if link is not before:
             text = replace_inertial(text, link.name, physical(link.parameters))
     return load_model(text, model.base_link)
-
-
-def _displaced(model: RobotModel, origins: Array, tilts: Array) -> str:
-    """Return the document with the joints' <origin> elsewhere."""
-    document = tree_of(model.urdf)
-    elements = {element.get('name'): element for element in document.findall('joint')}
-    for name, origin, tilt in zip(model.joint_names, origins, tilts, strict=True):
-        _displace(elements[name], origin, tilt)
-    return ET.tostring(document, encoding='unicode')
-
-
-def _displace(joint: ET.Element, origin: Array, tilt: Array) -> None:
-    place = joint.find('origin')
-    if place is None:
-        place = ET.SubElement(joint, 'origin')
-    xyz, rpy = (np.array([float(part) for part in place.get(key, '0 0 0').split()]) for key in ('xyz', 'rpy'))
-    rotation = pinocchio.rpy.rpyToMatrix(*rpy)
-    if origin.any():
-        place.set('xyz', _written(xyz + rotation @ origin))
-    if tilt.any():
-        place.set('rpy', _written(pinocchio.rpy.matrixToRpy(rotation @ exp(tilt))))
-
-
-def _written(values: Array) -> str:
-    # repr is the shortest text that reads back as the same number.
-    return ' '.join(map(repr, values.tolist()))
 
 
 _DRAWS = 10_000  # of a body, until one can exist
@@ -74,47 +46,35 @@ _STREAM = 6  # of a seed's: the noise of the sensors has 0 to 5
 
 @dataclass(frozen=True)
 class ErrorSizes:
-    """Standard deviations of what a robot differs from its URDF by; 0 is exact.
+    """Standard deviations of a robot's differences from its URDF; 0 is exact."""
 
-    Attributes
-    ----------
-    links_relative_std : of each moving body, as `relative_factor` has it
-    zero_std : rad, or m for a prismatic joint, of each joint's zero
-    origin_std : m, of each coordinate of each joint's origin
-    axis_std : rad, of each joint's axis about both directions normal to it
-    mount_position_std, mount_orientation_std : m, rad, of each coordinate of the odometry's mount
-    """
-
-    links_relative_std: float = 0.0
-    zero_std: float = 0.0
-    origin_std: float = 0.0
-    axis_std: float = 0.0
+    links_relative_std: float = 0.0  # of each moving body, as `relative_factor` has it
+    zero_std: float = 0.0  # rad, or m for a prismatic joint, of each joint's zero
+    origin_std: float = 0.0  # m, of each coordinate of each joint's origin
+    axis_std: float = 0.0  # rad, of each joint's axis about both directions normal to it
+    # mount_position_std, mount_orientation_std: m, rad, of each coordinate of the odometry's mount
     mount_position_std: float = 0.0
     mount_orientation_std: float = 0.0
 
 
 def generator(seed: int) -> np.random.Generator:
-    """Return what the robot of a seed is drawn with; sensors with that seed draw their noise from other streams."""
+    """Return the generator for the robot of a seed; sensors with that seed draw their noise from other streams."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
 
 
 def draw(model: RobotModel, target: str, sizes: ErrorSizes, rng: np.random.Generator) -> ModelErrors:
     """Draw the errors of a robot: Gaussian, a body's as `relative_factor` has them, the target link's inertia exact.
 
-    Each block, and each body, has a stream of its own: a size changes what it scales, and nothing else. A draw that
-    makes no body that can exist is made again: of thin bodies, at the boundary, the inertia spreads less than it says.
+    Each block, and each body, has a stream of its own: a size changes its own errors, and nothing else. A draw that
+    makes no body that can exist is made again: of thin bodies, at the boundary, the inertia spreads less than declared.
+
+    Raises ModelError: No body near one of the robot's can exist.
 
     Parameters
     ----------
-    model : RobotModel, as its URDF says
+    model : RobotModel, of its URDF
     target : name of the link that is to be identified
-    sizes : ErrorSizes
     rng : a generator in the same state gives the same errors
-
-    Raises
-    ------
-    ModelError
-        No body near one of the robot's can exist.
     """
     bodies, zeros, origins, tilts, mount = rng.spawn(5)
     joints = model.joints
@@ -131,7 +91,7 @@ def draw(model: RobotModel, target: str, sizes: ErrorSizes, rng: np.random.Gener
 
 
 def _bodies(model: RobotModel, target: str, std: float, rng: np.random.Generator) -> Array:
-    """Draw the (n + 1, 10) errors of the moving bodies, the target link left out of what they are relative to."""
+    """Draw the (n + 1, 10) errors of the moving bodies, relative to the bodies without the target link."""
     known = model.body_parameters(without=target)
     change = np.zeros_like(known)
     if std > 0.0:
@@ -157,7 +117,7 @@ def _body(model: RobotModel, target: str, body: int, factor: Array, rng: np.rand
 
 
 def misread(truth: Truth, errors: ModelErrors) -> Truth:
-    """Return a motion as encoders with wrong zeros and odometry that is mounted elsewhere tell it.
+    """Return a motion as read by encoders with wrong zeros and an odometry that is mounted elsewhere.
 
     Parameters
     ----------

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.data import Case, kernel, momentum_of, motion, moved, observed, target
+from benchmarks.data import Case, kernel, momentum_of, motion, observed, target
 from benchmarks.frame import Frame, Runs
 from benchmarks.methods import METHODS, Identification
 from mbaid_ros.core.geometry import Array
@@ -36,7 +36,7 @@ class Outcome(Runs):
 def run(work: tuple[Case, str, int, Times]) -> Outcome:
     """Return the last estimates before some times: case, method, seed, times."""
     case, method, seed, times = work
-    truth = moved(motion(case.robot), case)
+    truth = motion(case.robot)
     truth = truth[: int(np.searchsorted(truth.time, max(times) + 1e-9))]
     task = Identification(kernel(case.robot), case.noise, momentum_of(case.robot, truth))
     history = task.estimates(method, *observed(truth, case, seed))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.accuracy import Summary, Times
-from benchmarks.data import ROBOTS, Case, target
+from benchmarks.data import ROBOTS, Case
 from benchmarks.frame import number, percent, provenance, table
 from benchmarks.methods import METHODS
 from mbaid_ros.core.geometry import Array
@@ -24,7 +24,6 @@ class Report:
 
     plan: dict[Case, tuple[Times, int]]  # times and number of seeds
     results: Results
-    still: Results  # of the case that drifting and distant ones are compared with, over as few runs
     bounds: dict[Case, Array]  # (T, 10) of the per-sample model with all sensors
     linked: dict[Case, Array]  # (T, 10) of the whole trajectory with the case's own sensors
 
@@ -45,7 +44,7 @@ class Report:
     @property
     def poor(self) -> list[Case]:
         """Cases with fewer or worse sensors."""
-        return [case for case in self.plan if not case.plain and not case.moved]
+        return [case for case in self.plan if not case.plain]
 
     def timed(self, case: Case, method: str) -> Iterator[tuple[float, Summary]]:
         """Yield times and statistics."""
@@ -59,18 +58,14 @@ def tables(report: Report) -> dict[str, str]:
         for robot in report.robots
     ]
     channels = [channel.replace('_', ' ') for channel in CHANNELS]
-    methods = [method for method in METHODS if not METHODS[method].finds_noise]
     texts = {
         'errors': '\n\n'.join([provenance(_seeds(report)), *errors]),
         'intervals': table(_INTERVALS, _intervals(report)),
-        'units': table(['robot, encoders', 'method', 'mass, %', 'CoM, mm', 'inertia, %'], _units(report)),
         'noise': table(['robot, encoders, after', *channels], _noise(report)),
         'linked': _linked(report),
     }
     if report.poor:
         texts['sensors'] = table(_SENSORS, _sensors(report))
-    if report.still:
-        texts['frames'] = table(['robot, frame', *methods], _frames(report, methods))
     return texts
 
 
@@ -110,21 +105,6 @@ def _intervals(report: Report) -> Iterator[list[str]]:
                     ]
 
 
-def _units(report: Report) -> Iterator[list[str]]:
-    for case in report.all_plain:
-        last = {method: report.results[case][method][-1].rmse for method in METHODS}
-        for label, errors in {'bound': report.bounds[case][-1], **last}.items():
-            mass, com, inertia = _in_units(errors, target(case.robot))
-            yield [f'{case.robot}, {case.level}', label, number(mass, 4), number(com, 3), number(inertia, 3)]
-
-
-def _in_units(errors: Array, truth: Array) -> tuple[float, float, float]:
-    """Return mass in %, the CoM's largest coordinate in mm, and inertia in %, the largest I_ij over sqrt(I_ii I_jj)."""
-    inertia = errors[4:] / np.sqrt(truth[[4, 4, 4, 7, 7, 9]] * truth[[4, 7, 9, 7, 9, 9]])
-    com, moment = (float(np.nanmax(part)) if np.isfinite(part).any() else np.nan for part in (errors[1:4], inertia))
-    return 100.0 * float(errors[0] / truth[0]), 1e3 * com, 100.0 * moment
-
-
 def _noise(report: Report) -> Iterator[list[str]]:
     for method in [method for method in METHODS if METHODS[method].finds_noise]:
         for case in report.all_plain:
@@ -161,18 +141,6 @@ def _sensors(report: Report) -> Iterator[list[str]]:
                 yield [case.name, method, f'{time:.0f} s', _ratio(summary), *against]
 
 
-def _frames(report: Report, methods: list[str]) -> list[list[str]]:
-    rows = []
-    for case, by_method in {
-        **report.still,
-        **{case: report.results[case] for case in report.plan if case.moved},
-    }.items():
-        frame = f'drifts {1e3 * case.drift:g} mm/s' if case.drift else 'at rest at the origin'
-        frame = f'{case.offset / 1e3:g} km away' if case.offset else frame
-        rows.append([f'{case.robot}, {frame}', *(_ratio(by_method[method][-1]) for method in methods)])
-    return rows
-
-
 def _seeds(report: Report) -> str:
     return ', '.join(f'{report.plan[report.plain(robot)[0]][1]} seeds for {robot}' for robot in report.robots)
 
@@ -182,6 +150,6 @@ _INTERVALS = (
     *('converged', 'false alarms'),
 )
 _SENSORS = (
-    *('robot, encoders, what differs', 'method', 'after', 'RMSE / bound', '/ limit of these sensors', 'coverage'),
+    *('robot, encoders, difference', 'method', 'after', 'RMSE / bound', '/ limit of these sensors', 'coverage'),
     *('NEES', 'its 95 % band'),
 )

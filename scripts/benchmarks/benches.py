@@ -12,7 +12,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, express, load_model
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.core.robot.urdf_edit import change_inertial
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.recordings import spot as bench_2023
 from mbaid_ros.recordings.spot import BASE, CHASER_2021, COMMANDS_FILE, LINKS, planar_urdf
 from mbaid_ros.simulation.dynamics import State
@@ -21,7 +21,6 @@ from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 
-_STEP = 0.02  # s, of the integrator
 _ENCODER = 1.5e-3  # rad, one step
 _COMMAND = 10  # rows of the log of 2023 that a command lasts
 _THRUST = np.array([0.14, 0.14, 0.0, 0.0, 0.0, 0.006])  # N, N m
@@ -53,7 +52,7 @@ def spot_2021(folder: Path, seed: int, duration: float = 32.0, tracking: float =
         base[0] * rng.uniform(0.85, 1.1), *rng.uniform(-0.01, 0.01, 2), base[9] * rng.uniform(0.7, 1.1)
     )  # fmt: skip
     base[[4, 7]] = base[9] / 2.0
-    true = load_model(change_inertial(described.urdf, BASE, base))
+    true = load_model(replace_inertial(described.urdf, BASE, base))
     sizes = ErrorSizes(links_relative_std=0.02, zero_std=0.05, origin_std=0.01)
     errors = draw(true, BASE, sizes, generator(seed))
     robot, lag = true_robot(true, errors, (BASE,)), rng.uniform(0.2, 0.35)
@@ -102,7 +101,7 @@ def _pulled(robot: RobotModel, motion: Sinusoids, slope: Array) -> Simulation:
     mass, first = bodies[:, 0].sum(), bodies[:, 1:4].sum(axis=0)
     force = np.append(mass * slope, 0.0)
     wrench = np.concatenate((force, np.cross(first / mass, force)))
-    return Simulation(robot, motion, start, _STEP, Push.on(None, wrench))
+    return Simulation(robot, motion, start, Push.on(None, wrench))
 
 
 def _wrapped(angle: Array) -> Array:
@@ -118,7 +117,7 @@ def spot_2023(folder: Path, seed: int, duration: float = 60.0, links: float = 0.
     rng = np.random.default_rng(seed)
     described = load_model(planar_urdf(bench_2023.CHASER_2023, ''))
     body = np.array([10.8, rng.uniform(0.25, 0.35), rng.uniform(-0.05, 0.05), 0.0, 0.1, 0.0, 0.0, 0.1, 0.0, 0.2])
-    true = load_model(change_inertial(described.urdf, LINKS[-1], body))
+    true = load_model(replace_inertial(described.urdf, LINKS[-1], body))
     errors = draw(
         true, LINKS[-1], ErrorSizes(links_relative_std=links, zero_std=2e-3, origin_std=5e-4), generator(seed)
     )
@@ -153,7 +152,7 @@ def _pushed(robot: RobotModel, motion: Sinusoids, time: Array, wrenches: Array) 
     parts, base = [], robot.link(BASE)
     for begin, wrench in zip(range(0, len(time), _COMMAND), wrenches, strict=False):
         instants = time[begin : begin + _COMMAND + 1]
-        run = Simulation(robot, motion.later(float(instants[0])), state, _STEP, Push.on(base, wrench))
+        run = Simulation(robot, motion.later(float(instants[0])), state, Push.on(base, wrench))
         # The last one is where the next wrench begins.
         instants = np.append(instants, instants[-1] + time[1]) if len(instants) <= _COMMAND else instants
         part = run.advance(instants - instants[0])

@@ -12,11 +12,10 @@ from typing import Any, Literal
 import numpy as np
 from scipy.signal import lfilter
 
-from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.files import load_parameter_file, read_robot_description
 from mbaid_ros.config.parameters import build
-from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.geometry import Array, exp, log, rotate, rotate_back, rotation_from_quaternion
+from mbaid_ros.core.geometry import Array, exp, log, rotate, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
@@ -24,7 +23,7 @@ from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_initial_state, make_motion
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.dynamics import State
@@ -43,7 +42,6 @@ RATE = 100.0  # Hz
 DURATION = 60.0  # s
 MAXIMUM_GAP = 0.1  # s
 START = 1_700_000_000_000_000_000  # ns, stamp at time 0
-_DIRECTION = np.array([2.0, 1.0, 2.0]) / 3.0  # of drift and offset
 _FAR, _TURNED = 0.2, np.radians(5.0)  # m, rad: errors of outliers
 _MESSAGES_AT_ONCE = 2_000  # as in `replay`
 
@@ -60,12 +58,10 @@ _SILENT = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Case:
-    """A robot, the quality of its sensors, and the frame of its odometry."""
+    """A robot, and the quality of its sensors."""
 
     robot: str  # name of a URDF of config/
     level: str  # of encoder noise
-    drift: float = 0.0  # m/s, velocity of the system's centre of mass in the odometry frame
-    offset: float = 0.0  # m, distance of the base from the odometry origin
     sensors: Literal['all', 'poses'] = 'all'  # 'poses': joint positions and base poses, no velocities
     wander: float = 0.0  # m / sqrt(s), random walk of the odometry's position
     correlated: float = 0.0  # s, time constant of the pose errors; 0: white
@@ -81,8 +77,6 @@ class Case:
     def name(self) -> str:
         """Short, for tables and files."""
         parts = {
-            f'drift {1e3 * self.drift:g} mm/s': self.drift,
-            f'{self.offset:.0e} m away': self.offset,
             f'wander {1e3 * self.wander:g} mm': self.wander,
             f'correlated over {self.correlated:g} s': self.correlated,
             f'{100.0 * self.outliers:g} % outliers': self.outliers,
@@ -93,16 +87,11 @@ class Case:
 
     @property
     def plain(self) -> bool:
-        """Whether all sensors work, near the origin of a frame at rest."""
+        """Whether all sensors work."""
         return self == Case(self.robot, self.level)
 
-    @property
-    def moved(self) -> bool:
-        """Whether the frame drifts or is far away."""
-        return bool(self.drift or self.offset)
-
     def draw(self, seed: int) -> int:
-        """Return the seed of the noise: robots and levels draw apart, one robot in several frames the same."""
+        """Return the seed of the noise: robots and levels draw apart."""
         return zlib.crc32(f'{self.robot} {self.level}'.encode()) << 32 | seed
 
 
@@ -141,10 +130,10 @@ def simulator_config(robot: str, changes: Mapping[str, object] | None = None) ->
     return build(SimulatorConfig, {**values, **(changes or {})})
 
 
-def simulation(config: SimulatorConfig, moving: RobotModel, step: float = 0.0) -> Simulation:
+def simulation(config: SimulatorConfig, moving: RobotModel) -> Simulation:
     """Return the simulation of a robot."""
     driven = make_motion(config, moving)
-    return Simulation(moving, driven, make_initial_state(config, moving, driven), step or config.step)
+    return Simulation(moving, driven, make_initial_state(config, moving, driven))
 
 
 def motion(robot: str, rate: float = RATE, model_errors: ModelErrors | None = None) -> Truth:
@@ -174,19 +163,7 @@ def endless_motion(robot: str, rate: float = RATE, seconds: float = DURATION) ->
     amplitude = np.column_stack((0.35 - 0.02 * order, 0.1 + 0.01 * order))
     driven = Sinusoids(0.3 * np.cos(order), amplitude, cycles / DURATION, np.full(cycles.shape, 0.5 * np.pi))
     rest = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), driven.start, np.zeros(6 + joints))
-    return Simulation(model(robot), driven, rest, 0.02).advance(np.arange(round(seconds * rate)) / rate)
-
-
-def moved(truth: Truth, case: Case) -> Truth:
-    """Return a motion seen from the frame of a case."""
-    drift = case.drift * _DIRECTION
-    velocity = np.broadcast_to(drift, truth.base_position.shape)
-    rotation = rotation_from_quaternion(truth.base_orientation)
-    return replace(
-        truth,
-        base_position=truth.base_position + truth.time[:, None] * drift + case.offset * _DIRECTION,
-        base_linear_velocity=truth.base_linear_velocity + rotate_back(rotation, velocity),
-    )
+    return Simulation(model(robot), driven, rest).advance(np.arange(round(seconds * rate)) / rate)
 
 
 def momentum_of(robot: str, truth: Truth, model_errors: ModelErrors | None = None) -> Array:
@@ -205,7 +182,7 @@ def readings(
 def observed(
     truth: Truth, case: Case, seed: int, model_errors: ModelErrors | None = None
 ) -> tuple[JointStream, BaseStream]:
-    """Return the readings of a motion, seen from the case's frame, by the case's sensors."""
+    """Return the readings of a motion by the case's sensors."""
     joints, base = readings(truth, case.noise, case.draw(seed), model_errors)
     if case.wander:
         step = case.wander * np.sqrt(np.diff(truth.time, prepend=truth.time[0]))

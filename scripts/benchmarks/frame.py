@@ -1,4 +1,4 @@
-"""What every benchmark shares: arguments, parallel runs that a folder keeps, tables, and the page in docs/."""
+"""Shared parts of the benchmarks: arguments, parallel runs that a folder keeps, tables, and the page in docs/."""
 
 from __future__ import annotations
 
@@ -20,9 +20,8 @@ from typing import Any, TypeVar
 import numpy as np
 from tqdm import tqdm
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.samples import SensorNoise
+from mbaid_ros.core.samples import ArrayRecord, SensorNoise
 
 _SAVED_EVERY = 10  # runs
 _NOT_STATED = ('--output', '--processes', '--store')  # arguments on which no number depends
@@ -131,10 +130,13 @@ class Frame:
                 yield row, completed(kind, file, each, run, pool, bar)
 
     def write(self, **texts: str) -> None:
-        """Replace the texts between the marks that the page has for their names, if --output is given."""
+        """Replace the texts between the marks that the page has for their names, long tables by pictures."""
         if self.arguments.output is not None:
+            from benchmarks.pictures import pictured  # noqa: PLC0415 - matplotlib is large, and memory is measured
+
+            page = self.arguments.output / self._page
             for name, text in texts.items():
-                replace_marked(self.arguments.output / self._page, name, text)
+                replace_marked(page, name, pictured(text, page, name))
 
 
 def replace_marked(page: Path, name: str, text: str) -> None:

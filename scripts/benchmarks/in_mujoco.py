@@ -1,4 +1,4 @@
-"""Robots in an independent engine, MuJoCo: what the simulator is compared with, and what simulates springs."""
+"""Robots in an independent engine, MuJoCo: a reference for the simulator, and a simulation of springs."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class InMuJoCo:
 
     Parameters
     ----------
-    robot : RobotModel, as its URDF says
+    robot : RobotModel, of its URDF
     step : s, of a Runge-Kutta method of order 4
-    errors : what the robot that moves has more
+    errors : deviations of the moving robot
     around : orbit, the frame falls along
     springs : stiffness (N m/rad) and damping (N m s/rad) of joints without a motor, by name
     """
@@ -68,7 +68,7 @@ class InMuJoCo:
         self.rate = [self.model.joint(joint).dofadr[0] for joint in robot.joint_names]
 
     def _pull(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Add what the orbit does to each body to the generalised forces, at the stage's own time and place."""
+        """Add the orbit's effect on each body to the generalised forces, at the stage's own time and place."""
         around = self.around
         if around is None:
             return
@@ -81,7 +81,7 @@ class InMuJoCo:
             mujoco.mj_applyFT(model, data, force, torque, at, body, data.qfrc_passive)
 
     def measured(self, start: State, instants: Array) -> dict[str, Array]:
-        """Return what encoders and odometry read at instants: joints, position, rotation, twist (angular first)."""
+        """Return the readings of encoders and odometry: joints, position, rotation, twist (angular first)."""
         self._begin(start)
         model, data = self.model, self.data
         seen: dict[str, list[Array]] = {'joints': [], 'position': [], 'rotation': [], 'twist': []}

@@ -43,7 +43,7 @@ def stamp(message: Any, nanoseconds: int) -> None:
 
 
 def changed(of_joints: Callable[..., None] | None = None, of_base: Callable[..., None] | None = None) -> Any:
-    """Return what makes a bag of messages that are changed in place, by their number and time (s)."""
+    """Return a maker of a bag whose messages are changed in place, by their number and time (s)."""
 
     def make(folder: Path) -> tuple[Path, Path]:
         given = messages()
@@ -176,7 +176,7 @@ def in_parts(folder: Path) -> tuple[Path, Path]:
 
 
 def with_part(name: str, inertia: float, mass: float, angle: Callable[[float], float], speed: float, every: int) -> Any:
-    """Return what adds a light joint on the base, in messages of its own where they are fewer."""
+    """Return a maker that adds a light joint on the base, in messages of its own where they are fewer."""
 
     def make(folder: Path) -> tuple[Path, Path]:
         link = f'<link name="{name}_link"><inertial><mass value="{mass}"/><inertia ixx="{inertia}" ixy="0" ixz="0" '

@@ -1,4 +1,4 @@
-"""Faults of bags and robot descriptions, and the table of all faults with what is right."""
+"""Faults of bags and robot descriptions, and the table of all faults with the right outcomes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NONE = ' '.join(f'{name}="0"' for name in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'i
 
 @dataclass(frozen=True)
 class Kind:
-    """A fault: what makes a bag and a robot description of it, and what is right."""
+    """A fault: makers of its bag and robot description, and the right outcome."""
 
     name: str
     make: Callable[[Path], tuple[Path, Path]]
@@ -42,7 +42,7 @@ def without_inertia(text: str) -> str:
 
 
 def with_robot(change: Callable[[str], str]) -> Any:
-    """Return what makes another robot description."""
+    """Return a maker of another robot description."""
 
     def make(folder: Path) -> tuple[Path, Path]:
         (folder / 'robot.urdf').write_text(change(ROBOT.read_text()))

@@ -16,7 +16,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
 from mbaid_ros.core.sensors.levels import FoundNoise
-from mbaid_ros.session import make_estimator
+from mbaid_ros.session.methods import make_estimator
 
 
 @dataclass(frozen=True)
@@ -31,13 +31,13 @@ class Method:
 
     def runs(self, seeds: int, *, plain: bool) -> int:
         """Return for how many seeds it runs; cases that are not plain have few, and run all."""
-        if not plain and not self.papers:
+        if not plain:
             return seeds
         return max(round(self.share * seeds), min(self.fewest, seeds))
 
     def takes(self, case: Case) -> bool:
         """Return whether it runs for a case."""
-        return case.plain or not (self.finds_noise or (self.papers and not case.moved))
+        return case.plain or not (self.finds_noise or self.papers)
 
 
 METHODS = {

@@ -55,7 +55,7 @@ def free_model() -> RobotModel:
 def motion(seed: int, seconds: float, rate: float = RATE, model_errors: ModelErrors | None = None) -> Truth:
     """Return a random motion of the whole arm; the servicer with these errors turns slowly, without linear momentum."""
     moving = free_model() if model_errors is None else true_robot(free_model(), model_errors, ('link7',))
-    run = simulation(build(SimulatorConfig, {**_MOTION, 'motion.seed': seed}), moving, 0.05)
+    run = simulation(build(SimulatorConfig, {**_MOTION, 'motion.seed': seed}), moving)
     return run.advance(np.arange(round(seconds * rate)) / rate)
 
 

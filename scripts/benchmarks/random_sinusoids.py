@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.planning.goal import Wanted
+from mbaid_ros.planning.goal import BaseLimits, JointLimits, Wanted
 from mbaid_ros.planning.information import Grid
-from mbaid_ros.planning.limits import BaseLimits, JointLimits
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.simulation.motion import Sinusoids
 

@@ -10,7 +10,7 @@ import time
 
 
 def main() -> int:
-    """Run the command, print what it took, and return its exit code."""
+    """Run the command, print its costs, and return its exit code."""
     begin = time.perf_counter()
     nowhere = os.open(os.devnull, os.O_WRONLY)
     child = os.posix_spawnp(sys.argv[1], sys.argv[1:], os.environ, file_actions=[(os.POSIX_SPAWN_DUP2, nowhere, 1)])

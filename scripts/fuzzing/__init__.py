@@ -1,1 +1,1 @@
-"""What the fuzzers share: damage, formats, and how one input is tried."""
+"""Shared parts of the fuzzers: damage, formats, and how one input is tried."""

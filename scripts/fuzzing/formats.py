@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from fuzzing.damage import Damage, of_bytes, of_text, one
-from fuzzing.mcap_files import CONFIG, in_bytes, in_meaning, in_schemas
-from fuzzing.meanings import TYPES
+from fuzzing.mcap_files import CONFIG, TYPES, in_bytes, in_schemas
 from fuzzing.trial import Main
 from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.bags.types import definition
@@ -92,7 +91,7 @@ def formats(folder: Path) -> dict[str, Format]:
 
 
 def _mcap(path: Path, model: list[str]) -> dict[str, Format]:
-    ways: dict[str, Damage] = {'bytes': in_bytes, 'schemas': in_schemas, 'messages': in_meaning}
+    ways: dict[str, Damage] = {'bytes': in_bytes, 'schemas': in_schemas}
 
     def arguments(number: int) -> list[str]:
         return [str(path), *model, '--method', _METHODS[number % len(_METHODS)], '--json', '-']

@@ -1,4 +1,4 @@
-"""Damaged MCAP files: in their bytes, in the definitions of their types, in the meaning of their messages."""
+"""Damaged MCAP files: in their bytes, or in the definitions of their types."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from fuzzing.damage import of_bytes, one
-from fuzzing.meanings import TYPES, meaning
 from mbaid_ros.bags.types import definition, serialize
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
@@ -21,6 +20,7 @@ from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.simulated_run import SimulatedRun
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
+TYPES = {'joint_states': 'sensor_msgs/msg/JointState', 'odom': 'nav_msgs/msg/Odometry'}
 Message = tuple[str, bytes, int]
 _CONTRADICTIONS = (
     ('float64[] position', 'float64[1000000000] position'),
@@ -84,19 +84,3 @@ def in_schemas(_data: bytes, generator: np.random.Generator) -> bytes:
         old, new = one(_CONTRADICTIONS, generator)
         return of_bytes(written(recorded(), lie=lambda text: text.replace(old, new)), generator)
     return written(recorded(), lie=lambda text: of_bytes(text.encode(), generator).decode(errors='replace'))
-
-
-def in_meaning(_data: bytes, generator: np.random.Generator) -> bytes:
-    """Return a bag some of whose messages mean something else, are damaged, or come at other times."""
-    share = one((0.01, 0.1, 1.0), generator)
-    messages = list(recorded())
-    for place, (topic, data, time) in enumerate(messages):
-        if generator.random() < share:
-            way = generator.random()
-            content = meaning(topic, data, generator) if way < 0.6 else data
-            content = of_bytes(data, generator) if 0.6 <= way < 0.9 else content
-            later = one((0, 1, 2**62, time + 10**9, max(0, time - 10**9)), generator) if way >= 0.9 else time
-            messages[place] = topic, content, later
-        if generator.random() < 0.01:
-            return written(messages[: place + 1], any_compression(generator))
-    return written(messages, any_compression(generator))

@@ -121,7 +121,7 @@ def _memory(name: str) -> int:
 
 
 def tried(main: Main, arguments: Sequence[str], words: BinaryIO) -> Trial:
-    """Return the outcome of an executable; `words` is an open file for what C++ writes on stderr."""
+    """Return the outcome of an executable; `words` is an open file for the lines that C++ writes on stderr."""
     error = io.StringIO()
     gc.unfreeze()  # otherwise `replay` counts all that earlier ones have frozen
     words.seek(0)

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import resource
 from pathlib import Path
 
-import pytest
-import yaml
 from backports import zstd
 from mcap.reader import make_reader
 from mcap.writer import IndexType, Writer
 
 from mbaid_ros.bags import BagReader
-from mbaid_ros.core.errors import DataError
-from small_bags import COUNT
 
 
 def copied(source: Path, target: Path, *, compressed: bool = False) -> Path:
@@ -42,10 +37,6 @@ def test_chunks_without_an_index_of_their_messages(mcap: Path, tmp_path: Path) -
     assert read(copied(mcap, tmp_path / 'chunks.mcap')) == read(mcap)
 
 
-def test_messages_that_are_compressed_one_by_one_without_metadata(mcap: Path, tmp_path: Path) -> None:
-    assert read(copied(mcap, tmp_path / 'messages.mcap', compressed=True)) == read(mcap)
-
-
 def test_compressed_parts_without_metadata(mcap: Path, tmp_path: Path) -> None:
     folder = tmp_path / 'parts'
     folder.mkdir()
@@ -53,35 +44,3 @@ def test_compressed_parts_without_metadata(mcap: Path, tmp_path: Path) -> None:
         (folder / f'part_{part}.mcap.zstd').write_bytes(zstd.compress(mcap.read_bytes()))
     assert read(folder) == 3 * read(mcap)
     assert read(folder / 'part_1.mcap.zstd') == read(mcap)
-
-
-def test_a_compressed_part_that_is_damaged(mcap: Path, tmp_path: Path) -> None:
-    part = tmp_path / 'part.mcap.zstd'
-    part.write_bytes(zstd.compress(mcap.read_bytes())[:-20])
-    with pytest.raises(DataError, match=r'part\.mcap\.zstd. cannot be decompressed'):
-        read(part)
-
-
-def test_a_bag_of_ros_1_is_named(tmp_path: Path) -> None:
-    bag = tmp_path / 'old.bag'
-    bag.write_bytes(b'#ROSBAG V2.0\n' + bytes(100))
-    with pytest.raises(DataError, match=r'ROS 1; accepted: .* rosbags-convert --src old\.bag'):
-        read(bag)
-
-
-def test_more_files_than_a_process_may_have_open(recorded: Path, mcap: Path, tmp_path: Path) -> None:
-    folder = tmp_path / 'many'
-    folder.mkdir()
-    names = [f'part_{number}.mcap' for number in range(200)]
-    for name in names:
-        (folder / name).hardlink_to(mcap)
-    told = yaml.safe_load((recorded / 'metadata.yaml').read_text(encoding='utf-8'))
-    told['rosbag2_bagfile_information']['relative_file_paths'] = names
-    (folder / 'metadata.yaml').write_text(yaml.safe_dump(told), encoding='utf-8')
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (150, hard))
-    try:
-        found = read(folder)
-    finally:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-    assert len(found) == len(names) * (COUNT + 1)

@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
-from itertools import pairwise, product
+from collections.abc import Callable
+from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, ReaderError, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 
-from mbaid_ros.bags import BagReader, BagWriter, Recorded, Timed, message_types
+from mbaid_ros.bags import BagReader, message_types
 from mbaid_ros.bags.chunks import (
     Block,
     Raw,
     in_blocks,
-    of_length,
 )
 from mbaid_ros.bags.types import definition
-from mbaid_ros.cdr import JOINT_STATE_TYPE, Packet, packer
-from mbaid_ros.core.errors import DataError
-from mbaid_ros.core.samples import Stamps
+from mbaid_ros.cdr import JOINT_STATE_TYPE, Packet
 from mbaid_ros.messages import joint_state_shape
-from small_bags import COUNT, everything, write_bag
+from small_bags import COUNT, everything
 from wire import as_bytes, joint_state
 
 ONE = np.ones(1)
@@ -92,40 +86,6 @@ def test_compressed_folders_come_as_from_rosbags(
     assert everything(path) == (expected, [])
 
 
-@pytest.mark.parametrize('seed', range(40))
-def test_a_damaged_chunk_ends_the_reading_with_a_warning(tmp_path: Path, seed: int) -> None:
-    """No checksum helps here: what lies in the chunk itself has to be found out."""
-    random = np.random.default_rng(seed)
-    path = tmp_path / 'bag.mcap'
-    with path.open('wb') as stream:
-        writer = McapWriter(stream, chunk_size=2_000, compression=CompressionType.NONE, enable_crcs=False)
-        writer.start(profile='ros2')
-        schema = writer.register_schema(JOINT_STATE_TYPE, 'ros2msg', definition(JOINT_STATE_TYPE)[0].encode())
-        channel = writer.register_channel('/a', 'cdr', schema)
-        for time in range(60):
-            data = as_bytes(joint_state(['x'], ONE, ONE, stamp=time))
-            writer.add_message(channel, time, data, time, time)
-        writer.finish()  # type: ignore[no-untyped-call]
-    content = bytearray(path.read_bytes())
-    record = content.index(as_bytes(joint_state(['x'], ONE, ONE, stamp=30))) - 31
-    assert content[record] == 5
-    content[record + 1 + random.integers(8)] ^= 1 << int(random.integers(8))  # the length of a message's record
-    path.write_bytes(content)
-    expected = list(until_damage(path))
-    read, warnings = everything(path)
-    assert read == expected
-    assert 0 < len(read) < 60
-    assert len(warnings) == 1
-    assert f'is damaged: read {len(read)} of 60 messages' in warnings[0]
-
-
-def until_damage(path: Path) -> Iterator[tuple[str, bytes, int]]:
-    """Yield what rosbags reads of a file before it finds damage."""
-    with Reader(path) as reader, suppress(ReaderError, struct.error):
-        for connection, time, data in reader.messages():
-            yield connection.topic, data, time
-
-
 @pytest.mark.parametrize('at_once', [1, 7, COUNT, 10 * COUNT])
 def test_packets_are_the_messages(recorded: Path, at_once: int) -> None:
     topics = ['/joint_states', '/robot_description']
@@ -173,31 +133,6 @@ def test_a_type_that_the_bag_defines_in_another_way_is_not_packed(
     assert isinstance(message, Packet) == packed
 
 
-def test_a_message_that_is_not_of_its_type_is_told_as_from_objects(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / 'bag') as writer:
-        writer.add_topic('/a', JOINT_STATE_TYPE)
-        for time in range(20):
-            writer.write_raw('/a', as_bytes(joint_state(['x'], ONE, ONE)), time)
-        writer.write_raw('/a', as_bytes(joint_state(['x'], ONE, ONE))[:-9], 20)
-    texts = []
-    for packed in (False, True):
-        with BagReader(tmp_path / 'bag') as bag, pytest.raises(DataError, match='at 20 ns is not a sensor') as caught:
-            list(bag.read_packed(['/a'], 100) if packed else bag.read(['/a']))
-        texts.append(str(caught.value))
-    assert texts[0] == texts[1]
-
-
-def test_damage_of_the_file_is_the_same_with_packets(tmp_path: Path) -> None:
-    path = write_bag(tmp_path / 'bag')
-    content = (path / 'bag.mcap').read_bytes()
-    (tmp_path / 'cut.mcap').write_bytes(content[: len(content) // 2])
-    with BagReader(tmp_path / 'cut.mcap') as bag:
-        objects = [time for _, _, time in bag.read(['/joint_states'])]
-        packets = [time for part in bag.read_packed(['/joint_states'], 64) for _, _, time in part]
-    assert 0 < len(objects) < COUNT
-    assert packets == objects
-
-
 # -- Messages of a bag in blocks: whatever their lengths, the messages are the same.
 
 
@@ -214,71 +149,4 @@ def test_blocks_hold_the_messages(count: int) -> None:
     assert content(list(in_blocks(messages(count)))) == messages(count)
 
 
-@pytest.mark.parametrize('count', [0, 5, 1000, 1700])
-def test_what_was_read_before_an_error_comes_first(count: int) -> None:
-    def failing() -> Iterator[Raw]:
-        yield from messages(count)
-        raise EOFError('cut off')
-
-    found: list[Block] = []
-    with pytest.raises(EOFError, match='cut off'):
-        found.extend(in_blocks(failing()))
-    assert content(found) == messages(count)
-
-
-@pytest.mark.parametrize('length', [1, 7, 64, 1000])
-@pytest.mark.parametrize('seed', range(3))
-def test_blocks_of_a_length(length: int, seed: int) -> None:
-    (whole,) = in_blocks(messages(300))
-    cuts = [0, *np.sort(np.random.default_rng(seed).integers(0, 300, 9)).tolist(), 300]
-    found = list(of_length([whole.part(*pair) for pair in pairwise(cuts)], length))
-    assert [len(block) for block in found[:-1]] == [length] * (len(found) - 1)
-    assert 0 < len(found[-1]) <= length
-    assert content(found) == messages(300)
-
-
-def test_a_time_that_no_clock_shows_is_no_failure() -> None:
-    (block,) = in_blocks([('/a', b'', 2**64 - 1)])
-    assert block.times.tolist() == [2**63 - 1]
-
-
 # -- Messages of several topics that are read together.
-
-
-def topics_together(names: str) -> tuple[list[Timed], Recorded]:
-    """Return messages of topics with names of a letter; those of `p` are packets that are together."""
-    pack = packer(JOINT_STATE_TYPE)
-    assert pack is not None
-    data = [as_bytes(joint_state(['x'], np.ones(1), np.ones(1), stamp=k)) for k in range(len(names))]
-    messages: dict[str, Sequence[Any]] = {}
-    times: dict[str, Stamps] = {}
-    for name in dict.fromkeys(names):
-        places = [k for k, each in enumerate(names) if each == name]
-        together = pack.many([data[k] for k in places]) if name == 'p' else None
-        messages[name] = places if together is None else together
-        times[name] = 7 * np.array(places)
-    expected = [(name, k, 7 * k) for k, name in enumerate(names)]
-    return expected, Recorded(names, messages, times)
-
-
-def content_of(messages: Recorded) -> list[Timed]:
-    return [(name, message.stamp if name == 'p' else message, time) for name, message, time in messages]
-
-
-@pytest.mark.parametrize('names', ['', 'a', 'p', 'papbp', 'aab', 'tpapttbpat', 'ppppt'])
-def test_messages_come_in_the_order_they_were_recorded(names: str) -> None:
-    expected, found = topics_together(names)
-    assert len(found) == len(names)
-    assert content_of(found) == expected
-    for name in 'abpt':
-        assert len(found.of(name)) == names.count(name)
-
-
-@pytest.mark.parametrize('names', ['', 'p', 'papbp', 'tpapttbpat', 'ppppt', 'ttt'])
-def test_runs_are_all_of_a_topic_or_none(names: str) -> None:
-    expected, found = topics_together(names)
-    runs = list(found.runs('t'))
-    assert [each for run in runs for each in content_of(run)] == expected
-    for run in runs:
-        assert set(run.topics) == {'t'} or 't' not in run.topics
-        assert set(run.messages) == set(run.topics)

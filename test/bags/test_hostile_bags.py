@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hostile_bags import DAMAGED, REFUSED, folder_of, many_bombs, metadata
+from hostile_bags import DAMAGED, REFUSED, many_bombs
 from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.replay.start import replay as main
-from small_bags import COUNT, JOINT_STATE, STRING, everything, joint_state, string
+from small_bags import COUNT, JOINT_STATE, everything, joint_state
 
 
 def cuts(size: int) -> Iterator[int]:
@@ -49,45 +49,6 @@ def test_a_bag_cut_off_anywhere_is_read_up_to_the_cut(mcap: Path, tmp_path: Path
     assert len(set(numbers)) > 6  # more than there are chunks: parts of chunks are read, too
 
 
-def test_a_writer_that_is_killed_loses_only_what_it_did_not_flush(tmp_path: Path) -> None:
-    bag = BagWriter(tmp_path / 'bag')
-    bag.add_topic('/a', STRING)
-    for index in range(100):
-        bag.write('/a', string(str(index)), index)
-        if index == 49:
-            bag.flush()
-    read, warnings = everything(tmp_path / 'bag')
-    assert len(read) == 50
-    assert 'cut off' in warnings[0]
-    bag.close()
-    assert len(everything(tmp_path / 'bag')[0]) == 100
-
-
-def test_a_writer_that_is_killed_at_once_leaves_a_bag_that_is_empty(tmp_path: Path) -> None:
-    bag = BagWriter(tmp_path / 'bag')
-    bag.add_topic('/a', STRING)
-    bag.write('/a', string(''), 0)
-    with pytest.raises(DataError, match='holds no messages: it was cut off before the first one'):
-        everything(tmp_path / 'bag')
-    bag.close()
-
-
-@pytest.mark.parametrize('content', [b'', b'\x89MCAP'])
-def test_a_file_that_had_no_time_to_begin(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / 'bag.mcap').write_bytes(content)
-    with pytest.raises(DataError, match='holds no messages: it was cut off before the first one'):
-        everything(tmp_path)
-
-
-def test_a_folder_with_metadata_and_a_cut_file(recorded: Path, tmp_path: Path) -> None:
-    content = (recorded / 'recorded.mcap').read_bytes()
-    (tmp_path / 'recorded.mcap').write_bytes(content[: len(content) // 2])
-    (tmp_path / 'metadata.yaml').write_text((recorded / 'metadata.yaml').read_text())
-    read, warnings = everything(tmp_path)
-    assert 0 < len(read) < COUNT
-    assert 'cut off' in warnings[0]
-
-
 @pytest.mark.parametrize('metadata', ['', ': [', 'rosbag2_bagfile_information: {version: 99}', 'a: 1'])
 def test_a_folder_with_bad_metadata_is_read_by_its_files(recorded: Path, tmp_path: Path, metadata: str) -> None:
     (tmp_path / 'recorded.mcap').write_bytes((recorded / 'recorded.mcap').read_bytes())
@@ -96,17 +57,6 @@ def test_a_folder_with_bad_metadata_is_read_by_its_files(recorded: Path, tmp_pat
     read, warnings = everything(tmp_path)
     assert len(read) == COUNT + 1
     assert 'metadata.yaml' in warnings[0]
-
-
-def test_why_the_metadata_cannot_be_used_is_told(recorded: Path, tmp_path: Path) -> None:
-    (tmp_path / 'recorded.mcap').write_bytes((recorded / 'recorded.mcap').read_bytes())
-    (tmp_path / 'metadata.yaml').write_text('rosbag2_bagfile_information: {version: 99}')
-    _, (warning,) = everything(tmp_path)
-    assert 'cannot be used (metadata of version 99; accepted: up to 9): its files are read in' in warning
-    (tmp_path / 'recorded.mcap').rename(tmp_path / 'recorded.mcap.lz4')
-    folder_of(tmp_path, metadata(['recorded.mcap.lz4'], 'mcap', 'file', compression_format='lz4'))
-    with pytest.raises(DataError, match=r"no .db3 file in it; metadata.yaml: compression 'file' as 'lz4' is not known"):
-        BagReader(tmp_path)
 
 
 @pytest.mark.parametrize('seed', range(60))
@@ -167,27 +117,6 @@ def test_a_bag_that_a_full_disk_ends_can_be_read_up_to_the_last_flush(
     assert read == [index % 100 for index in range(bag.messages)]
     assert bag.messages >= held
     assert [each.name for each in path.iterdir()] == ['run.mcap']
-
-
-def test_a_bag_whose_index_finds_no_place_has_all_messages(tmp_path: Path) -> None:
-    write(tmp_path / 'whole', 300, 100)
-    size = (tmp_path / 'whole' / 'whole.mcap').stat().st_size
-    with files_of_at_most(size - 40), pytest.raises(DataError, match='it holds 300 of 300 messages'):
-        write(tmp_path / 'run', 300, 100)
-    with BagReader(tmp_path / 'run') as bag:
-        assert bag.messages == 300
-
-
-def test_a_bag_without_any_message_is_removed(tmp_path: Path) -> None:
-    with files_of_at_most(3_000), pytest.raises(DataError, match='File too large; nothing is left of it'):
-        write(tmp_path / 'run', 100, 100)
-    assert not (tmp_path / 'run').exists()
-
-
-def test_a_bag_that_cannot_begin_leaves_no_folder(tmp_path: Path) -> None:
-    with files_of_at_most(0), pytest.raises(DataError, match='cannot be made: File too large'):
-        BagWriter(tmp_path / 'run')
-    assert not (tmp_path / 'run').exists()
 
 
 # -- Bags that mean harm: one line of error or one warning, soon, in little memory.

@@ -9,7 +9,7 @@ import pytest
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file, parse_assignment
-from mbaid_ros.config.parameters import build, specifications
+from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.robot.model import load_model
@@ -60,11 +60,6 @@ def test_sections_that_do_not_apply(tmp_path: Path, section: str, node: str) -> 
     assert section.strip('/') in str(caught.value)
 
 
-def test_namespaces_may_be_nested(tmp_path: Path) -> None:
-    path = write(tmp_path, 'arm:\n  estimator:\n    ros__parameters:\n      window: 2.0\n')
-    assert load_parameter_file(path, '/arm/estimator') == {'window': 2.0}
-
-
 def test_names_may_be_nested_or_dotted_and_a_later_section_wins(tmp_path: Path) -> None:
     text = """
         /**:
@@ -85,10 +80,6 @@ def test_names_may_be_nested_or_dotted_and_a_later_section_wins(tmp_path: Path) 
 def test_numbers_are_read_as_ros_reads_them(tmp_path: Path, text: str, value: object) -> None:
     path = write(tmp_path, f'/**:\n  ros__parameters:\n    x: {text}\n')
     assert load_parameter_file(path, 'estimator') == {'x': value}
-
-
-def test_an_empty_section_is_no_parameters(tmp_path: Path) -> None:
-    assert load_parameter_file(write(tmp_path, '/**:\n  ros__parameters:\n'), 'estimator') == {}
 
 
 @pytest.mark.parametrize(
@@ -116,14 +107,6 @@ def test_what_is_no_parameter_file_is_refused_in_one_line(tmp_path: Path, text: 
     assert message in str(caught.value)
     assert 'parameters.yaml' in str(caught.value)
     assert '\n' not in str(caught.value)
-
-
-def test_a_file_that_is_not_there_or_not_text(tmp_path: Path) -> None:
-    with pytest.raises(ParameterError, match='No such file'):
-        load_parameter_file(tmp_path / 'absent.yaml', 'estimator')
-    (tmp_path / 'binary.yaml').write_bytes(b'\xff\xfe\x00')
-    with pytest.raises(ParameterError, match='not text'):
-        load_parameter_file(tmp_path / 'binary.yaml', 'estimator')
 
 
 @pytest.mark.parametrize(
@@ -165,10 +148,6 @@ def test_the_files_fit_their_robots(path: object) -> None:
     assert config.duration == 60.0
 
 
-def test_there_is_a_file_for_every_robot() -> None:
-    assert [path.name for path in FILES] == sorted(f'{path.stem}_simulator.yaml' for path in CONFIG.glob('*.urdf'))
-
-
 # -- The estimator's parameter files in config/ say what the declarations say.
 
 
@@ -177,12 +156,6 @@ def test_the_file_of_all_parameters_is_the_one_the_script_writes() -> None:
     assert (CONFIG / 'estimator.yaml').read_text(encoding='utf-8') == script['text'](), (
         'run scripts/write_parameters.py'
     )
-
-
-def test_the_file_of_all_parameters_holds_all_defaults() -> None:
-    values = load_parameter_file(CONFIG / 'estimator.yaml', 'estimator')
-    assert list(values) == list(specifications(EstimatorConfig))
-    assert build(EstimatorConfig, values) == EstimatorConfig()
 
 
 @pytest.mark.parametrize('robot', ['table1', 'ets7', 'servicer7'])

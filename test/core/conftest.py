@@ -21,14 +21,12 @@ from simulated import CONFIG, robot
 from wrong_robots import LINKS
 
 RATE, FAST = 20.0, 100.0  # Hz
-# Errors of an integrator of order 6 at this step: 1e-10 of the momentum over a minute.
-STEP = 0.05  # s
 
 
 @pytest.fixture(scope='session')
 def spatial_minute() -> Truth:
     """Return a minute of the seven-joint servicer, all its joints in motion, without linear momentum."""
-    return configured_motion('servicer7', 60.0, RATE, STEP)
+    return configured_motion('servicer7', 60.0, RATE)
 
 
 @pytest.fixture(scope='session')
@@ -40,7 +38,7 @@ def spatial(spatial_minute: Truth) -> Truth:
 @pytest.fixture(scope='session')
 def planar() -> Truth:
     """Return a minute of the paper's case, 50 samples a second."""
-    return configured_motion('table1', 60.0, 50.0, STEP)
+    return configured_motion('table1', 60.0, 50.0)
 
 
 @pytest.fixture(scope='session')
@@ -61,19 +59,19 @@ def joints() -> Sinusoids:
 @pytest.fixture(scope='session')
 def servicer() -> Truth:
     """Return 20 s of the seven-joint servicer, 100 samples a second."""
-    return configured_motion('servicer7', 20.0, FAST, STEP)
+    return configured_motion('servicer7', 20.0, FAST)
 
 
 @pytest.fixture(scope='session')
 def satellite() -> Truth:
     """Return 10 s of ETS-VII, 100 samples a second."""
-    return configured_motion('ets7', 10.0, FAST, STEP)
+    return configured_motion('ets7', 10.0, FAST)
 
 
 @pytest.fixture(scope='session')
 def plane() -> Truth:
     """Return 20 s of the paper's planar case, 100 samples a second."""
-    return configured_motion('table1', 20.0, FAST, STEP)
+    return configured_motion('table1', 20.0, FAST)
 
 
 @pytest.fixture(scope='session')

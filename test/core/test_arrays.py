@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from mbaid_ros.core.array_record import ArrayRecord, Queue
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.linear_algebra import solve_symmetric
+from mbaid_ros.core.samples import ArrayRecord, Queue
 
 
 @dataclass(frozen=True)
@@ -41,18 +41,6 @@ def test_a_queue_holds_what_has_come_last(most: int) -> None:
         assert np.array_equal(entries.many, pairs(values[0], len(values)).many)
 
 
-def test_entries_that_leave_make_room() -> None:
-    queue = Queue(pairs(0, 5))
-    queue.append(pairs(5, 1))
-    before = queue.entries
-    queue.drop(2)
-    queue.append(pairs(6, 2))
-    assert queue.entries.one.tolist() == [2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
-    assert before.one.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
-    queue.drop(9)
-    assert len(queue) == 0
-
-
 def test_directions_without_information_are_left_alone() -> None:
     basis = np.linalg.qr(np.random.default_rng(10).normal(size=(3, 3)))[0]
     information = (basis * np.array([4.0, 1.0, 0.0])) @ basis.T
@@ -65,16 +53,3 @@ def test_directions_without_information_are_left_alone() -> None:
 def test_unknowns_of_very_different_size_are_solved_for() -> None:
     full = np.diag([1e12, 1.0, 1e-12])
     assert solve_symmetric(full, np.array([1e12, 2.0, 3e-12])) == pytest.approx([1.0, 2.0, 3.0])
-
-
-def test_several_right_sides_at_once() -> None:
-    rng = np.random.default_rng(11)
-    factor = rng.normal(size=(4, 4))
-    right_side = rng.normal(size=(4, 6))
-    expected = np.linalg.solve(factor @ factor.T, right_side)
-    assert solve_symmetric(factor @ factor.T, right_side) == pytest.approx(expected, rel=1e-9)
-    assert solve_symmetric(factor @ factor.T, right_side[:, 0]) == pytest.approx(expected[:, 0], rel=1e-9)
-
-
-def test_nothing_known_gives_nothing() -> None:
-    assert not solve_symmetric(np.zeros((3, 3)), np.zeros(3)).any()

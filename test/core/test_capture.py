@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from captured import CHASER, Joined, alone, capture, chaser
 from checked import same, some
-from mbaid_ros.core.capture import BEFORE, CaptureEstimator
+from mbaid_ros.core.capture.estimator import BEFORE, CaptureEstimator
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.published_inertia import Frame, debris
@@ -83,16 +83,6 @@ def test_the_known_model_before_it() -> None:
     assert np.all(np.isnan(found.spin))
 
 
-def test_exact_data_give_the_exact_momentum() -> None:
-    run = told()
-    run.update(pieces(None), 0)
-    found = some(run.capture(None))
-    assert found.chaser is not None
-    assert found.chaser.momentum == pytest.approx(CHASER, abs=1e-9)
-    assert found.chaser.residual < 1e-6
-    assert found.momentum == pytest.approx(joined().momentum, abs=1e-3)
-
-
 def test_a_capture_told_when_it_happens_leads_to_the_same_numbers() -> None:
     known, later = told(), make()
     expected = known.update(pieces(), 0)
@@ -149,7 +139,7 @@ def test_a_planar_capture_tells_what_a_plane_can() -> None:
     planar = kernel('table1')
     run = CaptureEstimator(planar, estimator(planar, MID), MID, 0.5, 2.0)
     run.time = 3.0
-    run.update(windows(observe(configured_motion('table1', 15.0, 50.0, 0.05), MID, 1)), 0)
+    run.update(windows(observe(configured_motion('table1', 15.0, 50.0), MID, 1)), 0)
     found = some(run.capture(None))
     known = np.isfinite(found.momentum)
     assert known.tolist() == [True, True, False, False, False, True]
@@ -157,18 +147,6 @@ def test_a_planar_capture_tells_what_a_plane_can() -> None:
     # Nothing was captured: the last link was there before, as its inertial says.
     z = found.momentum[known] / np.sqrt(np.diag(found.covariance)[known])
     assert np.all(np.abs(z) < 4.0)
-
-
-def test_the_phases() -> None:
-    run = told(margin=1.0)
-    seen = []
-    for window in pieces():
-        run.update([window], 0)
-        seen.append(run.phase)
-        assert (run.capture(None) is None) == (run.phase == 'pre_capture')
-    lengths = [seen.count(phase) for phase in ('pre_capture', 'capture', 'post_capture')]
-    assert lengths == [16, 2, 22]
-    assert sorted(seen, key=('pre_capture', 'capture', 'post_capture').index) == seen
 
 
 def test_a_wrong_known_model_is_doubted_before_and_after() -> None:
@@ -183,12 +161,3 @@ def test_a_wrong_known_model_is_doubted_before_and_after() -> None:
     assert doubts[0].status == 'inconsistent'
     assert doubts[0].time < BEGIN
     assert made[-1] is doubts[-1]
-
-
-def test_a_capture_in_the_first_window_tells_nothing_of_the_chaser() -> None:
-    run = make()
-    run.time = 0.1
-    run.update(pieces()[int(BEGIN / 0.5) + 2 :], 0)
-    found = some(run.capture(None))
-    assert found.chaser is None
-    assert np.all(np.isnan(found.momentum))

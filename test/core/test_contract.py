@@ -51,7 +51,7 @@ def few_windows(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @cache
 def motion() -> Truth:
-    return configured_motion('table1', SECONDS, RATE, 0.05)
+    return configured_motion('table1', SECONDS, RATE)
 
 
 def seen(method: str, seed: int = 1) -> Samples:
@@ -135,6 +135,12 @@ def test_a_plane_shows_four_parameters(method: str) -> None:
     error = (last.parameters - TRUE)[IN_PLANE]
     assert np.all(np.abs(error) < (0.01 * np.abs(TRUE) if method in RECURSIVE else 4.0 * last.std)[IN_PLANE])
     assert all('planar' in warning or 'first estimate' in warning for warning in last.warnings)
+
+
+@weighted
+def test_exact_data_give_the_exact_body(method: str) -> None:
+    last = MAKE[method]().update(windows(observe(motion(), LOW)), 0)[-1]
+    assert np.all(np.abs(last.parameters - TRUE)[IN_PLANE] < 0.1 * last.std[IN_PLANE])
 
 
 @weighted

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from checked import same
 from made_runs import estimate
-from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, RATE_MISSING, TWIST_DERIVED, Identifier
+from mbaid_ros.core.identifier import Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples, Stamps
 from mbaid_ros.core.trajectory.posterior import Posterior
@@ -21,7 +21,6 @@ from measured import base_stream, joint_stream, piece
 from observed import MID, configured_motion, observe, windows
 
 START = 1_700_000_000_000_000_000
-SECOND = 1_000_000_000
 
 
 class Recorder:
@@ -68,44 +67,6 @@ def test_pieces_do_not_matter(cuts: int) -> None:
     assert [x.warnings for x in found] == [x.warnings for x in expected]
     assert (one.used, one.dropped, one.end_of_window) == (together.used, together.dropped, together.end_of_window)
     assert pieces.origins == {START}
-
-
-def test_the_end_of_the_open_window_is_known() -> None:
-    assert Identifier(Recorder(), 0.5, 0.1).end_of_window is None
-    identifier = Identifier(Recorder(), 0.5, 0.1)
-    identifier.push(joint_stream(every(10.0, 30)), base_stream(every(10.0, 31)))
-    assert identifier.end_of_window == START + SECOND // 2
-    assert identifier.used == 30
-    # Nothing is estimated before a sample has closed the window.
-    assert identifier.push(joint_stream(every(10.0, 51)[30:]), base_stream(every(10.0, 51)[31:50])) == []
-    assert len(identifier.push(None, base_stream(every(10.0, 51)[50:]))) == 1
-
-
-@pytest.mark.parametrize('missing', ['joints', 'base'])
-def test_missing_velocities_are_told(missing: str) -> None:
-    joints, base = joint_stream(every(10.0, 120)), base_stream(every(10.0, 120))
-    if missing == 'joints':
-        joints = replace(joints, velocity=np.full_like(joints.velocity, np.nan))
-    else:
-        base = replace(base, angular_velocity=np.full_like(base.angular_velocity, np.nan))
-    recorder = Recorder()
-    estimates = Identifier(recorder, 0.5, 0.1).push(joints, base)
-    assert {x.warnings for x in estimates} == {(JOINT_RATES_DERIVED if missing == 'joints' else TWIST_DERIVED,)}
-    for window in recorder.windows:
-        assert np.isfinite(window.joint_velocity).all()
-        assert np.isfinite(window.base_angular_velocity).all()
-    bare = Recorder(needs_rates=False)
-    Identifier(bare, 0.5, 0.1).push(joints, base)
-    velocity = bare.windows[0].joint_velocity if missing == 'joints' else bare.windows[0].base_angular_velocity
-    assert np.isnan(velocity).all()
-
-
-def test_a_window_too_short_for_a_derivative_is_dropped() -> None:
-    joints, base = joint_stream(every(300.0, 6)), base_stream(every(300.0, 6))
-    identifier = Identifier(Recorder(), 0.2, 1.0)
-    assert identifier.push(replace(joints, velocity=np.full_like(joints.velocity, np.nan)), base) == []
-    assert identifier.dropped[RATE_MISSING] == 5
-    assert identifier.used == 1
 
 
 MASS, INERTIA = slice(0, 1), slice(4, 10)
@@ -160,7 +121,7 @@ def knowing(known: slice, *, mass: float = 100.0) -> Estimate:
 def both(first: Sequence[Estimate], second: Sequence[Estimate]) -> tuple[list[Estimate], Stage]:
     """Return what is published of two stages, and the second one."""
     later = Stage('trajectory', second)
-    window, *_ = windows(observe(configured_motion('servicer7', 2.0, 100.0, 0.01), MID, 1))
+    window, *_ = windows(observe(configured_motion('servicer7', 2.0, 100.0), MID, 1))
     return TwoStageEstimator(Stage('difference', first), later).update([window] * len(first), 0), later
 
 

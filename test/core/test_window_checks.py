@@ -20,7 +20,7 @@ RANDOM = np.random.default_rng(4)
 
 @cache
 def measured(name: str, noise: str = 'mid') -> Samples:
-    truth = configured_motion(name, 15.0, 50.0, 0.02)
+    truth = configured_motion(name, 15.0, 50.0)
     return observe(truth, {'mid': MID, 'high': HIGH}[noise], 1)
 
 

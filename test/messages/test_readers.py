@@ -24,7 +24,7 @@ from mbaid_ros.messages import (
     WRONG_CHILD_FRAME,
     JointReader,
 )
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from recorded import joint_state as plain
 from simulated import CONFIG
 from wire import again, as_bytes, joint_state, odometry

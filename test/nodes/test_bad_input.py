@@ -15,7 +15,6 @@ from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from graph import Graph, graph
 from mbaid_ros.nodes.diagnostics import clock_problems
@@ -61,10 +60,6 @@ class Talk:
             else:
                 odometry(message)
                 self._odometry.publish(message)
-
-    def send_bytes(self, data: bytes) -> None:
-        """Publish bytes as a JointState."""
-        self._joints.publish(data)
 
     def hear(self, part: str, level: bytes, *texts: str) -> None:
         """Wait until diagnostic statuses hold each of some texts; forget the statuses up to then."""
@@ -164,10 +159,6 @@ def lose_track(message: Odometry) -> None:
     message.pose.pose.position.x = NAN
 
 
-def spoil_covariance(message: Odometry) -> None:
-    message.pose.covariance[0] = -1.0
-
-
 def test_messages_that_cannot_be_used(talk: Talk) -> None:
     for change in (rename, shorten, spoil):
         talk.send(change)
@@ -182,38 +173,8 @@ def test_messages_that_cannot_be_used(talk: Talk) -> None:
     ]
     talk.hear('samples', ERROR, *causes)
     log = talk.node.stderr
-    assert [log.count(cause) for cause in causes] == [1] * len(causes)
-    talk.recover()
-
-
-def test_a_stamp_that_jumps_back(talk: Talk) -> None:
-    talk.recover()
-    talk.send(turn_back)
-    talk.hear('samples', ERROR, 'ahead of those of joint_states: joint_states has stopped, or their clocks')
-    assert 'stamps on joint_states jumped back by 99.98 s' in talk.node.stderr
-    talk.hear('odom', STALE, 'no messages on /odom for')
-    assert talk.made()
-    assert talk.graph.call('/estimator/reset', Trigger, Trigger.Request()).success
-    talk.recover()
-
-
-def test_covariances_that_are_none(talk: Talk) -> None:
-    talk.recover()
-    talk.send(odometry=spoil_covariance, samples=100)
-    talk.hear('samples', WARN, ' not used wholly since the last report: covariance of the pose is none')
-    talk.graph.wait(lambda: talk.diagnostics, 'a report')
-    values = [pair for status in talk.diagnostics[-1].status for pair in status.values]
-    assert [pair.value for pair in values if pair.key == 'not used wholly, covariance of the pose is none'] == ['100']
-    assert talk.node.stderr.count('messages not used wholly: covariance of the pose is none') == 1
-    talk.recover()
-
-
-def test_bytes_that_are_no_message(talk: Talk) -> None:
-    text = 'a message on /joint_states is not a sensor_msgs/msg/JointState: it is not used'
-    for data in (b'\0\1\0\0', b'\0\1\0\0' + b'\xff' * 60):
-        talk.send_bytes(data)
-    talk.graph.wait(lambda: text in talk.node.stderr, text)
-    assert talk.node.stderr.count('is not a sensor_msgs') == 1
+    # Numbers are spoilt on both topics, and a slow machine reports one second of them after the other.
+    assert [log.count(cause) for cause in causes] in ([1, 1, 1, 1, 1], [1, 1, 1, 2, 1])
     talk.recover()
 
 
@@ -229,17 +190,18 @@ def test_several_publishers_and_frames_of_one_sensor(talk: Talk) -> None:
     with talk.graph.stranger('wheel_odometry') as other:
         other.create_publisher(String, 'odom', 10)
         talk.send()
-        talk.hear('odom', WARN, 'not heard is what /wheel_odometry sends there as std_msgs/msg/String')
+        talk.hear('odom', WARN, 'not read: /wheel_odometry sends there as std_msgs/msg/String')
     talk.send()
     talk.hear('odom', OK, 'Hz')
     frames = cycle(['odom', '/odom', 'map'])
     talk.send(odometry=lambda message: setattr(message.header, 'frame_id', next(frames)))
-    talk.hear('samples', WARN, "the base is located in the frames 'odom', 'map', which are taken for one")
+    talk.hear('samples', WARN, "the base is located in the frames 'odom', 'map', which count as one")
 
 
 # -- an estimate that nothing follows
 
 
+@pytest.mark.long
 def test_data_that_cannot_be_used_leave_a_stale_estimate_and_another_source_does_not(graph: Graph) -> None:
     talk = Talk(graph, 'time_jump:=error')
     talk.describe(urdf('table1'))

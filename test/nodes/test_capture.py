@@ -21,12 +21,12 @@ from graph import Graph
 from mbaid_ros.bags import serialize
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.capture import BEFORE
+from mbaid_ros.core.capture.estimator import BEFORE
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST
 from mbaid_ros.nodes.subscriptions import TYPES, qos
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from simulated import CONFIG, robot
 from streams import every_bit
 from thrusting import WRENCH, pulse
@@ -105,7 +105,7 @@ def test_a_capture_told_to_a_live_estimator(graph: Graph, tmp_path: Path) -> Non
     assert answer.message == f'captured {BEGIN:.3f} s after the first sample'
     again = call(graph)
     assert not again.success
-    assert 'told before, at 3 s' in again.message
+    assert 'announced before, at 3 s' in again.message
 
     for topic, message in after:
         publishers[topic].publish(message)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
-import sys
 from collections.abc import Iterator
 from itertools import count
-from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree as ET
 
@@ -26,11 +23,9 @@ from graph import Graph
 from graph import graph as new_graph
 from made_runs import BODY, STD, estimate, planar
 from mbaid_ros.cdr import packer
-from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion, unvec
-from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model, parse
-from mbaid_ros.nodes.markers import NAMESPACE, Display, LinkFrames, markers
+from mbaid_ros.nodes.markers import LinkFrames, markers
 from mbaid_ros.nodes.publishers import Publishers
 from mbaid_ros.nodes.subscriptions import LATCHED, message_class, qos
 from mbaid_ros.outgoing import Frames
@@ -74,17 +69,6 @@ def test_a_complete_estimate_has_com_region_axes_and_ellipsoid() -> None:
     assert uniform == pytest.approx(tensor, rel=1e-9, abs=1e-9)
 
 
-def test_a_planar_estimate_has_no_ellipsoid() -> None:
-    made = by_id(markers(planar(), 'link7'))
-    assert [made[number].action for number in range(4)] == [Marker.ADD, Marker.ADD, Marker.DELETE, Marker.DELETE]
-    assert place(made[0])[2] == 0.0
-
-
-def test_no_estimate_or_one_that_the_data_contradict_empties_the_display() -> None:
-    for none in (Estimate(method='difference', status='waiting'), estimate(status='inconsistent')):
-        assert [marker.action for marker in markers(none, 'link7').markers] == [Marker.DELETEALL]
-
-
 def joint_state(names: list[str], positions: list[float], nanoseconds: int = 0) -> JointState:
     message = JointState(name=names, position=positions)
     message.header.stamp.nanosec = nanoseconds
@@ -112,17 +96,6 @@ def test_link_frames_are_pinocchios(name: str) -> None:
         assert [move.x, move.y, move.z] == pytest.approx(expected.translation, abs=1e-12)
 
 
-def test_frames_are_sent_once_every_joint_is_known_and_not_too_often() -> None:
-    model = robot('table1')
-    frames = LinkFrames(model)
-    first, *others = model.joint_names
-    assert frames.transforms(joint_state([first], [0.1])) == []
-    assert frames.transforms(joint_state(list(others), [0.1] * 3, 10_000_000))
-    assert frames.transforms(joint_state(list(others), [0.1] * 3, 20_000_000)) == []
-    assert frames.transforms(joint_state(list(others), [0.1] * 3, 30_000_000))
-    assert frames.transforms(joint_state([first], [0.1], 0))  # the time jumped back
-
-
 @pytest.mark.parametrize(('second', 'nanosecond'), [(7, 5), (-3, 10**9 - 1), (2**31 - 1, 2**32 - 1)])
 def test_frames_are_those_of_the_message_as_object_and_as_bytes(second: int, nanosecond: int) -> None:
     model = robot('table1')
@@ -135,14 +108,6 @@ def test_frames_are_those_of_the_message_as_object_and_as_bytes(second: int, nan
     assert LinkFrames(model).transforms(pack(serialize_message(message))) == expected
     stamp = expected[0].header.stamp
     assert stamp.sec * 10**9 + stamp.nanosec == min(second * 10**9 + nanosecond, 2**31 * 10**9 - 1)
-
-
-def test_frames_without_their_messages_are_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, 'tf2_msgs', None)
-    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)
-    without_graph: Any = SimpleNamespace(create_publisher=lambda *_given, **_options: None)
-    with pytest.raises(ParameterError, match="'publish_tf' is true, but the message package tf2_msgs"):
-        Display(without_graph, with_frames=True)
 
 
 @pytest.fixture(scope='module', name='running')
@@ -195,7 +160,7 @@ def topics_of_a_running_estimator(running: Graph) -> dict[str, str]:
 
 
 def has_field(type_name: str, path: str) -> bool:
-    """Tell whether a message type has a field like inertia.com.x or covariance[3]."""
+    """Return whether a message type has a field like inertia.com.x or covariance[3]."""
     if not path:
         return True
     name, _, rest = path.partition('.')
@@ -229,41 +194,6 @@ def test_rviz_shows_topics_that_exist(topics: dict[str, str]) -> None:
     assert seen == 3
 
 
-def test_rviz_names_what_the_markers_are_called() -> None:
-    namespaces = [display['Namespaces'] for display in rviz_displays() if 'Namespaces' in display]
-    assert namespaces == [{NAMESPACE: True}]
-
-
-def test_the_fixed_frame_is_the_base_link_of_every_robot() -> None:
-    content = yaml.safe_load(RVIZ.read_text(encoding='utf-8'))['Visualization Manager']
-    for name in ('table1', 'servicer7', 'ets7'):
-        assert content['Global Options']['Fixed Frame'] == robot(name).base_link
-
-
-def test_foxglove_shows_topics_and_fields_that_exist(topics: dict[str, str]) -> None:
-    layout = json.loads(FOXGLOVE.read_text(encoding='utf-8'))
-    panels = layout['configById']
-    assert sorted(leaves(layout['layout'])) == sorted(panels)
-    paths = [path['value'] for panel in panels.values() for path in panel.get('paths', [])]
-    paths += [panel['topicPath'] for panel in panels.values() if 'topicPath' in panel]
-    assert len(paths) == 18
-    for path in paths:
-        topic, _, field = path.partition('.')
-        assert has_field(topics[topic], field), path
-    assert panels['DiagnosticSummary!all']['topicToRender'] in topics
-    scene = panels['3D!robot']
-    assert set(scene['topics']) <= set(topics)
-    assert scene['layers']['robot']['topic'] in topics
-
-
-def leaves(layout: Any) -> Iterator[str]:
-    if isinstance(layout, str):
-        yield layout
-    else:
-        yield from leaves(layout['first'])
-        yield from leaves(layout['second'])
-
-
 def test_plotjuggler_shows_topics_and_fields_that_exist(topics: dict[str, str]) -> None:
     root = ET.fromstring(PLOTJUGGLER.read_text(encoding='utf-8'))
     curves = [str(curve.get('name')) for curve in root.iter('curve')]
@@ -272,12 +202,6 @@ def test_plotjuggler_shows_topics_and_fields_that_exist(topics: dict[str, str]) 
     for curve in curves:
         topic = next(name for name in selected if curve.startswith(f'{name}/'))
         assert has_field(topics[topic], curve.removeprefix(f'{topic}/').replace('/', '.')), curve
-
-
-@pytest.mark.parametrize('path', ['inertia.mass', 'covariance.x', 'residual.x', 'inertia.com.w', 'no'])
-def test_a_field_that_does_not_exist_is_noticed(path: str) -> None:
-    assert not has_field('mbaid_msgs/msg/InertiaEstimate', path)
-    assert has_field('mbaid_msgs/msg/InertiaEstimate', 'covariance[3]')
 
 
 # -- What was published and cannot be used any more is taken back: from who reads one topic alone, and who comes late.

@@ -32,7 +32,7 @@ from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.nodes.publishers import last_of_each_window
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, qos
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import TimedMessage
 from simulated import CONFIG
 from streams import EPOCH, every_bit, offline, run, urdf
@@ -235,30 +235,6 @@ def test_a_pause_takes_nothing_and_thresholds_can_be_set_while_it_runs(graph: Gr
     assert 'convergence.relative_std out of range' in refused.reason
     fixed = set_parameter(graph, 'window', 2.0)
     assert (fixed.successful, 'read-only' in fixed.reason) == (False, True)
-
-
-def test_names_follow_the_namespace_and_a_publisher_of_another_type_is_named(graph: Graph) -> None:
-    arguments = ['-p', f'robot_description_file:={CONFIG}/table1.urdf', '-r', '__ns:=/servicer', '-r', '__node:=x']
-    graph.start('estimator', '--ros-args', '--params-file', CONFIG / 'table1_estimator.yaml', *arguments)
-    estimates = graph.collect('/servicer/x/estimate', InertiaEstimate)
-    diagnostics = graph.collect('/diagnostics', DiagnosticArray, qos(100))
-    graph.wait(lambda: estimates, 'the estimate that waits')
-    assert estimates[0].header.frame_id == 'link4'
-    # For how long, and what would help, follows after a while.
-    missing = [warning.partition(', for')[0] for warning in estimates[0].warnings]
-    assert missing == ['no messages on /servicer/joint_states yet', 'no messages on /servicer/odom yet']
-    graph.wait(lambda: diagnostics, 'diagnostics')
-    assert diagnostics[0].status[0].name == 'servicer/x: joint_states'
-    graph.node.create_publisher(String, '/servicer/odom', 10)
-    text = 'no messages on /servicer/odom yet; its publishers send std_msgs/msg/String, not nav_msgs/msg/Odometry'
-    graph.wait(lambda: text in str(diagnostics), text)
-
-
-@pytest.mark.parametrize('at_once', [1, 37, 300])
-def test_one_estimate_a_window_however_many_come_at_once(at_once: int) -> None:
-    calls = offline(build(EstimatorConfig, {'method': 'paper_difference'}), 'table1', run('table1', 3.0), at_once)
-    published = [estimate for call in calls for estimate in last_of_each_window(call, WINDOW)]
-    assert [estimate.samples for estimate in published] == [50, 100, 150, 200, 250]
 
 
 def test_poses_on_a_topic_of_their_own_locate_the_base_beside_an_imu(graph: Graph) -> None:

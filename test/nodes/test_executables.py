@@ -15,14 +15,12 @@ from xml.etree import ElementTree as ET
 
 import pytest
 import rclpy
-from ament_index_python.packages import get_package_share_directory, get_packages_with_prefixes
 from mbaid_msgs.msg import InertiaEstimate
 from rclpy.node import Node
 
 from graph import LOCAL, Graph, executable, free_domain
 from mbaid_ros.nodes import estimator, simulator
 from mbaid_ros.nodes.estimator import EstimatorNode, ManagedEstimatorNode
-from mbaid_ros.nodes.runner import Interrupt
 from mbaid_ros.nodes.simulator import SimulatorNode
 from simulated import CONFIG
 
@@ -36,13 +34,6 @@ TABLE1 = f'robot_description_file:={CONFIG / "table1.urdf"}'
 
 def assigned(*texts: str) -> list[str]:
     return ['--ros-args', *(word for text in texts for word in ('-p', text))]
-
-
-def test_the_package_is_in_the_index() -> None:
-    assert 'mbaid_ros' in get_packages_with_prefixes()
-    share = Path(get_package_share_directory('mbaid_ros'))
-    assert (share / 'package.xml').is_file()
-    assert (share / 'config' / 'table1.urdf').is_file()
 
 
 def test_every_executable_is_installed_and_an_unknown_argument_is_one_line() -> None:
@@ -112,36 +103,6 @@ def refused(node: Any, arguments: list[str], text: str, capfd: pytest.CaptureFix
     assert '/src/' not in captured.err
 
 
-@pytest.mark.usefixtures('_domain')
-def test_security_without_its_keys_is_one_line(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    asked = {'ENABLE': 'true', 'STRATEGY': 'Enforce', 'KEYSTORE': str(tmp_path)}
-    for name, value in asked.items():
-        monkeypatch.setenv(f'ROS_SECURITY_{name}', value)
-    assert estimator.main(['--ros-args', '--enclave', '/mbaid_ros/estimator']) == 2
-    error = capfd.readouterr().err
-    assert f"'{tmp_path}/enclaves/mbaid_ros/estimator' does not exist" in error
-    assert error.count('\n') == 1
-
-
-def test_the_nodes_need_nothing_that_only_bags_need() -> None:
-    code = """
-import sys
-
-class Absent:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {"rosbags", "mcap", "matplotlib", "tqdm", "apsw", "zstandard", "distributed"}:
-            raise ModuleNotFoundError(name)
-
-sys.meta_path.insert(0, Absent())
-for name in ("estimator", "simulator", "watch"):
-    __import__(f"mbaid_ros.nodes.{name}")
-"""
-    run = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=False)
-    assert run.returncode == 0, run.stderr
-
-
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_is_an_end_in_order(graph: Graph, number: signal.Signals) -> None:
     # A whole number is accepted where a broken one is meant.
@@ -165,16 +126,10 @@ ARGUMENTS = {
 
 
 def takes_signals(process: subprocess.Popen[str]) -> bool:
-    """Tell whether a handler for SIGTERM is there; Python itself has none."""
+    """Return whether a handler for SIGTERM is there; Python itself has none."""
     status = Path(f'/proc/{process.pid}/status').read_text()
     caught = re.search(r'^SigCgt:\s*(\w+)$', status, re.MULTILINE)
     return caught is not None and bool(int(caught[1], 16) >> (signal.SIGTERM - 1) & 1)
-
-
-def test_what_comes_before_the_signals_are_handled_takes_no_time() -> None:
-    program = 'import sys, mbaid_ros.nodes.start; print(*(name for name in sys.modules if "mbaid_ros." in name))'
-    ended = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True, check=True)
-    assert set(ended.stdout.split()) == {'mbaid_ros.nodes', 'mbaid_ros.nodes.start'}
 
 
 def interrupted(name: str, number: signal.Signals, delay: float, folder: Path, domain: int) -> None:
@@ -196,14 +151,6 @@ def interrupted(name: str, number: signal.Signals, delay: float, folder: Path, d
     assert 'Traceback' not in error, delay
 
 
-@pytest.mark.parametrize('name', ARGUMENTS)
-def test_an_interrupt_at_some_times_of_the_start(name: str, tmp_path: Path) -> None:
-    """Every other delay, by turns with either signal."""
-    with free_domain() as domain:
-        for place, delay in enumerate(DELAYS[::2]):
-            interrupted(name, SIGNALS[place % 2], delay, tmp_path / str(delay), domain)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize('number', SIGNALS)
 @pytest.mark.parametrize('name', ARGUMENTS)
@@ -223,15 +170,6 @@ def handlers() -> Iterator[None]:
     yield
     for number, handler in zip(SIGNALS, before, strict=True):
         signal.signal(number, handler)
-
-
-@pytest.mark.parametrize('number', SIGNALS)
-def test_what_runs_when_a_signal_comes_is_not_cut_short(number: signal.Signals) -> None:
-    interrupt = Interrupt()
-    assert not interrupt.requested
-    for _ in range(2):  # a launcher and a terminal may both send one
-        os.kill(os.getpid(), number)
-    assert interrupt.requested
 
 
 # -- The policy for SROS2 admits what the nodes do on the graph: no topic or service of theirs is missing in it.

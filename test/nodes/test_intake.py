@@ -19,7 +19,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.messages import joint_state_shape
 from mbaid_ros.nodes.subscriptions import Subscriptions
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import TimedMessage
 from streams import offline, run, urdf
 

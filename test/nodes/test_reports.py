@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from made_runs import budget, estimate
-from mbaid_ros.core.results.estimate import WITHHELD
 from mbaid_ros.core.sensors.levels import SensorLevels
-from mbaid_ros.nodes.reports import ERROR, OK, WARN, RunLog, RunState, estimate_report, headline
-from mbaid_ros.session import summarise
+from mbaid_ros.nodes.reports import ERROR, OK, RunLog, RunState, estimate_report, headline
+from mbaid_ros.session.model_summary import summarise
 from simulated import robot
 
 
@@ -71,43 +70,6 @@ def test_data_that_contradict_the_model_are_a_warning_with_the_cause(log: Log) -
     assert headline(nothing) == 'residual 1, difference, nothing moves'
 
 
-def test_that_a_motion_determines_nothing_is_told_once_it_has_had_its_time(log: Log) -> None:
-    narrator = RunLog(log)
-    nothing = {'status': 'not_identifiable', 'parameters': np.full(10, np.nan)}
-    for time in (0.5, 1.0, 4.9):
-        narrator.estimate(estimate(time=time, **nothing))
-    assert not log.at('info') + log.at('warning')
-    for time in (5.0, 5.5):
-        narrator.estimate(estimate(time=time, **nothing))
-    (told,) = log.at('warning')
-    assert told.startswith('first estimate, not identifiable after 5.0 s')
-    withheld = RunLog(log)
-    withheld.estimate(estimate(time=1.0, warnings=(WITHHELD,), **nothing))
-    assert len(log.at('warning')) == 2
-
-
-def test_what_is_waited_for_is_told_once_after_a_while(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
-    now = [100.0]
-    monkeypatch.setattr('mbaid_ros.nodes.reports.monotonic', lambda: now[0])
-    narrator = RunLog(log)
-    for now[0] in (104.0, 106.0, 107.0):
-        narrator.waiting(['/odom (nav_msgs/msg/Odometry)'])
-    assert log.told == [('warning', 'waiting for /odom (nav_msgs/msg/Odometry)')]
-
-
-def test_what_messages_say_of_themselves_stays_on_one_line(log: Log) -> None:
-    RunLog(log).warn_once('child_frame_id is "a\x1b[2J\nall well"')
-    (told,) = log.at('warning')
-    assert told.isprintable()
-
-
-def test_advice_is_told_once_for_each_joint_and_parameter(log: Log) -> None:
-    narrator = RunLog(log)
-    for text in ('', 'joint7 tells most of ixx: 20 deg', '', 'joint7 tells most of ixx: 18 deg', 'joint6 tells most'):
-        narrator.advice(text)
-    assert log.at('info') == ['next: joint7 tells most of ixx: 20 deg', 'next: joint6 tells most']
-
-
 # -- What the estimator's diagnostics say of an estimate.
 
 
@@ -123,12 +85,6 @@ def test_the_main_causes_of_the_variance_are_told_and_warn_of_nothing() -> None:
     assert told['com_x (m)'] == '0.33000 +- 0.00020 (95 %)'
 
 
-def test_without_a_budget_the_causes_are_empty() -> None:
-    level, _, values = estimate_report(RunState(estimate=estimate(warnings=('wrong',))))
-    assert level == WARN
-    assert dict(values)['main causes of the variance'] == ''
-
-
 def test_the_likeliest_cause_of_a_contradiction_comes_first() -> None:
     causes = tuple((f'cause {number}', 50.0 - number) for number in range(5))
     level, text, values = estimate_report(
@@ -139,11 +95,6 @@ def test_the_likeliest_cause_of_a_contradiction_comes_first() -> None:
     _, text, values = estimate_report(RunState(estimate=estimate(warnings=('w',), causes=causes)))
     assert text == 'converged: w'
     assert not any(key.startswith('likely cause') for key, _ in values)
-
-
-def test_the_motion_that_was_planned_is_told_with_what_it_comes_to() -> None:
-    told = dict(estimate_report(RunState(estimate=estimate(), plan=(False, 'out of reach')))[2])
-    assert (told['plan reaches the wanted precision'], told['plan']) == (False, 'out of reach')
 
 
 def test_the_noise_that_counts_is_told_first() -> None:

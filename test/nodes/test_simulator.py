@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from graph import Graph, Process
-from mbaid_ros.nodes.pace import Pace
+from mbaid_ros.nodes.simulator import Pace
 from mbaid_ros.nodes.subscriptions import qos
 from simulated import CONFIG
 from streams import run
@@ -57,27 +57,6 @@ def test_it_is_the_run_of_the_core_and_ends_after_its_duration(graph: Graph) -> 
     assert odometry == [timed.message for timed in expected if timed.topic == 'odom']
     seconds = [message.clock.sec + 1e-9 * message.clock.nanosec for message in clock]
     assert seconds == sorted(seconds)
-
-
-@pytest.mark.long
-def test_what_the_machine_does_not_keep_up_with_comes_later_and_nothing_is_left_out(graph: Graph) -> None:
-    joints = graph.collect('joint_states', JointState, DEEP)
-    odometry = graph.collect('odom', Odometry, DEEP)
-    fast = 'publish_clock:=true', 'real_time_factor:=1000', 'duration:=60', 'wait_for_subscribers:=1'
-    # No more messages than are kept for this process, however slow it is.
-    node = start(graph, *fast, 'joint_rate:=15.0', 'odometry_rate:=15.0', 'step:=0.004')
-    graph.wait(lambda: len(joints) == len(odometry) == 901, 'every message')
-    assert node.wait() == 0
-    assert node.stderr.count('this machine does not keep up with real_time_factor 1000') == 1
-
-
-def test_however_slow_it_is_it_runs_until_it_is_stopped(graph: Graph) -> None:
-    slow = {'/one': ['real_time_factor:=1e-12'], '/two': ['joint_rate:=1e-12', 'odometry_rate:=1e-12']}
-    nodes = [start(graph, 'duration:=0', 'wait_for_subscribers:=1', *given, ns=ns) for ns, given in slow.items()]
-    kinds = {'joint_states': JointState, 'odom': Odometry}
-    received = [graph.collect(f'{ns}/{topic}', kind, DEEP) for ns in slow for topic, kind in kinds.items()]
-    graph.wait(lambda: all(received), 'the first messages')
-    assert [node.stop() for node in nodes] == [0, 0]
 
 
 # --

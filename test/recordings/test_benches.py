@@ -18,7 +18,7 @@ from mbaid_ros.bags import BagReader
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array, cross, rotate, rotate_back, rotation_from_quaternion
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.urdf_edit import change_inertial
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.recordings.convert import main
 from mbaid_ros.recordings.spot import COMMANDS_FILE
 from mbaid_ros.recordings.throws import OBJECTS, Thrown, read_tudelft_throw, throw_urdf
@@ -34,13 +34,13 @@ def tudelft_throw(folder: Path, seed: int) -> Twin:
     """Write a log of the throwing device as CSV; the truth is of the device, its IMU at the origin."""
     rng = np.random.default_rng(seed)
     body = np.array([0.2792, *rng.uniform(-0.01, 0.01, 2), 0.03, 5.1e-4, 0.0, 0.0, 2.1e-4, 0.0, 5.0e-4])
-    robot = load_model(change_inertial(throw_urdf(OBJECTS['empty']), Thrown.BASE, body))
+    robot = load_model(replace_inertial(throw_urdf(OBJECTS['empty']), Thrown.BASE, body))
     # The flywheel runs up to 1300 rad/s and down again, the other way round than z.
     motion = Sinusoids(np.zeros(1), np.array([[-245.0]]), np.array([[0.85]]), np.array([[-np.pi / 2.0]]))
     tumbling = np.concatenate((rng.normal(size=3), rng.normal(size=3) * 6.0, np.zeros(1)))
     start = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), motion.start, tumbling)
     time = np.arange(2350) / _THROWN_RATE
-    seen = Simulation(robot, motion, start, 1e-3).advance(time)
+    seen = Simulation(robot, motion, start).advance(time)
     rotation = rotation_from_quaternion(seen.base_orientation)
     falling = np.gradient(rotate(rotation, seen.base_linear_velocity), time, axis=0)
     gyro = np.concatenate((np.zeros((_RESTING, 3)), seen.base_angular_velocity))

@@ -15,7 +15,7 @@ from mbaid_ros.core.geometry import Array, exp, log, rotate, rotation_from_quate
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.recordings.convert import main
 from mbaid_ros.recordings.iss import _RATES, read_iss, stored_momentum
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 
 MOTION, RADIUS, TORQUE = 1.13e-3, 6.78e6, np.array([2.0, -1.0, 0.5])  # rad/s, m, N m
 FIRST, SECONDS = 100.0, 1200  # h, s

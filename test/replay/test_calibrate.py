@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import difflib
 import json
-import os
-import re
 from pathlib import Path
 from typing import Any
 
@@ -22,16 +19,16 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.core.robot.urdf_edit import change_inertial
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.replay.start import calibrate as main
 from mbaid_ros.replay.start import replay
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.motion import random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, without_linear_momentum
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 from observed import configured_motion, kernel, true_body
 from servicing import LINKS, PRIORS, free_motion
-from simulated import CONFIG, state
+from simulated import state
 
 PARAMETERS = """
 /**:
@@ -49,7 +46,7 @@ def described(folder: Path) -> Path:
     """Write a URDF that is off, and parameters."""
     cad = free_urdf()
     for link in perturbed(free_model(), PRIORS, 7).links:
-        cad = change_inertial(cad, link.name, physical(link.parameters))
+        cad = replace_inertial(cad, link.name, physical(link.parameters))
     (folder / 'cad.urdf').write_text(cad, encoding='utf-8')
     (folder / 'calibrate.yaml').write_text(PARAMETERS, encoding='utf-8')
     return folder
@@ -101,7 +98,6 @@ def test_the_json_has_links_covariance_and_what_is_identifiable(result: Any) -> 
     assert np.linalg.eigvalsh(matrix / np.sqrt(np.outer(np.diag(matrix), np.diag(matrix))))[0] > -1e-9
     found = result['identifiability']
     assert (found['unknowns'], found['rank'], len(found['base_parameters'])) == (80, 59, 59)
-    assert sum(each['directions'] for each in found['cannot_be_told_apart']) == 21
     first = found['base_parameters'][0]
     assert first['words'] == 'mass of base_link, with all the mass that joint1 carries'
     masses = [link['estimate']['mass'] for link in result['links'].values()]
@@ -122,15 +118,6 @@ def test_the_estimates_are_right_within_their_covariance(result: Any) -> None:
     assert result['residual'] == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.usefixtures('result')
-def test_only_inertials_and_the_origins_of_joints_differ_in_the_urdf(place: Path) -> None:
-    before, after = ((place / name).read_text(encoding='utf-8').splitlines() for name in ('cad.urdf', 'out.urdf'))
-    assert len(before) == len(after)
-    lines = [line for line in difflib.unified_diff(before, after, n=0) if line[:1] in '+-'][2:]
-    assert len(lines) == 2 * (3 * len(LINKS) + 7)
-    assert all(re.match(r'[+-]\s*<(origin|mass|inertia) ', line) for line in lines)
-
-
 def test_other_programs_read_the_calibrated_values(place: Path, result: Any) -> None:
     path = str(place / 'out.urdf')
     model = pinocchio.buildModelFromUrdf(path, pinocchio.JointModelFreeFlyer())
@@ -149,25 +136,6 @@ def test_other_programs_read_the_calibrated_values(place: Path, result: Any) -> 
         assert other.body(name).inertia.sum() == pytest.approx(inertia.sum(), rel=1e-6)
 
 
-@pytest.mark.usefixtures('result')
-def test_the_report_tells_of_every_body(place: Path) -> None:
-    page = (place / 'out.html').read_text(encoding='utf-8')
-    assert all(f'<summary>{name}</summary>' in page for name in LINKS)
-    assert 'mass between base_link and link1: on the axis of joint1' in page
-    assert 'nan' not in page
-
-
-def test_the_text_tells_what_moved_and_what_fixes_the_scale(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*(str(place / name) for name in ('before', 'again')), '--model', str(place / 'cad.urdf')]) == 0
-    out = capsys.readouterr().out
-    model, _, rest = out.partition('\n\n')
-    assert model == "robot 'servicer7': 'base_link' floats, 7 joints, 638.632 kg"
-    assert rest.startswith('8 bodies calibrated from ')
-    assert 'momentum can determine 59 combinations of 80 parameters' in out
-    assert 'warning: the scale is known to' in out  # no body was weighed
-    assert re.search(r'^  link3 +\d+[.\d]* -> ', out, re.MULTILINE)
-
-
 def test_data_that_contradict_the_model_end_with_4_and_no_urdf(
     place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -183,19 +151,11 @@ def test_data_that_contradict_the_model_end_with_4_and_no_urdf(
     assert not files['urdf'].exists()
 
 
-def test_a_chosen_part_of_the_bodies(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run(place, '--unknown', 'base_link', 'link7', '--json', '-')
-    found = json.loads(capsys.readouterr().out)
-    assert list(found['links']) == ['base_link', 'link7']
-    # The other links, known, hold the factor.
-    assert any(each['name'] == 'the known bodies' for each in found['scale']['fixed_by'])
-
-
 @pytest.mark.parametrize(
     ('parameters', 'arguments', 'code', 'reason'),
     [
         ('prior.mass_relative_std: 0.0\n    prior.inertia_relative_std: 0.0', [], 2, 'nothing fixes the scale'),
-        ('prior.com_std: 0.0', [], 3, 'and no prior speaks of them; add prior.com_std'),
+        ('prior.com_std: 0.0', [], 3, 'data and prior do not determine'),
         ('prior.com_std: -1.0', [], 2, "parameter 'prior.com_std' is -1.0 m; accepted: a number >= 0 m"),
         ('prior.links.link2.com_std: big', [], 2, "parameter 'prior.links.link2.com_std' is 'big'"),
         ('prior.links.link2.colour: 1.0', [], 2, 'known: prior.links.<link>.com_std'),
@@ -226,33 +186,6 @@ def test_bad_input_is_one_line_that_says_what_to_add(  # noqa: PLR0917 - four of
     assert reason in captured.err
 
 
-def test_a_bag_of_another_robot_is_refused(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([str(place / 'before'), '--model', str(CONFIG / 'table1.urdf'), '--joint-states', '/joints']) == 2
-    assert '/joints' in capsys.readouterr().err
-    other = (place / 'cad.urdf').read_text(encoding='utf-8').replace('"joint7"', '"wrist"')
-    (place / 'other.urdf').write_text(other, encoding='utf-8')
-    assert main([str(place / 'before'), '--model', str(place / 'other.urdf')]) == 2
-    error = capsys.readouterr().err
-    assert 'holds no complete window; ' in error
-    assert 'wrist' in error
-
-
-def test_names_of_files_that_are_no_text_read_back_the_same(
-    place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    odd = os.fsdecode(os.fsencode(tmp_path) + b'/\xff\n')
-    Path(odd).symlink_to(place / 'before')
-    files = {name: f'{odd}.{name}' for name in ('json', 'html', 'urdf')}
-    outputs = ['--json', files['json'], '--report', files['html'], '--output', files['urdf']]
-    assert main([odd, '--model', str(place / 'cad.urdf'), *outputs]) == 0
-    assert json.loads(Path(files['json']).read_text(encoding='utf-8'))['bags'] == [odd]
-    last = capsys.readouterr().out.splitlines()[-1]
-    assert last.startswith('replay and estimator go on from it: ')
-    assert last.count('\\udcff .') == 2
-    assert main([odd, '--model', str(place / 'cad.urdf'), '--json', '-']) == 0
-    assert json.loads(capsys.readouterr().out)['bags'] == [odd]
-
-
 def test_a_model_that_would_be_overwritten_or_has_an_unphysical_prior_is_refused(
     place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -262,7 +195,7 @@ def test_a_model_that_would_be_overwritten_or_has_an_unphysical_prior_is_refused
     values = physical(load_model(urdf).link('link3').parameters)
     values[4] *= 9.0
     model = tmp_path / 'odd.urdf'
-    model.write_text(change_inertial(urdf, 'link3', values), encoding='utf-8')
+    model.write_text(replace_inertial(urdf, 'link3', values), encoding='utf-8')
     assert main([str(place / 'before'), '--model', str(model)]) == 2
     assert "link 'link3' has an inertia that no body has" in capsys.readouterr().err
 
@@ -310,9 +243,9 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     model = true_robot(free_model(), errors, ('link7',))
     motion = random_sinusoids(np.linspace(0.5, -0.4, 7), 4, 2, 1.0, 12.0, 30.0)
     start = without_linear_momentum(model, state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02)))
-    before = Simulation(model, motion, start, 0.05).advance(np.arange(1200) / 20.0)
+    before = Simulation(model, motion, start).advance(np.arange(1200) / 20.0)
     recorded.write(folder / 'before', free_model(), sensed(before, 1, errors))
-    after = configured_motion('servicer7', 30.0, 20.0, 0.05, errors)
+    after = configured_motion('servicer7', 30.0, 20.0, errors)
     recorded.write(folder / 'after', free_model(), sensed(after, 2, errors))
     options = ['--params', str(folder / 'calibrate.yaml'), '--json', str(folder / 'out.json')]
     arguments = [str(folder / 'before'), '--model', str(folder / 'cad.urdf'), '--output', str(folder / 'out.urdf')]

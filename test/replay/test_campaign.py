@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
-import os
-import re
-import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -18,11 +14,10 @@ import numpy as np
 import pytest
 
 from campaigns import TEXT, refused, written
-from mbaid_ros.config.campaign import CampaignRun, load_campaign
+from mbaid_ros.config.campaign import CampaignRun
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.replay.campaigns import command
-from mbaid_ros.replay.campaigns.command import CampaignFolder
-from mbaid_ros.replay.campaigns.make import made_here, make
+from mbaid_ros.replay.campaigns.make import make
 from mbaid_ros.replay.campaigns.statistics import Result, statistics
 from mbaid_ros.replay.start import campaign, replay, simulate
 from simulated import CONFIG
@@ -181,26 +176,6 @@ def test_errors_of_the_urdf_are_an_axis_like_others(tmp_path: Path) -> None:
     assert nees['exact', 'same'] < 0.5
 
 
-PUSHED = """
-simulator: {duration: 12.0, joint_rate: 20.0, odometry_rate: 20.0, thrust.time: 4.0, thrust.duration: 1.3,
-            thrust.force: [1.5, -1.4, 1.2], thrust.link: link1}
-"""
-TOLD = """cases:
-  thrust:
-    told: {simulator: {thrust.publish: true}}
-    untold: {simulator: {thrust.publish: false}}
-"""
-
-
-@pytest.mark.usefixtures('numbers')
-def test_the_estimator_is_told_of_thrust_that_is_published(tmp_path: Path) -> None:
-    text = re.sub(r'\nsimulator: .*\n', PUSHED, CAD.partition('cases:')[0].replace('seeds: 3', 'seeds: 1')) + TOLD
-    output = tmp_path / 'output'
-    assert campaign([str(written(tmp_path, text)), '--output', str(output)]) == 0
-    warned = [any('momentum' in warning for warning in run['warnings']) for run in lines(output)]
-    assert warned == [False, True]
-
-
 def test_the_band_is_that_of_a_right_covariance() -> None:
     rng = np.random.default_rng(0)
     inertia = dict.fromkeys(PARAMETERS[4:])
@@ -262,33 +237,9 @@ def test_a_changed_campaign_is_refused_with_what_has_changed(
     assert content(whole) == before
 
 
-def test_a_folder_of_something_else_or_in_use_is_refused(
-    capsys: pytest.CaptureFixture[str], whole: Path, tmp_path: Path
-) -> None:
-    yaml = str(written(tmp_path))
-    assert 'holds something else' in refused(capsys, yaml, '--output', str(tmp_path))
-    assert sorted(entry.name for entry in tmp_path.iterdir()) == ['campaign.yaml']
-    with CampaignFolder(whole, load_campaign(yaml)):
-        assert 'is in use' in refused(capsys, yaml, '--output', str(whole))
-    broken = tmp_path / 'broken'
-    shutil.copytree(whole, broken)
-    (broken / 'runs.jsonl').write_text('{"run": 0}\n')
-    assert "runs.jsonl', line 1, is no result" in refused(capsys, yaml, '--output', str(broken))
-
-
-def test_the_names_of_the_files_are_told_in_one_line(
-    capsys: pytest.CaptureFixture[str], whole: Path, tmp_path: Path
-) -> None:
-    odd = tmp_path / os.fsdecode(b'\xff\n\x1b[2J')
-    shutil.copytree(whole, odd)
-    assert campaign([str(written(tmp_path)), '--output', str(odd)]) == 0
-    last = capsys.readouterr().out.splitlines()[-1]
-    assert last.startswith(f'{tmp_path}/\\udcff \\x1b[2J/runs.jsonl, ')
-
-
 # -- failures
 
-WILD = '  motion:\n    gentle: {}\n    wild: {simulator: {step: 1.0, initial.joint_velocities: [9.0, 9.0, 9.0, 9.0]}}\n'
+WILD = '  motion:\n    gentle: {}\n    wild: {simulator: {initial.joint_velocities: [1.0e+14, 9.0, 9.0, 9.0]}}\n'
 
 
 def test_a_run_that_fails_is_kept_with_its_reason_and_the_others_are_made(
@@ -312,27 +263,3 @@ def test_a_run_that_fails_is_kept_with_its_reason_and_the_others_are_made(
     assert numbers == []
     assert campaign([*arguments, '--retry-failed']) == 3
     assert numbers == [result['run'] for result in bad]
-
-
-class Deadly(CampaignRun):
-    """A run that takes down the process that gets it."""
-
-    def __reduce__(self) -> tuple[Callable[[int], object], tuple[int]]:
-        return os._exit, (1,)
-
-
-@pytest.mark.long
-def test_a_process_that_dies_costs_no_run_but_the_one_that_kills_it(whole: Path) -> None:
-    plan = load_campaign(whole.parent / 'campaign.yaml')
-    runs = list(plan.runs())[:4]
-    runs[2] = Deadly(runs[2].number, runs[2].case)
-    results: list[Result] = []
-    for result in made_here(runs, plan.urdf, 1):
-        if not results:
-            for worker in multiprocessing.active_children():
-                worker.kill()
-        results.append(result)
-    died = results.pop(2)
-    assert (died['run'], died['status']) == (2, 'failed')
-    assert died['reason'].startswith('its process died')
-    assert results == [make(run, plan.urdf) for run in runs if run.number != 2]

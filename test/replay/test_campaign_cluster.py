@@ -1,7 +1,4 @@
-"""`campaign` on a Dask cluster of this machine: a scheduler and two workers on loopback, as in the document.
-
-They die on the way: one of the workers in the first test, the scheduler in the second.
-"""
+"""`campaign` on a Dask cluster of this machine: a scheduler and two workers on loopback, as in the document."""
 
 from __future__ import annotations
 
@@ -10,7 +7,6 @@ import re
 import shlex
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -137,21 +133,6 @@ def test_a_campaign_on_a_cluster_that_loses_a_worker_is_that_of_this_machine(
     assert there.out.replace('cluster/', 'here/') == capsys.readouterr().out
 
 
-def test_a_campaign_that_loses_its_scheduler_keeps_what_it_has_and_says_so(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path, two: Cluster
-) -> None:
-    yaml, output = tmp_path / 'campaign.yaml', tmp_path / 'output'
-    yaml.write_text(TEXT)
-    monkeypatch.setattr(command, 'made_on_cluster', dying(lambda: os.killpg(two.scheduler.pid, signal.SIGKILL), 2))
-    assert campaign([str(yaml), '--output', str(output), '--scheduler', two.address]) == 2
-    captured = capfd.readouterr()
-    assert captured.out == ''
-    assert captured.err.startswith(f"mbaid_ros campaign: the cluster of scheduler '{two.address}' fails: ")
-    assert captured.err.endswith('what it made is kept, and the same command goes on from there\n')
-    assert captured.err.count('\n') == 1
-    assert (output / 'runs.jsonl').read_text().count('\n') >= 2
-
-
 def refused(capsys: pytest.CaptureFixture[str], folder: Path, scheduler: str) -> str:
     yaml = folder / 'campaign.yaml'
     yaml.write_text(TEXT)
@@ -170,10 +151,3 @@ def test_a_scheduler_that_is_not_there_is_one_line(
     line = refused(capsys, tmp_path, address)
     assert line.startswith(f"mbaid_ros campaign: --scheduler '{address}' cannot be reached: ")
     assert line.endswith('accepted: the address that `dask scheduler` prints\n')
-
-
-def test_without_dask_the_line_says_what_to_install(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    monkeypatch.setitem(sys.modules, 'distributed', None)
-    assert 'pip install distributed' in refused(capsys, tmp_path, 'tcp://127.0.0.1:8786')

@@ -98,12 +98,6 @@ def test_the_campaign_that_ships_is_accepted() -> None:
     assert len(list(plan.runs())) == 20
 
 
-def test_the_motion_that_follows_is_a_choice_like_any_other() -> None:
-    plan = load_campaign(CONFIG / 'servicer7_motions_campaign.yaml')
-    assert [case.then for case in plan.cases] == ['planned', 'sinusoids', 'one_by_one', 'trapezoids']
-    assert len(list(plan.runs())) == 16
-
-
 def test_the_motion_that_follows_has_a_length_and_one_origin(tmp_path: Path) -> None:
     text = (CONFIG / 'servicer7_motions_campaign.yaml').read_text().replace('model: ', f'model: {CONFIG}/')
     with pytest.raises(ParameterError, match=r"'plan\.duration' is 0; accepted: the length of that motion"):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -48,12 +47,6 @@ def test_the_body_is_found_in_the_grasp_frame(folder: Path) -> None:
     assert std == pytest.approx(np.sqrt(np.diag(covariance)))
 
 
-def test_the_report_names_body_and_frame(folder: Path) -> None:
-    text = (folder / 'report.html').read_text()
-    assert 'Captured body' in text
-    assert 'in frame &#x27;grasp&#x27;' in text
-
-
 def exported(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> str:
     assert export(list(arguments)) == code
     captured = capsys.readouterr()
@@ -70,27 +63,6 @@ def test_it_is_exported_from_json_and_bag_alike(capsys: pytest.CaptureFixture[st
     together = json.loads(exported(capsys, str(folder / 'estimates'), '--format', 'json'))
     assert together['target_link'] == 'link7'
     assert together['mass'] - from_json['mass'] == pytest.approx(BARE[0])
-
-
-@pytest.mark.parametrize(
-    ('options', 'text'),
-    [
-        (['--format', 'urdf', '--model', 'robot.urdf'], '--debris is not for --format urdf'),
-        (['--fill', '--model', 'robot.urdf'], '--debris is not for --fill'),
-    ],
-)
-def test_a_captured_body_is_no_link(
-    capsys: pytest.CaptureFixture[str], folder: Path, options: list[str], text: str
-) -> None:
-    assert text in exported(capsys, str(folder / 'result.json'), '--debris', *options, code=2)
-
-
-def test_a_result_without_it_says_what_is_needed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    without: dict[str, Any] = {'debris': None, 'status': 'converged'}
-    (tmp_path / 'result.json').write_text(json.dumps(without))
-    told = exported(capsys, str(tmp_path / 'result.json'), '--debris', code=2)
-    assert 'holds no captured body alone' in told
-    assert 'debris.report' in told
 
 
 @pytest.mark.parametrize(

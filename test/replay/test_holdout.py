@@ -16,7 +16,7 @@ from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.replay.holdout import holdout_of
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import as_json, summary
-from mbaid_ros.replay.report import html
+from mbaid_ros.replay.report.page import html
 from mbaid_ros.replay.run import replay_bag
 from mbaid_ros.replay.start import _replay_parser
 from simulated import robot

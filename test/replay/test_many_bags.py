@@ -2,18 +2,7 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
-import pty
-import re
-import signal
-import struct
-import subprocess
-import sys
-import termios
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -21,7 +10,7 @@ import pytest
 import recorded
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.report import html
+from mbaid_ros.replay.report.page import html
 from mbaid_ros.replay.run import replay_bag
 from mbaid_ros.replay.start import replay as main
 from simulated import CONFIG
@@ -61,78 +50,3 @@ def without_origin(text: str) -> str:
     result = json.loads(text)
     assert result.pop('made_by')['robot']['name'] == 'table1'
     return json.dumps(result)
-
-
-@pytest.mark.long
-def test_the_first_bag_that_fails_is_the_one_told_of(capsys: pytest.CaptureFixture[str], bags: list[str]) -> None:
-    assert main([bags[0], '/absent', '/missing', '--model', MODEL, '--processes', '2', '--method', 'difference']) == 2
-    many = capsys.readouterr()
-    assert main(['/absent', '--model', MODEL]) == 2
-    assert many == capsys.readouterr()
-
-
-@pytest.mark.parametrize('value', ['0', '-1', '2.0', 'all'])
-def test_a_number_of_processes_is_a_whole_one(capsys: pytest.CaptureFixture[str], value: str) -> None:
-    assert main(['bag', '--model', MODEL, f'--processes={value}']) == 2
-    assert f"argument --processes: '{value}' is not accepted; accepted: a whole number >= 1" in capsys.readouterr().err
-
-
-@contextmanager
-def on_a_terminal(*arguments: str) -> Iterator[tuple[subprocess.Popen[bytes], Iterator[str]]]:
-    """Run `replay` with a terminal; give the process, and what it shows until it and all that it started have ended."""
-    ours, its = pty.openpty()
-    fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack('4H', 24, 100, 0, 0))  # a terminal without a width shows no bar
-    command = [sys.executable, '-c', 'from mbaid_ros.replay.start import replay; exit(replay())', *arguments]
-    process = subprocess.Popen(
-        command,
-        stdin=its,
-        stdout=its,
-        stderr=its,
-        start_new_session=True,
-        preexec_fn=_interruptible,  # noqa: PLW1509 - one call of the kernel
-    )
-    os.close(its)
-    try:
-        yield process, shown_on(ours)
-    finally:
-        process.kill()
-        process.wait()
-        os.close(ours)
-
-
-def _interruptible() -> None:
-    """Take interrupts as on a terminal: what a shell starts in the background ignores them."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
-def shown_on(terminal: int) -> Iterator[str]:
-    with suppress(OSError):  # nobody has the terminal open any more
-        while True:
-            yield os.read(terminal, 65536).decode(errors='replace')
-
-
-def at_work(shown: Iterator[str]) -> str:
-    """Read until the bar shows that a part of the bags is done; return what was shown."""
-    text = ''
-    while not re.search(r'\| (?!0\.0)\d+\.\d/\d+ bags', text):
-        text += next(shown)
-    return text
-
-
-def test_an_interrupt_ends_all_processes_without_a_word(bags: list[str]) -> None:
-    with on_a_terminal(*bags * 200, '--model', MODEL, '--processes', '2') as (process, shown):
-        text = at_work(shown)
-        os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C does
-        text += ''.join(shown)
-        assert process.wait() == 130
-    assert 'Traceback' not in text
-    assert len(set(re.findall(r'/(\d+) bags', text))) == 1
-
-
-@pytest.mark.long
-def test_no_process_is_left_when_replay_is_killed(bags: list[str]) -> None:
-    with on_a_terminal(*bags * 200, '--model', MODEL, '--processes', '2') as (process, shown):
-        at_work(shown)
-        process.kill()
-        for _ in shown:  # comes to an end when the last one has let go of the terminal
-            pass

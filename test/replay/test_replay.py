@@ -6,7 +6,6 @@ import hashlib
 import html
 import json
 import math
-import os
 import re
 import shlex
 from datetime import datetime, timezone
@@ -23,7 +22,6 @@ from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.results.estimate import Status
-from mbaid_ros.replay import provenance
 from mbaid_ros.replay.command import exit_code
 from mbaid_ros.replay.start import replay as main
 from simulated import CONFIG, table1
@@ -32,7 +30,6 @@ MODEL = str(CONFIG / 'table1.urdf')
 DURATION = 20.0
 RATE = 20.0
 QUICK = ('--method', 'difference')  # where it is not the estimate that is tested
-DATE = re.compile(r'\d{4}-\d\d-\d\dT[\d:]{8}\+00:00')
 SHAPE = {'mass', 'com', 'inertia'}
 INERTIA = ['ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz']
 
@@ -199,22 +196,6 @@ def test_the_estimates_as_a_bag(capsys: pytest.CaptureFixture[str], output: Path
     assert 'one BAG; 2' in refused(capsys, bag, bag, '--model', MODEL, '--output', f'{output}_two')
 
 
-def test_an_error_leaves_no_bag_of_estimates(capsys: pytest.CaptureFixture[str], bag: str, tmp_path: Path) -> None:
-    output = tmp_path / 'estimates'
-    assert "'/absent' does not exist" in refused(capsys, '/absent', '--model', MODEL, '--output', str(output))
-    assert not output.exists()
-    assert main([bag, '--model', MODEL, *QUICK, '--output', str(output)]) == 0
-
-
-def test_two_reports_of_the_same_data_are_the_same_but_for_the_date(bag: str, tmp_path: Path) -> None:
-    pages = []
-    for _ in range(2):
-        assert main([bag, '--model', MODEL, '--report', str(tmp_path / 'page'), *QUICK]) == 0
-        pages.append((tmp_path / 'page').read_text())
-        assert pages[-1].count(DATE.search(pages[-1])[0]) == 1  # type: ignore[index]
-    assert DATE.sub('', pages[0]) == DATE.sub('', pages[1])
-
-
 def test_the_result_says_what_made_it(capsys: pytest.CaptureFixture[str], bag: str, tmp_path: Path) -> None:
     report = tmp_path / "the operator's.html"
     before = datetime.now(timezone.utc).replace(microsecond=0)
@@ -241,32 +222,6 @@ def jsonable(config: EstimatorConfig, changes: dict[str, Any]) -> Any:
 
 def sha256(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
-
-
-def test_a_robot_description_from_a_pipe_is_hashed_too() -> None:
-    text = Path(MODEL).read_text(encoding='utf-8')
-    read, write = os.pipe()
-    os.close(write)  # read already
-    assert provenance.made_by('replay', [], f'/dev/fd/{read}', text).robot.sha256 == sha256(Path(MODEL))
-    os.close(read)
-
-
-def test_names_of_files_that_are_no_text_read_back_the_same(bag: str, tmp_path: Path) -> None:
-    odd = os.fsdecode(os.fsencode(tmp_path) + b'/\xff')
-    Path(f'{odd}.urdf').symlink_to(MODEL)
-    Path(odd).symlink_to(bag)
-    outputs = ['--json', str(tmp_path / 'out.json'), '--report', str(tmp_path / 'out.html')]
-    main([odd, '--model', f'{odd}.urdf', *outputs, *QUICK])
-    result = json.loads((tmp_path / 'out.json').read_text(encoding='utf-8'))
-    assert (result['bag'], result['made_by']['robot']['file']) == (odd, f'{odd}.urdf')
-    assert 'udcff' in (tmp_path / 'out.html').read_text(encoding='utf-8')
-
-
-def test_a_bag_that_is_too_large_is_not_hashed_and_says_so(monkeypatch: pytest.MonkeyPatch, bag: str) -> None:
-    monkeypatch.setattr(provenance, 'LARGEST_HASHED', Path(bag, 'papers_case.mcap').stat().st_size - 1)
-    found = provenance.hashes(bag)
-    assert found == {'papers_case.mcap': None}
-    assert 'not taken, for the bag is larger than' in provenance.files_in_words(bag, found)[0]
 
 
 def wrong_model(folder: Path) -> str:

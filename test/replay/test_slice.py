@@ -15,7 +15,6 @@ from recorded import JOINT_STATE, ODOMETRY
 
 BAG = Path(__file__).parents[2] / 'bags' / 'servicer7_mid'
 ROBOT = BAG.parents[1] / 'config' / 'servicer7.urdf'
-TRUE_MASS = 162.0  # kg
 EPOCH = 1_700_000_000_000_000_000  # ns
 
 

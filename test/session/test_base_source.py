@@ -23,8 +23,9 @@ from mbaid_ros.messages import WRONG_CHILD_FRAME
 from mbaid_ros.outgoing import Frames, estimate_message
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.run import BAG_TYPES, replay_bag
-from mbaid_ros.session import Session, explain, intake_warnings
+from mbaid_ros.session.explanation import explain, intake_warnings
 from mbaid_ros.session.reading import OTHER_SOURCE
+from mbaid_ros.session.session import Session
 from streams import run, urdf
 
 SECONDS = 2.1
@@ -142,7 +143,7 @@ def test_a_frame_that_is_not_on_the_base_is_refused() -> None:
         Session(build(EstimatorConfig, {'pose.frame': 'link2'}), urdf('table1'))
     session, found = taken(tf, {'pose.tf_child_frame': 'mocap/robot'})
     assert not found
-    assert explain(session, [WRONG_CHILD_FRAME])[0].endswith('or pose.frame says which it is')
+    assert explain(session, [WRONG_CHILD_FRAME])[0].endswith('or name it by pose.frame')
 
 
 @pytest.mark.parametrize(
@@ -188,7 +189,7 @@ def test_a_base_located_in_several_frames_is_told() -> None:
     session, found = taken(make, {})
     assert len(found) >= 3
     (told,) = intake_warnings(session)
-    assert told.startswith("the base is located in the frames 'odom', 'map', which are taken for one")
+    assert told.startswith("the base is located in the frames 'odom', 'map', which count as one")
     names = repeat('map')
     assert not intake_warnings(taken(make, {})[0])
 

@@ -82,7 +82,7 @@ def test_a_twist_that_contradicts_the_poses_is_left_out(
     shorten(monkeypatch, condition, 32.0)
     told = run((condition, 'trajectory', 1))
     assert told.status == 'estimating'
-    assert re.match(f'the twist is left out, for it contradicts the poses: the twist {twist}', told.named)
+    assert re.match(f'the twist is not used, because it contradicts the poses: the twist {twist}', told.named)
     assert told.alarms in alarms
     assert told.worst < 4.0
     assert np.all(np.abs(told.error) < 3.0 * told.std)

@@ -41,7 +41,8 @@ from mbaid_ros.messages import (
     WRONG_CHILD_FRAME,
     stamp_of,
 )
-from mbaid_ros.session import Session, explain, intake_warnings, missing_joints, obstacles
+from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles
+from mbaid_ros.session.session import Session
 from simulated import CONFIG, robot
 
 ROBOT, SECONDS = 'servicer7', 12.0
@@ -132,7 +133,7 @@ def test_poses_that_are_told_again_make_no_difference(at_once: int) -> None:
     found, session = estimates(ROBOT, again, at_once=at_once)
     assert np.array_equal(first_columns(found), first_columns(expected))
     assert session.dropped[REPEATED_POSE] == 4 * (len(poses) - 1)
-    assert any('pose repeated: odometry that says again' in warning for warning in intake_warnings(session))
+    assert any('pose repeated: a repeated pose is no new' in warning for warning in intake_warnings(session))
 
 
 def slow(seed: int) -> list[Arrival]:
@@ -178,7 +179,7 @@ def test_the_time_over_which_odometry_is_correlated_is_found(constant: float) ->
     assert last.status in {'estimating', 'converged'}
     assert last.noise is not None
     assert last.noise.correlation_time == pytest.approx(constant, rel=0.15)
-    assert f'correlated over {last.noise.correlation_time:.2g} s' in last.noise.told()[-1]
+    assert f'correlated over {last.noise.correlation_time:.2g} s' in last.noise.differences()[-1]
 
 
 @pytest.mark.parametrize(
@@ -218,7 +219,7 @@ def test_noise_that_nobody_declares_is_found() -> None:
     assert last.noise.used.all()
     assert np.isnan(last.noise.declared).all()
     assert last.noise.found == pytest.approx([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4], rel=0.12)
-    assert last.noise.told()[-1].startswith('nobody has declared that of joint position (')
+    assert last.noise.differences()[-1].startswith('no noise is declared for joint position (')
     assert np.all(np.abs(last.std / undisturbed().std - 1.0) < 0.15)
     # Of one sensor it is declared, five times too large: that one counts as declared.
     declared = estimates(ROBOT, silent, {'noise.base_position': 5e-3})[0][-1]
@@ -270,7 +271,7 @@ def test_a_link_of_the_robot_that_is_fixed_to_the_base_is_found_by_itself() -> N
         (
             changed(ODOMETRY, lambda m: setattr(m.pose.pose, 'orientation', defects._fields('xyzw', np.zeros(4)))),
             LOST_TRACKING,
-            'has not seen it',
+            'has lost the base',
         ),
         (
             changed(ODOMETRY, lambda m: setattr(m.pose.pose, 'orientation', defects._fields('xyzw', np.ones(4)))),
@@ -330,7 +331,7 @@ def test_covariances_that_are_none_are_counted_and_the_parameters_stand_in_for_t
     result, session = estimates(ROBOT, changed(ODOMETRY, spoil)(messages), at_once=at_once)
     assert np.array_equal(first_columns(result), first_columns(plain))
     assert (session.replaced, session.dropped.total()) == ({POSE_COVARIANCE: 400}, 0)
-    told = '400 messages not used wholly: covariance of the pose is none: not finite, not symmetric, not positive'
+    told = '400 messages partly used: covariance of the pose is none: not finite, not symmetric, not positive'
     assert [warning.startswith(told) for warning in intake_warnings(session)] == [True]
     session.reset()
     assert not session.replaced

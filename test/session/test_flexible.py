@@ -18,7 +18,7 @@ from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.replay.run import BAG_TYPES
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from simulated import CONFIG
 
@@ -27,7 +27,6 @@ NOISE = {
     **{f'noise.base_{part}': 1e-3 for part in ('position', 'linear_velocity')},
     **{f'noise.base_{part}': 1e-4 for part in ('orientation', 'angular_velocity')},
 }
-LIMIT = float(chi2.isf(1e-3, 10))
 FAR = 4.0  # standard deviations of a frequency: one in 16 000
 # Of each robot: URDF, passive joints, frequencies (Hz), deflections at the start (rad or m).
 ROBOTS = {

@@ -13,9 +13,8 @@ import pytest
 
 from mbaid_ros.config.calibration import read_calibration
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.files import load_parameter_file, read_robot_description
 from mbaid_ros.config.parameters import build
-from mbaid_ros.config.robot import read_robot_description
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.replay.saved import read_identified, read_truth, truth_beside
@@ -129,16 +128,6 @@ def test_parameter_files(name: str, tmp_path: Path) -> None:
     refused_by(caught.value, text)
 
 
-@pytest.mark.timeout(10)
-@pytest.mark.parametrize('pattern', ['/' + '*a' * 40 + '*', '/' + '*' * 2_000 + 'b', '/**' * 400 + '/b'])
-def test_patterns_of_many_stars(pattern: str, tmp_path: Path) -> None:
-    path = tmp_path / 'estimator.yaml'
-    path.write_text(f"? '{pattern}'\n: ros__parameters:\n    window: 1.0\n")
-    with pytest.raises(MbaidError) as caught:
-        load_parameter_file(path, '/' + 'a' * 200 + '/estimator')
-    refused_by(caught.value, 'has no section for node')
-
-
 @pytest.mark.parametrize(
     'reader', [read_robot_description, partial(load_parameter_file, node_name='estimator'), read_truth]
 )
@@ -204,10 +193,3 @@ def test_results_and_calibrations_of_many_values(tmp_path: Path) -> None:
         with pytest.raises(MbaidError) as caught:
             read(str(path))
         refused_by(caught.value, 'more than 6000000 values')
-
-
-def test_files_without_an_end() -> None:
-    with pytest.raises(MbaidError):
-        load_model(read_robot_description('/dev/zero'))
-    with pytest.raises(MbaidError):
-        load_parameter_file('/dev/zero', 'estimator')

@@ -21,17 +21,16 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.base import TwistBias
-from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.environment import Gravity
 from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
-from mbaid_ros.session import Session
 from mbaid_ros.session.posterior import (
     EXACT_ROBOT,
     declared_exact,
     nominal_model,
     with_known_errors,
 )
+from mbaid_ros.session.session import Session
 from mbaid_ros.session.settings import declared_uncertainty
 from servicing import LINKS, standard_parameters
 from simulated import robot
@@ -155,7 +154,7 @@ def moved_joint(distance: float = 1e-4) -> dict[str, Any]:
     ('found', 'parameters', 'reason'),
     [
         ('[1, 2', {}, 'is no calibration: Expecting'),
-        ('[]', {}, 'is no calibration: it is no object of JSON; accepted: what calibrate --json writes'),
+        ('[]', {}, 'is no calibration: it is no object of JSON; accepted: a file of calibrate --json'),
         ({'mass': 1.0}, {}, "is no calibration: it lacks 'links'"),
         ({'links': {}, 'joints': {}, 'covariance': None}, {}, 'is no calibration: '),
         ({**content(), 'joints': moved_joint()}, {}, "joint 'joint4' is elsewhere in the robot description than in"),
@@ -190,18 +189,6 @@ def test_what_cannot_be_used_is_one_line(
         read(tmp_path / 'calibration.json', found, **parameters)
     assert reason in str(caught.value)
     assert '\n' not in str(caught.value)
-
-
-def test_a_file_that_is_not_there_or_no_text(tmp_path: Path) -> None:
-    path = tmp_path / 'calibration.json'
-    path.write_bytes(b'\xff\xfe\x00')
-    for name, reason in (
-        ('nowhere.json', r"cannot read calibration 'nowhere\.json': No such file"),
-        (str(path), r'not text in UTF-8; accepted: what calibrate --json writes$'),
-    ):
-        config = build(EstimatorConfig, {'known_links.calibration': name}).known_links
-        with pytest.raises(ParameterError, match=reason):
-            with_known_errors(ROBOT, config)
 
 
 @pytest.mark.parametrize(
@@ -270,27 +257,6 @@ def test_a_joint_may_have_standard_deviations_of_its_own() -> None:
     assert found.zeros == (5e-3, 1e-3, 1e-3, 1e-3)
     assert found.axes == (2e-3,) * len(names)
     assert found.origins == (0.0,) * len(names)
-
-
-def test_a_joint_may_wander_more_than_the_others() -> None:
-    first, *_ = robot('table1').joint_names
-    found = declared(known_joints__tracking_std=0.01, **{f'known_joints.{first}.tracking_std': 0.03})
-    assert found.tracking == (0.03, 0.01, 0.01, 0.01)
-    assert declared().tracking == (0.0,) * 4
-
-
-def test_mount_and_time_and_target() -> None:
-    found = declared(
-        odometry_mount__position_std=2e-3,
-        odometry_mount__orientation_std=1e-3,
-        time_offset__estimate=False,
-        target_prior__mass=160.0,
-        target_prior__mass_std=2.0,
-        target_prior__com=[0.1, 0.2, 0.3],
-        target_prior__com_std=0.004,
-    )
-    assert (found.mount_position, found.mount_orientation, found.time_offset) == (2e-3, 1e-3, 0.0)
-    assert found.target == TargetPrior(160.0, 2.0, (0.1, 0.2, 0.3), 0.004)
 
 
 @pytest.mark.parametrize(

@@ -13,11 +13,11 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.replay.run import BAG_TYPES
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
 from mbaid_ros.simulation.simulation import total_momentum
-from orbiting import AWAY, declared, history, identify, nees, session, simulated, urdf
+from sessions import AWAY, URDF, declared, history, identify, nees, session, simulated
 
 SECONDS = 30.0
 LIMIT = float(chi2.isf(1e-3, 10))
@@ -160,26 +160,6 @@ def test_no_orbit_is_none() -> None:
     assert not last.causes
 
 
-def test_the_known_bodies_may_be_uncertain() -> None:
-    around = given(declared('inertial', FAST))
-    run = simulated(SECONDS, initial__base_position=AWAY, model_errors__links_relative_std=0.01, **around)
-    last = identify(run, session(known_links__relative_std=0.01, **around))
-    assert last.status in {'estimating', 'converged'}
-    assert nees(last, run.target_inertia) < LIMIT
-
-
-def test_how_the_calls_are_spread_makes_no_difference() -> None:
-    around = given(declared('hill', FAST))
-    whole = identify(simulated(8.0, **around), session(method='difference', **around))
-    into, estimates = session(method='difference', **around), []
-    for timed in simulated(8.0, **around).read(8.0):
-        if (into.add_joint_state if timed.topic == 'joint_states' else into.add_odometry)(timed.message):
-            estimates += into.process()
-    estimates += into.process()
-    assert np.array_equal(estimates[-1].parameters, whole.parameters)
-    assert np.array_equal(estimates[-1].momentum, whole.momentum)
-
-
 @LONG
 def test_the_epoch_is_a_stamp() -> None:
     """Ten seconds after the directions were as given, they have turned by a twentieth."""
@@ -205,14 +185,9 @@ def test_the_epoch_is_a_stamp() -> None:
 )
 def test_orbits_that_cannot_be(parameters: dict[str, object], named: str) -> None:
     with pytest.raises(ParameterError, match=named):
-        Session(build(EstimatorConfig, parameters), urdf())
+        Session(build(EstimatorConfig, parameters), URDF)
     with pytest.raises(ParameterError, match=named):
-        SimulatedRun(build(SimulatorConfig, parameters), urdf(), BAG_TYPES)
-
-
-def test_the_methods_of_the_paper_refuse_it() -> None:
-    with pytest.raises(ParameterError, match='method paper_difference'):
-        session(method='paper_difference', **given(declared()))
+        SimulatedRun(build(SimulatorConfig, parameters), URDF, BAG_TYPES)
 
 
 @LONG

@@ -16,16 +16,15 @@ from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, packer
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.session import Session, make_estimator
+from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.session.posterior import KnownRobot
-from mbaid_ros.session.session import PART
+from mbaid_ros.session.session import PART, Session
 from simulated import CONFIG
 from streams import run, urdf
 from wire import as_bytes, joint_state, odometry
@@ -125,16 +124,6 @@ def test_the_estimates_are_the_same_to_the_last_bit(stream: str, at_once: int) -
     assert session.received == singly.received
 
 
-def test_a_jump_back_stops_the_session_where_it_is_an_error() -> None:
-    given = packed(jump_back(arrivals(ROBOT, SECONDS, 1)))
-    urdf = (CONFIG / f'{ROBOT}.urdf').read_text(encoding='utf-8')
-    session = Session(build(EstimatorConfig, {'time_jump': 'error'}), urdf)
-    INPUTS.add_to(session, Packing().recorded(given))
-    assert session.process()
-    with pytest.raises(DataError, match='jumped back by'):
-        session.process()
-
-
 # -- When a session asks to work: in small parts while a window is open, and with the very message that completes it.
 
 TABLE1, FEW_SECONDS, WINDOW = 'table1', 2.1, 0.5
@@ -191,34 +180,6 @@ def test_an_estimate_comes_with_the_message_that_completes_its_window(stream: st
     assert np.all(np.subtract(came, worked(messages, always=True)[0]) <= late)
     # Hardly any work in vain.
     assert len(parts) <= 5 * (len(came) + 1) + len(messages) / PART
-
-
-def test_no_more_is_left_for_the_end_of_a_window_at_high_rates() -> None:
-    messages = arrivals(TABLE1, FEW_SECONDS, 1, times(500.0), times(500.0))
-    assert len(messages) > 4 * PART
-    came, parts = worked(messages, always=False)
-    assert len(came) == 3
-    assert max(parts) <= PART
-
-
-def test_a_stream_without_the_other_is_worked_through_in_parts_too() -> None:
-    messages = [m for m in arrivals(TABLE1, FEW_SECONDS, 1, times(500.0)) if m.topic == JOINTS]
-    assert worked(messages, always=False)[1] == [PART] * (len(messages) // PART)
-
-
-def test_a_window_is_closing_from_its_last_messages_to_its_estimate() -> None:
-    messages = ARRIVING['equal stamps']()
-    session = Session(EstimatorConfig(window=WINDOW), (CONFIG / f'{TABLE1}.urdf').read_text(encoding='utf-8'))
-    seen = []
-    for arrival in messages:
-        take = session.add_joint_state if arrival.topic == JOINTS else session.add_odometry
-        if take(arrival.message):
-            session.process()
-        seen.append(session.closing is not None)
-    assert session.closing is None
-    # In a tenth of the time, and once a window.
-    assert 0.05 < np.mean(seen) < 0.15
-    assert np.sum(np.diff(np.array(seen, dtype=int)) > 0) == 4
 
 
 # -- Equations that cannot be solved, whatever the reason: the run starts again and says so.

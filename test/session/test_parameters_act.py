@@ -13,8 +13,10 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.environment import Pushing
-from mbaid_ros.session import Session, methods, reading, session, settings, storage
+from mbaid_ros.session import methods, reading, session, settings
 from mbaid_ros.session.planning import plan_settings
+from mbaid_ros.session.session import Session
+from mbaid_ros.session.settings import storage
 from simulated import robot
 from streams import urdf
 
@@ -47,9 +49,7 @@ def argument(module: Any, name: str, key: str, parameters: dict[str, object]) ->
         ('disturbance.constant', 'body', {}, methods, 'TrajectorySettings', 'constant', 'body'),
         ('momentum.linear_prior_std', 0.1, {}, methods, 'DifferenceSettings', 'linear_momentum_std', 0.1),
         ('paper.forgetting_factor', 0.9, PAPER, methods, 'PaperSettings', 'forgetting_factor', 0.9),
-        ('paper.initial_covariance', 1e3, PAPER, methods, 'PaperSettings', 'initial_covariance', 1e3),
         ('paper.reference', 'first', PAPER, methods, 'PaperSettings', 'reference', 'first'),
-        ('paper.lag', 5, PAPER, methods, 'PaperSettings', 'lag', 5),
         ('orbit.twist', 'inertial', LVLH, settings, 'FallingFrame', 'relative_twist', False),
         ('orbit.epoch', 12.5, ORBIT, settings, 'FallingFrame', 'epoch', 12_500_000_000),
         ('imu.cross_axis_std', 0.02, {'imu.noise_density': 1e-4}, settings, 'GyroErrors', 'cross', 0.02),

@@ -7,13 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.session import Session, summarise
+from mbaid_ros.session.model_summary import summarise
 from mbaid_ros.session.robot import mesh_points
-from simulated import CONFIG, robot
 
 FINE = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
 HEAVY = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="3"/>'  # izz > ixx + iyy
@@ -53,22 +50,9 @@ def test_what_is_odd_is_named() -> None:
     assert 'gives fore' in fore
 
 
-def test_a_robot_that_is_as_it_should_be_takes_one_line() -> None:
-    found = summarise(robot('servicer7'), 'link7', heard=robot('servicer7').joint_names)
-    assert found.lines == ["robot 'servicer7': 'base_link' floats, 7 joints, 633 kg beside target link 'link7'"]
-    assert not found.warnings
-
-
 def test_a_base_that_is_to_be_identified_needs_no_inertia() -> None:
     assert not any('base' in warning for warning in summarise(load_model(odd()), unknown=['base']).warnings)
     assert not any('base' in warning for warning in summarise(load_model(odd()), 'base').warnings)
-
-
-@pytest.mark.parametrize(('target', 'chosen'), [('', False), ('link7', True)])
-def test_a_session_knows_who_chose_its_target(target: str, chosen: bool) -> None:
-    urdf = (CONFIG / 'servicer7.urdf').read_text()
-    found = Session(build(EstimatorConfig, {'target_link': target}), urdf).model_summary()
-    assert (found.target_link, found.chosen, found.foreign, found.unheard) == ('link7', chosen, (), ())
 
 
 # -- Collision meshes: found as ROS finds them, and refused in a line.
@@ -101,18 +85,3 @@ def test_what_is_no_mesh_is_refused_in_a_line(
     with pytest.raises(ModelError, match=r"mesh '.*hand\.stl' cannot be read: [^\n]+$"):
         mesh_points(str(tmp_path / 'hand.stl'))
     assert capfd.readouterr() == ('', '')
-
-
-def test_what_is_not_there_too_large_or_relative_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    large = tmp_path / 'large.stl'
-    large.write_bytes(bytes(100))
-    monkeypatch.setattr('mbaid_ros.limits.MESH_BYTES', 99)
-    for name, reason in (
-        (str(tmp_path / 'none.stl'), 'No such file'),
-        (str(tmp_path), 'accepted: a regular file'),
-        (str(large), 'more than 99 bytes'),
-        ('meshes/hand.stl', 'is relative'),
-        ('package://none/hand.stl', 'AMENT_PREFIX_PATH has no package'),
-    ):
-        with pytest.raises(ModelError, match=reason):
-            mesh_points(name)

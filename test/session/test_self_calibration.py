@@ -17,7 +17,7 @@ from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.capture import BEFORE
+from mbaid_ros.core.capture.estimator import BEFORE
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Estimator
@@ -26,9 +26,9 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import displaced
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.core.robot.urdf_edit import change_inertial
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.session.settings import declared_uncertainty
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
 from observed import MID
@@ -56,7 +56,7 @@ def cad() -> str:
     """Return what CAD says of the servicer."""
     text = free_urdf()
     for link in perturbed(free_model(), PRIORS, 1).links:
-        text = change_inertial(text, link.name, physical(link.parameters))
+        text = replace_inertial(text, link.name, physical(link.parameters))
     return text
 
 
@@ -176,19 +176,6 @@ def test_the_numbers_are_those_of_calibrate() -> None:
     assert written.rotations == pytest.approx(moved.rotations, abs=1e-10)
 
 
-def test_one_message_after_the_other_leads_to_the_same_and_reset_forgets_it() -> None:
-    (at_once, expected), session, found = calibrated('trajectory'), make(method='trajectory'), []
-    for topic, message, _ in messages():
-        if (session.add_joint_state if topic == '/joint_states' else session.add_odometry)(message):
-            found += session.process()
-    assert np.array_equal(found[-1].parameters, expected[len(found) - 1].parameters)
-    assert session.robot.calibrated == at_once.robot.calibrated
-    session.reset()
-    assert session.robot.calibrated == ''
-    assert session.robot.urdf == cad()
-    assert session.robot.kernel is session.robot.described
-
-
 def test_a_robot_that_did_nothing_before_is_said_to_be_uncalibrated() -> None:
     session = make(**{'capture.time': 0.4})
     last = feed(session, 5.0)[-1]
@@ -205,7 +192,7 @@ def test_a_robot_that_did_nothing_before_is_said_to_be_uncalibrated() -> None:
         ({'calibration.weighed_links': ['moon']}, "'calibration.weighed_links' has 'moon'; accepted: links with an"),
         (
             {'known_links.link1.mass_relative_std': 0.01},
-            "with 'calibration.enabled', which finds how well all links are known",
+            "with 'calibration.enabled', which estimates all links",
         ),
         (
             {

@@ -12,13 +12,12 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.paper.estimator import THRUST
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.sensors.external_momentum import LATE_THRUST
-from mbaid_ros.session import Session, intake_warnings
+from mbaid_ros.session.session import Session
 from observed import MID, kernel, observe, true_body
 from simulated import robot
-from thrusting import FORCE_TORQUE, OFF, ON, Timed, command, messages, pulse, pushed
+from thrusting import FORCE_TORQUE, OFF, ON, Timed, messages, pulse, pushed
 
 SEEDS = range(2)
 METHODS = ('difference', 'trajectory')
@@ -76,21 +75,6 @@ def test_the_wrong_command_is_a_disturbance() -> None:
     assert last.events[0].linear == pytest.approx(-(OFF - ON) * rotation @ FORCE_TORQUE[:3], abs=0.7)
 
 
-def test_how_the_calls_are_spread_makes_no_difference() -> None:
-    commands = [command(time, FORCE_TORQUE) for time in np.arange(ON, OFF, 0.02).tolist()]
-    read = messages(1, *commands, command(OFF, np.zeros(6)))
-    at_once, singly = make(), make()
-    expected, found = identify(at_once, read), []
-    for timed in read:
-        if add(singly, timed):
-            found += singly.process()
-    found += singly.process()
-    assert len(found) == len(expected)
-    for one, other in zip(found, expected, strict=True):
-        assert np.array_equal(one.parameters, other.parameters, equal_nan=True)
-        assert np.array_equal(one.momentum, other.momentum, equal_nan=True)
-
-
 def test_a_command_that_comes_late_is_told_and_not_lost() -> None:
     on, off = pulse()
     read = messages(0, off)
@@ -104,20 +88,6 @@ def test_a_command_that_comes_late_is_told_and_not_lost() -> None:
     assert session.thrust.brought == pytest.approx(truth[-1] - truth[0], abs=0.1)
     # The windows that were solved without it have seen a momentum that jumps.
     assert last.status == 'inconsistent'
-
-
-def test_the_methods_of_the_paper_say_that_they_do_not_know_of_it() -> None:
-    last = identify(make('paper_difference'), messages(0, *pulse()))[-1]
-    assert THRUST in last.warnings
-
-
-def test_a_frame_that_is_none_is_one_line() -> None:
-    session = make()
-    identify(session, messages(0, *pulse('thruster_3')))
-    told = [line for line in intake_warnings(session) if 'thrust' in line]
-    assert len(told) == 1
-    assert told[0].startswith('2 messages not used: thrust in a frame that is no link: accepted: a link of the robot')
-    assert told[0].endswith("or the odometry frame 'odom'")
 
 
 def test_reset_forgets_it() -> None:

@@ -11,17 +11,15 @@ from scipy.stats import chi2
 from derivatives import central_difference
 from mbaid_ros.calibration.unknowns import LinkPrior, Normals, make_prior
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, Thrust
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Thrusters, thrusters
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
-from mbaid_ros.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
 from observed import MID, kernel, observe, windows
-from orbiting import nees, session, simulated
+from sessions import identify, nees, session, simulated
 from simulated import robot
 from thrusting import FORCE_TORQUE, OFF, ON, pushed
 
@@ -45,13 +43,6 @@ def run(seed: int, scale: float = SCALE, turn: Array = TURN, delay: float = LATE
         thrust__turn=turn.tolist(),
         thrust__delay=delay,
     )
-
-
-def identify(made: SimulatedRun, into: Session) -> Estimate:
-    take = {'joint_states': into.add_joint_state, 'odom': into.add_odometry, 'thrust': into.add_thrust}
-    for timed in made.read(SECONDS):
-        take[timed.topic](timed.message)
-    return into.process()[-1]
 
 
 @pytest.mark.parametrize('seed', [0, pytest.param(1, marks=pytest.mark.long)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import deepcopy
 from functools import cache
 
@@ -11,86 +10,47 @@ import pytest
 from scipy.stats import chi2
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.sensors.external_momentum import NOT_ASKED_FOR, OTHER_MOMENTUM_FRAME
 from mbaid_ros.replay.run import BAG_TYPES
-from mbaid_ros.session import Session, intake_warnings
+from mbaid_ros.session.explanation import intake_warnings
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
-from simulated import CONFIG
+from sessions import URDF, feed, nees, session, simulated
 
 AXES = [1.0, 1.0, 1.0, -1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 1.0]
 NAMES = ['rw1', 'rw2', 'rw3', 'rw4']
 WHEELS: dict[str, object] = {'wheels.names': NAMES, 'wheels.axes': AXES, 'wheels.spin_inertias': [0.05] * 4}
-SPEEDS = {name.replace('.', '__'): value for name, value in WHEELS.items()}
 RAMP = {'wheels.accelerations': [5.0, -5.0, 4.0, 5.0], 'wheels.wander': 20.0, 'wheels.speed_noise': 0.05}
-NOISE = {
-    **dict(zip(('noise.joint_position', 'noise.joint_velocity'), (1e-4, 1e-3), strict=True)),
-    **{f'noise.base_{part}': 1e-3 for part in ('position', 'linear_velocity')},
-    **{f'noise.base_{part}': 1e-4 for part in ('orientation', 'angular_velocity')},
-}
 SECONDS = 20.0
 LIMIT = float(chi2.isf(1e-3, 10))
 
 
-def urdf() -> str:
-    return (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8')
-
-
 @cache
-def simulated(seconds: float = SECONDS, **wheels: object) -> tuple[SimulatedRun, tuple[TimedMessage, ...]]:
+def spinning(seconds: float = SECONDS, **wheels: object) -> tuple[SimulatedRun, tuple[TimedMessage, ...]]:
     """Return the servicer's run with wheels that store up to 5 N m s each, and its messages."""
-    values = load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator')
-    values |= {'duration': SECONDS, 'joint_rate': 50.0, 'odometry_rate': 50.0, **NOISE, **WHEELS, **RAMP}
-    values |= {f'wheels.{name}': value for name, value in wheels.items()}
-    run = SimulatedRun(build(SimulatorConfig, values), urdf(), BAG_TYPES)
+    own = {f'wheels.{name}': each for name, each in wheels.items()}
+    run = simulated(SECONDS, joint_rate=50.0, odometry_rate=50.0, **{**WHEELS, **RAMP, **own})
     return run, tuple(run.read(seconds))
-
-
-def session(**parameters: object) -> Session:
-    given = {name.replace('__', '.'): value for name, value in parameters.items()}
-    return Session(build(EstimatorConfig, {**EXACT, **NOISE, 'target_link': 'link7', **given}), urdf())
-
-
-def feed(messages: Sequence[TimedMessage], into: Session, frame: str = '') -> list[Estimate]:
-    """Return the estimates; stored momentum is in another frame where one is given."""
-    take = {
-        'joint_states': into.add_joint_state,
-        'odom': into.add_odometry,
-        'stored_momentum': into.add_stored_momentum,
-    }
-    for timed in messages:
-        message = timed.message
-        if frame and timed.topic == 'stored_momentum':
-            message = deepcopy(message)
-            message.header.frame_id = frame
-        take[timed.topic](message)
-    return into.process()
 
 
 @cache
 def by_speeds(method: str) -> tuple[Estimate, tuple[str, ...]]:
     """Return the last estimate of a session that reads the wheels' speeds, and its warnings of messages."""
-    into = session(method=method, **SPEEDS)
-    return feed(simulated()[1], into)[-1], tuple(intake_warnings(into))
-
-
-def nees(estimate: Estimate, run: SimulatedRun) -> float:
-    error = estimate.parameters - run.target_inertia
-    return float(error @ np.linalg.solve(estimate.covariance, error))
+    into = session(method=method, **WHEELS)
+    return feed(spinning()[1], into)[-1], tuple(intake_warnings(into))
 
 
 def agrees(estimate: Estimate, run: SimulatedRun) -> bool:
-    return estimate.status in {'estimating', 'converged'} and nees(estimate, run) < LIMIT
+    return estimate.status in {'estimating', 'converged'} and nees(estimate, run.target_inertia) < LIMIT
 
 
 @pytest.mark.parametrize('method', ['difference', 'trajectory'])
 def test_by_their_speeds(method: str) -> None:
-    (run, _), (last, warnings) = simulated(), by_speeds(method)
+    (run, _), (last, warnings) = spinning(), by_speeds(method)
     assert agrees(last, run)
     # What is reported is the total, wheels included.
     off = last.momentum - run.momentum
@@ -99,7 +59,7 @@ def test_by_their_speeds(method: str) -> None:
 
 
 def test_by_their_momentum() -> None:
-    (run, messages), into = simulated(publish='stored_momentum'), session(wheels__momentum_frame='base_link')
+    (run, messages), into = spinning(publish='stored_momentum'), session(wheels__momentum_frame='base_link')
     last = feed(messages, into)[-1]
     assert agrees(last, run)
     assert into.intake.stored_momentum.taken == round(SECONDS * 50) + 1
@@ -107,19 +67,19 @@ def test_by_their_momentum() -> None:
 
 
 def test_momentum_that_comes_seldom_costs_no_samples() -> None:
-    run, messages = simulated(publish='stored_momentum', wander=0.0)
+    run, messages = spinning(publish='stored_momentum', wander=0.0)
     into = session(wheels__momentum_frame='base_link')
     stored = [timed for timed in messages if timed.topic == 'stored_momentum']
     seldom = {id(timed) for timed in stored[::4]}
     last = feed([each for each in messages if each.topic != 'stored_momentum' or id(each) in seldom], into)[-1]
-    assert nees(last, run) < LIMIT
+    assert nees(last, run.target_inertia) < LIMIT
     assert into.used > 0.98 * SECONDS * 50
 
 
 @pytest.mark.parametrize('publish', ['joint_states', 'stored_momentum', pytest.param('none', marks=pytest.mark.long)])
 def test_without_their_parameters_they_are_no_quiet_error(publish: str) -> None:
     into = session(method='difference')
-    last = feed(simulated(publish=publish)[1], into)[-1]
+    last = feed(spinning(publish=publish)[1], into)[-1]
     assert last.status == 'inconsistent'
     # The cause names the parameter where the joint states hold speeds that nothing reads.
     named = any('joint states hold rw1' in cause and 'wheels.names' in cause for cause, _ in last.causes[:2])
@@ -129,13 +89,16 @@ def test_without_their_parameters_they_are_no_quiet_error(publish: str) -> None:
 
 
 def test_momentum_in_another_frame_and_speeds_that_never_come_are_named() -> None:
-    into = session(wheels__momentum_frame='base_link')
-    assert not feed(simulated(2.0, publish='stored_momentum')[1], into, frame='link3')
+    into, messages = session(wheels__momentum_frame='base_link'), deepcopy(spinning(2.0, publish='stored_momentum')[1])
+    for timed in messages:
+        if timed.topic == 'stored_momentum':
+            timed.message.header.frame_id = 'link3'
+    assert not feed(messages, into)
     warnings = ' '.join(intake_warnings(into))
     assert OTHER_MOMENTUM_FRAME in warnings
     assert "'link3'; accepted: wheels.momentum_frame, 'base_link'" in warnings
-    into = session(**SPEEDS)
-    assert not feed(simulated(2.0, publish='none')[1], into)
+    into = session(**WHEELS)
+    assert not feed(spinning(2.0, publish='none')[1], into)
     assert any('rw1' in warning for warning in intake_warnings(into))
 
 
@@ -151,8 +114,8 @@ def test_momentum_in_another_frame_and_speeds_that_never_come_are_named() -> Non
 )
 def test_wheels_that_cannot_be(wheels: dict[str, object], named: str) -> None:
     for refused in (
-        lambda: Session(build(EstimatorConfig, wheels), urdf()),
-        lambda: SimulatedRun(build(SimulatorConfig, wheels), urdf(), BAG_TYPES),
+        lambda: Session(build(EstimatorConfig, wheels), URDF),
+        lambda: SimulatedRun(build(SimulatorConfig, wheels), URDF, BAG_TYPES),
     ):
         with pytest.raises(ParameterError, match=named):
             refused()

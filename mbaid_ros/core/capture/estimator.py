@@ -1,11 +1,10 @@
-"""A run that begins before the capture: phases, hand-over, and what the captured body brought along."""
+"""A run that begins before the capture: phases, hand-over, and the momentum of the captured body."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
@@ -13,15 +12,13 @@ from mbaid_ros.core.capture.handover import ENOUGH, Calibrate, Capture, Chaser, 
 from mbaid_ros.core.errors import MbaidError
 from mbaid_ros.core.geometry import Array, unvec
 from mbaid_ros.core.identifier import Deferring, Estimator, knowledge_of
-from mbaid_ros.core.results.estimate import Estimate, determined
+from mbaid_ros.core.results.estimate import CapturePhase, Estimate, determined
 from mbaid_ros.core.results.status import Reason, notes, with_reasons
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.orbit import brought
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.sensors.rates import FEWEST, with_rates
 from mbaid_ros.core.trajectory.posterior import Posterior
-
-Phase = Literal['pre_capture', 'capture', 'post_capture']
 
 BEFORE = 'before the capture: the known model alone is checked, nothing is identified'
 _SLACK = 1e-9  # s, by which times of stamps in nanoseconds may differ as numbers
@@ -31,24 +28,23 @@ _JUMP = 60.0  # chi-square of six numbers, which chance exceeds once in 1e10 win
 
 
 class CaptureEstimator:
-    """Checks the known model until the capture, and hands what comes after it to a method.
+    """Checks the known model until the capture, and hands later windows to a method.
 
     Parameters
     ----------
-    kernel : MomentumKernel
     after : the method
     noise : of the sensors
     margin : s, before and after the capture, that is used for neither
     largest_residual : of the known model, from which its momentum does not count as conserved
     detect : take a jump of the momentum that two windows in a row show for the capture
-    calibrate : what calibrates the robot's bodies from the latest windows before the capture; None does not
+    calibrate : calibrates the robot's bodies from the latest windows before the capture, or None
     again : makes the method anew, where the capture may turn out to have been announced too early
 
     Attributes
     ----------
     time : s since the first sample, of the capture; None while there was none
     kernel : of the robot as it is known now
-    handover : what it has learnt of itself before the capture; None where nothing
+    handover : the calibration before the capture, or None
     """
 
     def __init__(
@@ -77,7 +73,7 @@ class CaptureEstimator:
         self._margin = margin
         self._largest_residual = largest_residual
         self._detect = detect
-        self._suspect: Samples | None = None  # the first window after what may be the capture
+        self._suspect: Samples | None = None  # the first window after a possible capture
         self._known = KnownMomentum(kernel, noise)
         self._waiting: deque[Samples] = deque()  # windows that may yet turn out to lie within the margin
         self._latest = -np.inf  # s, end of the last window
@@ -86,14 +82,14 @@ class CaptureEstimator:
         self._until: Samples | None = None  # the last sample before the capture
 
     @property
-    def phase(self) -> Phase:
+    def phase(self) -> CapturePhase:
         """Where the run is."""
         if self.time is None or self._latest < self.time:
             return 'pre_capture'
         return 'post_capture' if self._found else 'capture'
 
     def knowledge(self) -> Posterior | None:
-        """Return what the method has come to know since the capture."""
+        """Return the posterior of the method since the capture."""
         return knowledge_of(self._after)
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
@@ -128,13 +124,13 @@ class CaptureEstimator:
         self._found.clear()
 
     def _since(self, window: Samples) -> Samples:
-        """Return a window with what the orbit has brought since the capture: what was captured was not there before."""
+        """Return a window with the orbit's momentum since the capture only: the captured body was not there before."""
         if self._until is None or not window.tide.shape[1]:
             return window
         return replace(window, tide=window.tide - self._until.tide)
 
     def _until_then(self) -> Array:
-        """Return what the orbit has brought to the robot alone until the capture, (6,)."""
+        """Return the orbit's momentum of the robot alone until the capture, (6,)."""
         if self._until is None or not self._until.tide.shape[1]:
             return np.zeros(6)
         return brought(self._until, self._own_bodies()) - self._until.impulse[-1]
@@ -144,7 +140,7 @@ class CaptureEstimator:
         return self.kernel.with_target(self.kernel.target.parameters)
 
     def run_slice(self) -> bool:
-        """Let the method do a part of what it has put off, if it puts anything off; return whether some is left."""
+        """Run a time slice of the method's background task, if it has one; return whether work is left."""
         return isinstance(self._after, Deferring) and self._after.run_slice()
 
     def capture(self, body: Array | None) -> Capture | None:
@@ -157,7 +153,7 @@ class CaptureEstimator:
         if self.phase == 'pre_capture' or self.time is None:
             return None
         chaser, total = self._chaser(), self._total()
-        calibrated = '' if self.handover is None else self.handover.told
+        calibrated = '' if self.handover is None else self.handover.calibration
         if chaser is None or total is None:
             nothing: Array = np.full(6, np.nan)
             return Capture(self.time, chaser, nothing, np.full((6, 6), np.nan), nothing[:3], nothing[:3], calibrated)

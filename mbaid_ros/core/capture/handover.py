@@ -1,4 +1,4 @@
-"""The total momentum of a robot of which every body is known: what it is, and how constant."""
+"""The total momentum of a robot whose bodies are all known, and its constancy."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class KnownMomentum:
         return 6 * (self._windows - 1)
 
     def chaser(self) -> Chaser | None:
-        """Return what has been found, None before the first window."""
+        """Return the result, None before the first window."""
         if self._origin is None or not self._windows:
             return None
         shift = np.eye(6)
@@ -115,7 +115,7 @@ class Handover:
     chaser: Chaser  # the robot before the capture
     # (10, 10) of the target link's own standard parameters, None where it counts as exact
     link_covariance: Array | None
-    told: str  # the calibration in a line
+    calibration: str  # the calibration in a line
 
 
 # Calibrates the robot's own bodies by the windows before the capture.

@@ -1,1 +1,1 @@
-"""Fault isolation: what is wrong with a run that contradicts its model."""
+"""Fault isolation: candidate causes for a run that contradicts its model."""

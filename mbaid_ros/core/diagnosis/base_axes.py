@@ -43,7 +43,7 @@ def axis_conventions(kernel: MomentumKernel, windows: Sequence[Window]) -> list[
 
 
 def _offsets(kernel: MomentumKernel, joint_position: Array) -> Array:
-    """Return (W, 3, 5) what the base moves back by, in its axes: known bodies, target's origin and target's axes."""
+    """Return (W, 3, 5) the reaction of the base, in its axes: known bodies, target's origin and target's axes."""
     still = np.zeros_like(joint_position)
     base = np.tile(np.eye(3), (len(still), 1, 1))
     states = kernel.states_of(base, joint_position, still, np.zeros((len(still), 6)))
@@ -67,7 +67,7 @@ def _misfit(time: Array, offsets: Array, knots: Knots) -> float:
 def _axes() -> Iterator[tuple[str, partial[Knots]]]:
     """Yield the base's frame in the 23 other axes, and its positions in the 47 others."""
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        axes = np.array(signs)[:, None] * np.eye(3)[list(order)]  # of the readings, to what is meant
+        axes = np.array(signs)[:, None] * np.eye(3)[list(order)]  # from the readings to the true ones
         if np.array_equal(axes, np.eye(3)):
             continue
         if np.linalg.det(axes) > 0.0:

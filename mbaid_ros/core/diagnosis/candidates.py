@@ -1,7 +1,7 @@
-"""What may be wrong where a run contradicts its model: a table of candidates, scored by one loop.
+"""Candidate causes for a run that contradicts its model: a table, scored by one loop.
 
 The latest windows are passed through the filter once without any jump of the momentum, at the point that the run has
-come to, with more unknowns than the run has (`unknowns/catalogue.py`). What they would gain by a wider prior of one
+come to, with more unknowns than the run has (`unknowns/catalogue.py`). The likelihood gain of a wider prior of one
 unknown follows from this one pass; the likeliest are passed once more. Further candidates are readings in other
 conventions, readings that are left out, vibrations, disturbances, jumps of the momentum and a target that has changed.
 All gains are log-likelihoods over the same pass, which makes them comparable.
@@ -50,7 +50,7 @@ _REFINED, _ALIKE = 5, 3
 _SPOILT = 2  # joints with spoilt readings, of each kind: two that fail at once are rare, and each takes passes
 _MOST_PULSES = 2  # that can be the cause; more of them are the symptom of another one
 _BEFORE = 10  # windows before a change of the target: the body before has to be known
-_PARTS = 3  # of the first jumps, at which the target may have changed: later ones are what the first leads to
+_PARTS = 3  # of the first jumps, at which the target may have changed: later ones follow from the first
 _LEFT = 0.1  # of the misfit, that the likeliest cause leaves, for more to be looked for: less may be linearisation
 _LIGHTER = 1.5  # times its mass, that a link may look lighter by: noise may make it more than all
 FEWEST = 4  # windows that have to be left: fewer have hardly more numbers (six each) than body and momentum, sixteen
@@ -75,7 +75,7 @@ Candidates = Iterator[int | Candidate]
 
 @dataclass(frozen=True)
 class CandidateCauses:
-    """Asks what may be wrong with a run."""
+    """Scores the candidate causes of a run."""
 
     layout: Layout  # of the run's state
     plane: PlaneDetector  # whether the motion is planar
@@ -85,7 +85,7 @@ class CandidateCauses:
     def inquire(
         self, windows: Sequence[Window], point: Point | None, jumps: Sequence[float] = ()
     ) -> Iterator[int | IsolationResult]:
-        """Yield how much work each bit was, in steps of the filter, and at last what has been found.
+        """Yield the work of each slice, in steps of the filter, and at last the candidates found.
 
         Parameters
         ----------
@@ -162,7 +162,7 @@ class CandidateCauses:
             yield Candidate(slipped.text, passes, slipped.windows, rival=jolted)
 
     def _scored(self, candidate: Candidate, base: SquareRootInformation) -> Work[list[CandidateCause]]:
-        """Return what would be gained by a candidate, if it leads to anything."""
+        """Return the gain of a candidate, or None if it has none."""
         left_out, point = candidate.point is None, candidate.point
         if len(candidate.windows) < FEWEST:
             return []
@@ -190,7 +190,7 @@ class CandidateCauses:
     def _target_changes(
         self, windows: Sequence[Window], point: Point, times: Sequence[float], base: SquareRootInformation
     ) -> Work[list[CandidateCause]]:
-        """Return what would be gained by a target that has moved in the grasp, or was exchanged, at some time."""
+        """Return the gain of a target that has moved in the grasp, or was exchanged, at some time."""
         found: list[CandidateCause] = []
         passes = self.extended()
         for time in times:
@@ -242,7 +242,7 @@ class CandidateCauses:
     def _swinging(
         self, windows: Sequence[Window], point: Point, base: SquareRootInformation
     ) -> Work[list[CandidateCause]]:
-        """Return what would be gained by a joint whose far side swings against its encoder; of the likeliest one."""
+        """Return the gain of a joint whose far side swings against its encoder; of the likeliest one."""
         names = self.layout.kernel.model.joint_names
         first, *others = noise_factors(base.nis / base.measured)
         filters: dict[tuple[int, float], HypothesisFilter] = {}
@@ -276,7 +276,7 @@ class CandidateCauses:
 
 
 def _text_of(passes: FilterPasses, cause: str) -> Callable[[HypothesisFilter], str | None]:
-    """Return what an unknown would have to be; None of a link lighter by far more than it weighs."""
+    """Return the value that an unknown would need; None for a link that would lose far more than its mass."""
     kind, _, name = cause.partition(':')
 
     def text(filtered: HypothesisFilter) -> str | None:
@@ -289,12 +289,12 @@ def _text_of(passes: FilterPasses, cause: str) -> Callable[[HypothesisFilter], s
 
 
 def _explains(filtered: HypothesisFilter) -> bool:
-    """Tell whether a pass leaves innovations as large as they should be."""
+    """Return whether a pass leaves innovations of the size that the noise explains."""
     return filtered.gaussian.nis < LARGEST_NIS * filtered.gaussian.measured
 
 
 def _gained(text: str, filtered: HypothesisFilter, base: SquareRootInformation) -> CandidateCause:
-    """Return what a cause gains over a pass without it."""
+    """Return the gain of a cause over a pass without it."""
     return CandidateCause(text, filtered.gaussian.log_likelihood - base.log_likelihood)
 
 

@@ -25,21 +25,21 @@ _UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
 # s, late or early by 50 ms to half a second: less is within the prior of the time offset.
 _DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))
 _TURN = 2.0 * np.pi  # rad or m, which the readings of an arm hardly reach: in degrees or millimetres they go further
-_RIDGE = 1e-9  # relative, of the fit: what the motion does not show stays near zero
+_RIDGE = 1e-9  # relative, of the fit: unobservable numbers stay near zero
 
 
 @dataclass(frozen=True, eq=False)
 class Convention:
     """How the readings or the robot may be meant."""
 
-    text: str  # the mistake, and what to do
+    text: str  # the mistake and its remedy
     change: Array  # (n + 1, 10) added to the known bodies
-    windows: Callable[[Sequence[Window]], Sequence[Window]] = list  # what windows are then
+    windows: Callable[[Sequence[Window]], Sequence[Window]] = list  # the windows under this hypothesis
     joint_range: float = 0.0  # rad or m, that joint readings exceed at least where it may be so
     base_range: float = 0.0  # m, that positions of the base do
 
     def possible(self, windows: Sequence[Window]) -> bool:
-        """Tell whether windows may be of it: joints in degrees make whole turns, lengths in millimetres are long."""
+        """Return whether the windows may follow this convention: degrees make whole turns, millimetres are long."""
         if self.joint_range and _largest(each.knots.joint_position for each in windows) < self.joint_range:
             return False
         return not self.base_range or _largest(each.knots.base_position for each in windows) > self.base_range

@@ -1,4 +1,4 @@
-"""When a run is asked what may be wrong with it: while it contradicts its model, bit by bit, ever more rarely."""
+"""When fault isolation runs: while a run contradicts its model, in time slices, ever more rarely."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ _FIRST = 24  # windows before the first inquiry: fewer do not discriminate cause
 _AFTER_A_JUMP = 1 + SLIPPING + FEWEST  # windows since a jump that may be a change of the target: enough to see it
 # Windows, at most, that a jump is left open while an inquiry is under way: by then its result is there.
 _OPEN = 16
-_APART = 16  # windows from one inquiry to the next, at least: what fewer new ones add is lost in the noise
-# Windows that one is over: what has begun to be wrong is seldom longer ago, and work and memory stay bounded.
+_APART = 16  # minimum windows from one inquiry to the next: fewer new ones add less than the noise
+# Windows of one inquiry: a fault has seldom begun earlier, and work and memory stay bounded.
 _KEPT = 80
 _LATEST = 8  # windows whose samples show how noisy the sensors are: as noisy as they are now
 _SHORT = 0.12  # of a window, below which a time of correlation is none: poses between two others look like that, too
@@ -38,7 +38,7 @@ _SHARE_BESIDE, _SHARE = 700, 1200
 
 
 class FaultIsolation:
-    """Asks a run again and again what may be wrong with it, over its latest windows.
+    """Searches repeatedly for the causes of a contradiction, over the latest windows of a run.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class FaultIsolation:
         self.suspicious = False
         self._inquiry = BackgroundTask[IsolationResult](suspicion.layout.size)
         self._found: IsolationResult | None = None
-        self._over = False  # whether what it was found about has ended since
+        self._over = False  # whether the contradiction has ended since
         self._about: tuple[float, ...] = ()  # s, of the jumps that the latest inquiry was begun for
 
     def take(self, window: Window | None, samples: Samples) -> None:
@@ -89,10 +89,10 @@ class FaultIsolation:
         self._inquiry.allot_steps(_SHARE_BESIDE if run.searching else _SHARE)
 
     def run_slice(self) -> bool:
-        """Do a part of what an inquiry has to do before the next window; return whether some is left."""
+        """Run a time slice of an inquiry; return whether work is left."""
         with suppress(np.linalg.LinAlgError):  # the point is of no robot that can be: a later one may be
             found = self._inquiry.run_slice()
-            # What a run still contradicts may have died down: it is not in the latest windows any more.
+            # The cause of a contradiction may have died down: it is not in the latest windows any more.
             if found is not None and (found.causes or self._over or self._found is None):
                 self._found, self._over = found, False
         return self._inquiry.is_due
@@ -100,7 +100,7 @@ class FaultIsolation:
     def open_jumps(self, run: FilterRun) -> tuple[float, ...]:
         """Return when the momentum of a run seems to have jumped, s, where an inquiry into it is under way.
 
-        A constant force that leads explains what are jumps without it.
+        A leading constant force explains changes that are jumps without it.
         """
         if not self._inquiry.under_way:
             return ()
@@ -134,14 +134,14 @@ class FaultIsolation:
         return [window for window in self._windows if window.start >= time]
 
     def causes(self, run: FilterRun) -> tuple[Cause, ...]:
-        """Return what the latest inquiry has found to be wrong with a run, the likeliest first; nothing before one."""
+        """Return the causes found by the latest inquiry, the likeliest first; none before one."""
         found = self._found
         if found is None:
             return ()
         inquired = {cause.text: (cause.gain, cause.physical) for cause in found.causes}
         leading = run.best.hypothesis if run.started else None
         if leading is not None and leading.disturbed:  # the run may have more windows by now
-            # Over all of the run, not its latest windows alone: what explains anything is no likelier for that.
+            # Over all of the run, not its latest windows alone: a hypothesis that fits anything gains nothing then.
             least = min((cause.gain for cause in found.causes), default=run.lead)
             lead = run.lead if leading.physical else min(run.lead, least)
             inquired.setdefault(leading.cause, (lead, leading.physical))
@@ -160,7 +160,7 @@ def with_undeclared_orbit(judgement: Verdict, moments: MeanAndCovariance, layout
     """Return a verdict on a run with the gravity gradient of an undeclared orbit as a cause, if the data show one.
 
     The model is not adequate then: the gradient is estimated to first order, beside a body that it acts on and that is
-    not known either. That suffices to detect it, not for what the intervals claim.
+    not known either. That suffices to detect it, but not for valid intervals.
     """
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, Gravity) and unknown.count:

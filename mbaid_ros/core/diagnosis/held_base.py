@@ -17,7 +17,7 @@ _FEWEST = 10  # windows
 _READ = 5  # samples of a window, of which the mean centre of mass is taken
 _MOVED = 1e-3  # m, root mean square, that the centre of mass has to move by at least
 _REACTION = 0.15  # times the motion of the centre of mass: the base's, from which it may be free
-_CORRELATION = 0.5  # between the two, from which the base reacts, if by less than the robot description says
+_CORRELATION = 0.5  # between the two, from which the base reacts, if by less than by the robot description
 _WHITE = 3.0  # squared second difference over variance, 6 of white noise: of a motion, which is smooth, it is far less
 _ROUNDING = 1e-12  # squared, of the motion of the centre of mass
 _CERTAIN = 1e6  # log-likelihood that it counts as: more than a filter finds for any other cause
@@ -29,7 +29,7 @@ HELD = (
 
 
 class HeldBase:
-    """Follows windows, and tells once whether the base is held.
+    """Follows windows, and reports once if the base is held.
 
     Parameters
     ----------

@@ -84,10 +84,7 @@ class FilterPasses:
     def refined(self, windows: Sequence[Window], point: Point, hypothesis: Hypothesis) -> Work[HypothesisFilter]:
         """Return the best of some passes, each linearised at the estimate of the one before.
 
-        Raises
-        ------
-        LinAlgError
-            The first point is of no robot that can be.
+        Raises LinAlgError: The first point is of no robot that can be.
         """
         best: HypothesisFilter | None = None
         for _ in range(_REFINEMENTS):
@@ -162,7 +159,7 @@ class FilterPasses:
         return np.array(found[::-1])
 
     def gains(self, base: SquareRootInformation, declared: Collection[str]) -> dict[str, tuple[float, float]]:
-        """Return what each cause would gain by a wider prior, and how many times as wide; some have been declared."""
+        """Return the gain of each cause by a wider prior, and the factor of its width; some have been declared."""
         values, covariance = MeanAndCovariance.of(base, self.variables).unknowns(self.layout)
         found = {}
         for place, cause in enumerate(self.layout.causes):
@@ -206,7 +203,7 @@ def another_body(gaussian: SquareRootInformation, variables: Variables, *, excha
 
 
 def attempted(passes: Work[T]) -> Work[T | None]:
-    """Return what passes come to; None where they start at a robot that cannot be."""
+    """Return the result of the passes; None if they start at a robot that cannot exist."""
     try:
         return (yield from passes)
     except np.linalg.LinAlgError:

@@ -33,7 +33,7 @@ _CERTAIN = 1e6  # log-likelihood that such a cause counts as: more than a filter
 
 @dataclass
 class _Readings:
-    """The readings of one kind of message: the latest two, and what earlier ones have shown."""
+    """The readings of one kind of message: the latest two, and the findings of earlier ones."""
 
     joints: tuple[int, ...]
     stamps: StampPattern
@@ -47,7 +47,7 @@ class _Readings:
 
 
 class PlainFaults:
-    """Follows joint readings as they arrive, and names what is plain in them.
+    """Follows joint readings as they arrive, and names faults that need no model.
 
     Parameters
     ----------
@@ -83,9 +83,9 @@ class PlainFaults:
         reasons = [reason for since, reason in self._found.values() if since <= estimate.stamp]
         if not reasons:
             return estimate
-        told = with_reasons(estimate, reasons)
+        explained = with_reasons(estimate, reasons)
         plain = tuple(reason.text for reason in reasons)
-        return replace(told, warnings=(*plain, *(text for text in told.warnings if text not in plain)))
+        return replace(explained, warnings=(*plain, *(text for text in explained.warnings if text not in plain)))
 
     def _follow(self, pattern: StampPattern, stamp: Stamps, position: Array) -> None:
         """Look at the stamps; wrong ones are a cause where anything is wrong."""

@@ -1,4 +1,4 @@
-"""What an inquiry comes to: candidate causes by the log-likelihood that they gain, and how they are ranked."""
+"""The result of an inquiry: candidate causes, ranked by the log-likelihood that they gain."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from mbaid_ros.core.diagnosis.readings import CHANNELS, Roughness
 from mbaid_ros.core.results.evidence import SENSORS, Innovations, correlated_noise
 from mbaid_ros.core.results.status import Cause
 
-# Log-likelihood, the odds of bank.MARGIN: what gains less is not named, and what leads by less leads alone no more.
+# Log-likelihood, the odds of bank.MARGIN: a smaller gain is not reported, and a smaller lead is no lead.
 WORTH = 10.0
 _TOO_SMALL = 1.3  # times the declared noise, from which the declared one is wrong: declarations are no better
 _OUTLIERS = 0.002  # share of the poses, from which they are named: single ones do no harm, they are left out
-NOISE = 'noise.'  # what begins with it names a parameter of the noise
+NOISE = 'noise.'  # prefix of the names of noise parameters
 # Share that counts of the gain of a cause without a mechanism: where both explain all, one with a mechanism leads.
 CATCH_ALL = 0.95
 
@@ -30,7 +30,7 @@ class Change:
 
 @dataclass(frozen=True)
 class CandidateCause:
-    """What may be wrong."""
+    """One candidate cause."""
 
     text: str  # in words
     gain: float  # how much likelier that makes the data (log-likelihood)
@@ -41,7 +41,7 @@ class CandidateCause:
 
 @dataclass(frozen=True)
 class IsolationResult:
-    """What an inquiry has come to."""
+    """The result of an inquiry."""
 
     causes: tuple[CandidateCause, ...]  # the likeliest first
     innovations: Innovations  # of the pass without jumps
@@ -65,7 +65,7 @@ def ranked(
     rough: Roughness,
     correlated: tuple[float, float],
 ) -> tuple[Cause, ...]:
-    """Return what may be wrong, the likeliest first.
+    """Return the candidate causes, the likeliest first.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def ranked(
         causes.append(Cause(correlated_noise(time), misfit + gain))
     if rough.outliers > _OUTLIERS:
         share = f'{1e2 * rough.outliers:.1g}'
-        causes.append(Cause(f'{share} % of the poses are outliers: look at what the odometry loses', misfit))
+        causes.append(Cause(f'{share} % of the poses are outliers: check the tracking of the odometry', misfit))
     return tuple(sorted(causes, key=lambda cause: -cause.gain))
 
 

@@ -1,4 +1,4 @@
-"""What the readings show without a model: joints that stand still, slip or swing, noise, outliers, vibrations."""
+"""Faults that the readings show without a model: stuck, slipping or swinging joints, noise, outliers, vibrations."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mbaid_ros.core.samples import Samples
 class SpoiltReading:
     """A joint's reading that may be wrong in some of the windows."""
 
-    text: str  # the mistake, and what to do
+    text: str  # the mistake and its remedy
     windows: list[Window]  # the others, as they would be without it
     as_read: Sequence[Window] = ()  # the others with a jump left in, where it is one
 
@@ -125,10 +125,10 @@ def swing_size(windows: Sequence[Window], times: float) -> float:
 
 
 def loose_joint_text(joint: str, windows: Sequence[Window], times: float) -> str:
-    """Return that what a joint carries swings against its encoder, with that many times the declared noise."""
+    """Return the cause that a joint's load swings against its encoder, with that many times the declared noise."""
     size = 1e3 * swing_size(windows, times)
     return (
-        f'{joint} is flexible or has play: what it carries swings against its encoder by about {size:.1g} mrad '
+        f'{joint} is flexible or has play: its load swings against its encoder by about {size:.1g} mrad '
         '(mm), as a spring does or a loose encoder'
     )
 
@@ -162,7 +162,7 @@ def noisier_poses(windows: Sequence[Window], innovations: Innovations) -> tuple[
 
 CHANNELS = ('base_orientation', 'base_position', 'base_angular_velocity', 'base_linear_velocity', 'joint_position')
 _WEIGHT = 70.0  # variance of a fourth difference of white noise of unit variance
-_MEDIAN = 0.6745  # of a normal number's size: what makes a median a standard deviation
+_MEDIAN = 0.6745  # median of a normal number's size over its standard deviation
 _FAR = 6.0  # robust standard deviations, from which a difference has an outlier in it
 _FEWEST_SAMPLES = 12  # samples of a window: fewer have too few differences of fourth order for a median
 _TOUCHED = 5  # differences of fourth order that a sample is in

@@ -38,7 +38,7 @@ class StampPattern:
         self._position: Array = np.zeros((0, 0))
 
     def add(self, stamp: Stamps, position: Array) -> Iterator[Found]:
-        """Add readings (N,), (N, k), in the order of arrival; yield what is wrong with their stamps."""
+        """Add readings (N,), (N, k), in the order of arrival; yield the faults of their stamps."""
         if not len(stamp):
             return
         if not self._count:

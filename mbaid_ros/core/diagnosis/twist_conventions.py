@@ -1,4 +1,4 @@
-"""Twists of the base that are not the rate of its poses: what a driver may have mistaken.
+"""Twists of the base that are not the rate of its poses: common mistakes of drivers.
 
 Poses and twists are compared with each other alone, over whole windows: no robot, body or momentum is in it. Both are
 means over the same samples, which the one being the rate of the other survives.
@@ -17,30 +17,22 @@ from mbaid_ros.core.geometry import Array, log, rotate, rotate_back, skew
 _FEWEST = 8  # windows, of six numbers each: enough that a wrong reading is no accident
 # Mean normalised square of the poses' steps less the twists', from which a twist is not the rate of the poses.
 _CONTRADICTS = 4.0
-_LEFT = 0.25  # of what contradicts, and of what moves: what another reading leaves at most to be believed
+_LEFT = 0.25  # of the contradiction, and of the motion: most that another convention may leave to be accepted
 _MILLIMETRE = 1e-3  # m: a unit
 
 
 @dataclass(frozen=True)
 class _Motion:
-    """How the base moved over W windows: rad and m, (angular, linear) in odometry axes.
+    """How the base moved over W windows: rad and m, (angular, linear) in odometry axes."""
 
-    Attributes
-    ----------
-    step, read : (W, 6) by the poses, and as the twist is read
-    arm : (W, 3, 3) what a point away from the base's adds to the linear step, m, per metre in base axes
-    middle : (W, 3, 3) rotation of the base in the middle of each
-    noise : (W, 6) standard deviation of the difference between the two
-    """
-
-    step: Array
-    read: Array
-    arm: Array
-    middle: Array
-    noise: Array
+    step: Array  # (W, 6) by the poses, and as the twist is read
+    read: Array  # (W, 6) by the poses, and as the twist is read
+    arm: Array  # (W, 3, 3) share of a point away from the base's in the linear step, m, per metre in base axes
+    middle: Array  # (W, 3, 3) rotation of the base in the middle of each
+    noise: Array  # (W, 6) standard deviation of the difference between the two
 
     def misfit(self, meant: Array) -> float:
-        """Return the mean normalised square of what (W, 6) leave of the steps."""
+        """Return the mean normalised square of the steps less (W, 6)."""
         return float(np.mean(((self.step - meant) / self.noise) ** 2))
 
     def turned(self, turn: Callable[[Array, Array], Array]) -> Array:
@@ -49,7 +41,7 @@ class _Motion:
 
 
 def twist_convention_error(windows: Sequence[Window]) -> str:
-    """Return what the twist is instead of the rate of the poses; empty where it is that, or nothing explains it."""
+    """Return the convention that the twist follows instead of the rate of the poses, or empty."""
     parts = [_of_window(each) for each in windows if np.all(np.isfinite(each.knots.base_twist[_own(each)]))]
     parts = [part for part in parts if np.all(np.isfinite(part[0]))]
     if len(parts) < _FEWEST:
@@ -90,7 +82,7 @@ def _of_window(window: Window) -> tuple[Array, Array, Array, Array, Array]:
 
 
 def _meanings(motion: _Motion) -> Iterator[tuple[str, Array]]:
-    """Yield what the twist may be, and the steps (W, 6) that it would mean."""
+    """Yield the conventions of the twist, and the steps (W, 6) that each implies."""
     what = 'the twist of the odometry'
     angular, linear = motion.read[:, :3], motion.read[:, 3:]
     yield (

@@ -27,26 +27,18 @@ _ENOUGH = 50  # redundant equations from which the tests can be trusted
 # Normalised innovation squared, of an equation: noise a fifth larger than declared is no contradiction.
 _LARGEST_MEAN = 1.5
 _NEAR = 1.0  # s, within which it is the same jump
-# Part of the information about a jump that is added to what is left of it: where nothing is left, none shows.
+# Part of the information about a jump that is added to its remainder: without a remainder, none shows.
 _FLOOR = 1e-9
 
 
 @dataclass(frozen=True)
 class Jump:
-    """A change of the momentum.
+    """A change of the momentum."""
 
-    Attributes
-    ----------
-    time : s since the first sample, start of the first window after it
-    value : (c,) in the unknowns that the momentum is
-    fall : of the sum of squared residuals, over the scale of the noise
-    first_seen : s, its time when it was first found
-    """
-
-    time: float
-    value: Array
-    fall: float
-    first_seen: float
+    time: float  # s since the first sample, start of the first window after it
+    value: Array  # (c,) in the unknowns that the momentum is
+    fall: float  # of the sum of squared residuals, over the scale of the noise
+    first_seen: float  # s, its time when it was first found
 
 
 class Conservation:
@@ -79,7 +71,6 @@ class Conservation:
 
         Parameters
         ----------
-        window : SlidingWindow
         start : s since the first sample, of the newest window
         covariance : (u, u) of the unknowns by noise alone
         surplus : expected part of the consider parameters in the sum of squared residuals
@@ -97,7 +88,7 @@ class Conservation:
         best = int(
             np.argmax(falls if jump is None else np.where(np.abs(starts - jump.first_seen) <= _NEAR, falls, 0.0))
         )
-        # Noise that is larger than declared is no jump: the scale of what a jump leaves.
+        # Noise that is larger than declared is no jump: the scale of the residuals of a jump.
         scale = max((window.linear.cost - falls[best]) / (redundancy + surplus), 1.0)
         fall, time = float(falls[best]) / scale, float(starts[best])
         if fall > (self._limit if jump is None else jump.fall):
@@ -109,7 +100,6 @@ def momentum_jumps(window: SlidingWindow, momentum: slice, covariance: Array) ->
 
     Parameters
     ----------
-    window : SlidingWindow
     momentum : c places of the momentum among the unknowns
     covariance : (u, u) of the unknowns by noise alone
 

@@ -17,25 +17,19 @@ from functools import cached_property
 
 import numpy as np
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.linear_algebra import inverse_factor, inverse_factors, solve_symmetric, square_root
+from mbaid_ros.core.samples import ArrayRecord
 
 
 @dataclass(frozen=True)
 class Blocks(ArrayRecord):
-    """K blocks of r equations for u unknowns, with z error sources each.
+    """K blocks of r equations for u unknowns, with z error sources each."""
 
-    Attributes
-    ----------
-    rows, offset : (K, r, u) A, (K, r) y
-    noise, noise_rows : (K, r, z) G0, (K, r, z, u) G1
-    """
-
-    rows: Array
-    offset: Array
-    noise: Array
-    noise_rows: Array
+    rows: Array  # (K, r, u) A, (K, r) y
+    offset: Array  # (K, r, u) A, (K, r) y
+    noise: Array  # (K, r, z) G0, (K, r, z, u) G1
+    noise_rows: Array  # (K, r, z) G0, (K, r, z, u) G1
 
     def restrict(self, selection: Array, basis: Array) -> Blocks:
         """Return the equations Pi f, for Pi (k, r), in the unknowns x' with x = B x', for B (u, v)."""
@@ -52,19 +46,12 @@ class Blocks(ArrayRecord):
 
 @dataclass(frozen=True)
 class Linearisation:
-    """The normal equations of some blocks at one x: cost(x + d) = cost + 2 gradient d + d information d.
+    """The normal equations of some blocks at one x: cost(x + d) = cost + 2 gradient d + d information d."""
 
-    Attributes
-    ----------
-    cost : sum of the squared normalised residuals
-    gradient, information : (u,), (u, u)
-    equations : number of equations
-    """
-
-    cost: float
-    gradient: Array
-    information: Array
-    equations: int
+    cost: float  # sum of the squared normalised residuals
+    gradient: Array  # (u,), (u, u)
+    information: Array  # (u,), (u, u)
+    equations: int  # number of equations
 
     def at(self, step: Array) -> Linearisation:
         """Return the same form around x + step, (u,)."""
@@ -75,20 +62,12 @@ class Linearisation:
 
 @dataclass(frozen=True)
 class White(ArrayRecord):
-    """K blocks at one x in units of their noise.
+    """K blocks at one x in units of their noise."""
 
-    Attributes
-    ----------
-    residual : (K, r)
-    rows : (K, r, u) corrected for the noise in them
-    noise : (K, r, z) W G, with orthonormal rows
-    whitener : (K, r, r) W with W^T W the inverse of the covariance of the residuals
-    """
-
-    residual: Array
-    rows: Array
-    noise: Array
-    whitener: Array
+    residual: Array  # (K, r)
+    rows: Array  # (K, r, u) corrected for the noise in them
+    noise: Array  # (K, r, z) W G, with orthonormal rows
+    whitener: Array  # (K, r, r) W with W^T W the inverse of the covariance of the residuals
 
     @property
     def cost(self) -> float:
@@ -167,7 +146,6 @@ def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation,
 
     Parameters
     ----------
-    blocks : Blocks
     x, spread : (u,) for the weights, (u, k) factor of its covariance
 
     Returns
@@ -221,10 +199,7 @@ class Sums:
         It minimises z^T M z / z^T N z (renormalisation; Kanatani 1994), which always has one solution. `information`
         (u, u) and `right_side` (u,) hold prior knowledge.
 
-        Raises
-        ------
-        FloatingPointError
-            Nothing is noisy.
+        Raises FloatingPointError: Nothing is noisy.
         """
         equations = self.equations.copy()
         equations[:-1, :-1] += information
@@ -242,7 +217,6 @@ def first_solutions(blocks: Blocks, information: Array, right_side: Array) -> li
 
     Parameters
     ----------
-    blocks : Blocks
     information, right_side : (u, u), (u,) of prior knowledge
     """
     x: Array = np.zeros(len(right_side))

@@ -37,51 +37,35 @@ _WORTH_TELLING = 0.5
 _CAUSE = 'thrust, contact, a slip of the grasp, or a force that lasts'
 
 
-# The noise's own information fluctuates: what is less than twice it is not signal.
+# The noise's own information fluctuates: anything below twice it is not signal.
 _NOISE_MARGIN = 2.0
 
 
 @dataclass(frozen=True)
 class DifferenceSettings:
-    """Settings of the weighted difference form.
+    """Settings of the weighted difference form."""
 
-    Attributes
-    ----------
-    noise : of the joint sensors (the samples hold that of the base)
-    kept_windows : length of the sliding window; older windows are marginalised
-    linear_momentum_std : N s, of the total linear momentum about zero; 0 is no prior
-    """
-
-    noise: SensorNoise
-    kept_windows: int
-    linear_momentum_std: float
+    noise: SensorNoise  # of the joint sensors (the samples hold that of the base)
+    kept_windows: int  # length of the sliding window; older windows are marginalised
+    linear_momentum_std: float  # N s, of the total linear momentum about zero; 0 is no prior
 
 
 @dataclass(frozen=True)
 class _Posterior:
-    """The state of a run after a window.
+    """The state of a run after a window."""
 
-    Attributes
-    ----------
-    run : Run
-    x : (u,) the solution
-    information, noise : (u, u) of the unknowns, and the part of it by noise alone
-    cross : (u, e) cross-information with the consider parameters
-    cost, surplus : sum of the squared normalised residuals, and the expected part of the consider parameters
-    redundancy : number of equations less that of unknowns
-    event, contradictions : of the run
-    """
-
-    run: Run
-    x: Array
+    run: Run  # Run
+    x: Array  # (u,) the solution
+    # information, noise: (u, u) of the unknowns, and the part of it by noise alone
     information: Array
     noise: Array
-    cross: Array
+    cross: Array  # (u, e) cross-information with the consider parameters
+    # cost, surplus: sum of the squared normalised residuals, and the expected part of the consider parameters
     cost: float
     surplus: float
-    redundancy: int
-    event: Event | None
-    contradictions: tuple[str, ...]
+    redundancy: int  # number of equations less that of unknowns
+    event: Event | None  # of the run
+    contradictions: tuple[str, ...]  # of the run
 
 
 class Run:
@@ -92,7 +76,6 @@ class Run:
     space : which equations hold, in which unknowns
     origin : (3,) m, about which L_0 is taken
     scale : (16,) typical sizes of x
-    settings : DifferenceSettings
     considered : the consider parameters
     restarted : whether earlier windows had to be given up
     """
@@ -216,9 +199,6 @@ class DifferenceEstimator:
 
     Parameters
     ----------
-    kernel : MomentumKernel
-    settings : DifferenceSettings
-    reporting : Reporting
     unknowns : consider parameters, which widen the covariance
     prior : joint prior of the unknowns, whose mean the robot is taken at; None for independent ones about zero
     """

@@ -12,15 +12,15 @@ import numpy as np
 import scipy.linalg
 
 from mbaid_ros.core import chi_square
-from mbaid_ros.core.array_record import ArrayRecord, Queue
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White, first_solutions
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.linear_algebra import inverse_root, is_positive, solve_definite, solve_symmetric
+from mbaid_ros.core.samples import ArrayRecord, Queue
 
 _ITERATIONS_AT_START = 12  # at most: from first solutions far away, steps are halved again and again
 _ITERATIONS_WARM = 2  # a window: it starts at the last solution, and the next window continues
-# Lengths of a step that are tried, each half the last: what does not help at a sixteenth is not in this direction.
+# Lengths of a step that are tried, each half the last: if a sixteenth does not help, the direction is wrong.
 _HALVINGS = 5
 # Redundant equations from which a solution that explains the data is no accident, and the chance that it seems not to.
 _ENOUGH, _UNLIKELY = 50, 1e-3
@@ -79,17 +79,13 @@ class MarginalisedPrior:
 
     def __init__(self, floor: Array) -> None:
         self._floor = floor
-        self._constant, self._windows = 0.0, 0
+        self._constant = 0.0
         self._sum: Array = np.zeros_like(floor)
         self._sum_right: Array = np.zeros(len(floor))
         self.information: Array = self._sum
         self.right_side: Array = self._sum_right
         self.noise_information: Array = np.zeros_like(floor)
         self.equations = 0
-
-    def __len__(self) -> int:
-        """Return the number of windows taken."""
-        return self._windows
 
     def add(self, linear: Linearisation, noise_information: Array, x: Array) -> None:
         """Add a quadratic form around x (u,), without the noise's own information (u, u), and that by itself."""
@@ -99,7 +95,6 @@ class MarginalisedPrior:
         self._constant += linear.cost - 2.0 * float(linear.gradient @ x) + float(x @ linear.information @ x)
         self.noise_information = self.noise_information + noise_information
         self.equations += linear.equations
-        self._windows += 1
         idle = self.noise_information + self._floor
         self.information, self.right_side = self._sum, self._sum_right
         if is_positive(self._sum - idle):
@@ -250,11 +245,6 @@ class SlidingWindow:
         return replace(linear, information=linear.information + self._marginalised.noise_information)
 
     @property
-    def marginalised(self) -> int:
-        """Number of windows that are no longer solved again."""
-        return len(self._marginalised)
-
-    @property
     def certain(self) -> bool:
         """Whether the uncertainty of the solution hardly matters for the noise of the latest window's equations."""
         if self._converged:
@@ -262,7 +252,7 @@ class SlidingWindow:
         return eiv.uncertain_share(self.windows.equations[-1:], *self._regularised(self.x)) < _LARGEST_SHARE
 
     def _regularised(self, x: Array) -> tuple[Array, Array]:
-        """Return x (u,) and a factor of its covariance, both held within the typical sizes where data say nothing."""
+        """Return x (u,) and a factor of its covariance, both of typical size in directions without data."""
         size = self._typical
         values, vectors = np.linalg.eigh(self._signal * size * size[:, None])
         values = np.maximum(values, 0.0)

@@ -29,18 +29,11 @@ _GAUSS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
 
 @dataclass(frozen=True)
 class Subspace:
-    """A selection of the equations and a basis of the unknowns.
+    """A selection of the equations and a basis of the unknowns."""
 
-    Attributes
-    ----------
-    rows : (k, 6) Pi, the equations used are Pi f
-    basis : (u, v) orthonormal B, the unknowns are x = B x'
-    plane : in the target link's frame; None in space
-    """
-
-    rows: Array
-    basis: Array
-    plane: Plane | None
+    rows: Array  # (k, 6) Pi, the equations used are Pi f
+    basis: Array  # (u, v) orthonormal B, the unknowns are x = B x'
+    plane: Plane | None  # in the target link's frame; None in space
 
     @property
     def planar(self) -> bool:
@@ -76,7 +69,6 @@ def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoi
 
     Parameters
     ----------
-    kernel : MomentumKernel
     windows : K of them, none empty
     noise : of the joints; the samples hold that of the base
     origin : (3,) m, about which L_0 is taken, odometry frame

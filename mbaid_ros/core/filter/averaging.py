@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots, averages, bridged, with_course
-from mbaid_ros.core.filter.window import Window, WindowNoise, window_noises
+from mbaid_ros.core.filter.window import Window, WindowNoise, window_noises, with_truncation
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples, SensorNoise
 
@@ -16,14 +16,13 @@ _KNOT = 0.05  # s, wanted spacing of knots: errors of the fourth-order formulas 
 # Knots in a period of the fastest passive joint, everything else held: a free robot swings up to twice as fast.
 _KNOTS_A_PERIOD = 10.0
 _FEWEST_KNOTS = 5  # of a window: the window before it needs four of them
-_MOVED = (
-    10.0  # deviations of one sample that a joint's knots range over once it has moved: noise reaches nine in an hour
-)
+# Range of a joint's knots from which it has moved, in deviations of one sample: noise reaches nine in an hour.
+_MOVED = 10.0
 
 
 @dataclass(frozen=True)
 class Averaged:
-    """What a window adds: the one before it with all its neighbours, and itself without the later ones, if unbroken.
+    """The windows that a new one completes: the one before it with all its neighbours, itself without later ones.
 
     `moved`: whether a joint has moved by more than its noise by then.
     """
@@ -77,7 +76,7 @@ class KnotAveraging:
         self._moved = False
 
     def take(self, windows: list[Samples]) -> list[Averaged]:
-        """Return what closed windows add to the chain."""
+        """Return the windows that closed ones complete."""
         if not self._knots_a_window:
             self.origin = windows[0].base_position[0].copy()
             self._knots_a_window = knots_a_window(windows[0], self._length, self._wanted)
@@ -147,11 +146,13 @@ class KnotAveraging:
         if after and empty[end - 1]:
             end -= 1
         parts = knots[first:end]
+        if any(empty[first:end]):
+            parts = bridged(parts)
         return Window(
-            knots=bridged(parts) if any(empty[first:end]) else parts,
+            knots=parts,
             inside=slice(begin - first, begin - first + count - (0 if end > begin + count else 1)),
             spacing=self._length / count,
-            noise=noise,
+            noise=with_truncation(noise, parts, at_an_end=not (earlier and after)),
             start=(self._number - (1 if after else 0)) * self._length,
             fresh=not earlier,
             origin=self.origin,

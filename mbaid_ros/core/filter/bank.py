@@ -1,4 +1,4 @@
-"""The hypothesis bank: one filter for each hypothesis of what acts or drifts, over the same linearised windows."""
+"""The hypothesis bank: one filter for each hypothesis of a force or drift, over the same linearised windows."""
 
 from __future__ import annotations
 
@@ -25,20 +25,12 @@ _JUMP = 0.3  # typical momenta: standard deviation of a jump, next to no prior
 
 @dataclass(frozen=True)
 class Jump:
-    """A jump of the momentum.
+    """A jump of the momentum."""
 
-    Attributes
-    ----------
-    time : s since the first sample, start of the window in which it was noticed
-    before : (6,) (P, L) until then, about the run's origin
-    gaussian : a window earlier; of the first jumps of a run only
-    pushed : as of `HypothesisFilter`, until then
-    """
-
-    time: float
-    before: Array
-    gaussian: SquareRootInformation | None
-    pushed: Array
+    time: float  # s since the first sample, start of the window in which it was noticed
+    before: Array  # (6,) (P, L) until then, about the run's origin
+    gaussian: SquareRootInformation | None  # a window earlier; of the first jumps of a run only
+    pushed: Array  # as of `HypothesisFilter`, until then
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +117,7 @@ def _as_usual(after: SquareRootInformation) -> float:
 
 
 def far_better(other: HypothesisFilter, first: HypothesisFilter) -> bool:
-    """Tell whether a hypothesis explains the data far better than the first one, each linearised at its own solution.
+    """Return whether a hypothesis explains the data far better than the first one, each linearised at its own solution.
 
     It must gain by smaller innovations: any other gain comes from the point of linearisation.
     """

@@ -1,6 +1,6 @@
 """The batch iteration: all windows relinearised at one point, a hypothesis filtered over them, the point moved, again.
 
-Long computations are generators: they yield what each piece cost, in steps of the filter, and return their outcome.
+Long computations are generators: they yield the cost of each piece, in steps of the filter, and return their outcome.
 `BackgroundTask` runs a fixed number of steps a window, so that live and replayed runs take over at the same window.
 """
 
@@ -48,7 +48,7 @@ _DISPLACED = 0.25  # standard deviations by which a Newton step may move the bod
 
 
 def is_converged(step: Array, deviation: Array) -> bool:
-    """Tell whether a Gauss-Newton step is negligible beside the standard deviations: the one stopping rule."""
+    """Return whether a Gauss-Newton step is negligible beside the standard deviations: the one stopping rule."""
     return bool(np.all(np.abs(step) <= _CONVERGED * deviation))
 
 
@@ -111,28 +111,16 @@ class Relinearised:
 
 @dataclass(frozen=True, eq=False)
 class BatchResult:
-    """The outcome of a batch iteration.
+    """The outcome of a batch iteration."""
 
-    Attributes
-    ----------
-    point : after the last step
-    relinearised : the windows of the last iteration
-    filtered : the hypothesis filtered over them
-    moments : its mean and covariance
-    deviation : standard deviations of the parameters
-    converged : whether the last step was negligible
-    physical : whether the body is near enough to one that can exist
-    mass_held : whether the prior held the mass
-    """
-
-    point: Point
-    relinearised: Relinearised
-    filtered: HypothesisFilter
-    moments: MeanAndCovariance
-    deviation: Array
-    converged: bool
-    physical: bool
-    mass_held: bool
+    point: Point  # after the last step
+    relinearised: Relinearised  # the windows of the last iteration
+    filtered: HypothesisFilter  # the hypothesis filtered over them
+    moments: MeanAndCovariance  # its mean and covariance
+    deviation: Array  # standard deviations of the parameters
+    converged: bool  # whether the last step was negligible
+    physical: bool  # whether the body is near enough to one that can exist
+    mass_held: bool  # whether the prior held the mass
 
     @property
     def consistent(self) -> bool:
@@ -152,7 +140,7 @@ class BatchResult:
         return not self.mass_held, self.filtered.gaussian.log_likelihood - (0.0 if self.converged else MARGIN)
 
     def is_rivalled_by(self, other: BatchResult) -> bool:
-        """Tell whether another result, at a distinct point, explains the windows about as well."""
+        """Return whether another result, at a distinct point, explains the windows about as well."""
         as_good = other.filtered.gaussian.log_likelihood > self.filtered.gaussian.log_likelihood - MARGIN
         apart = np.any(np.abs(other.point.parameters - self.point.parameters) > _APART * self.deviation)
         return bool(as_good and apart)
@@ -160,18 +148,11 @@ class BatchResult:
 
 @dataclass(frozen=True)
 class BatchIteration:
-    """Gauss-Newton over stored windows.
+    """Gauss-Newton over stored windows."""
 
-    Attributes
-    ----------
-    layout : of the state
-    variables : of the filter
-    linearised : linearises windows
-    """
-
-    layout: Layout
-    variables: Variables
-    linearised: LinearisationCache
+    layout: Layout  # of the state
+    variables: Variables  # of the filter
+    linearised: LinearisationCache  # linearises windows
 
     def prior(self, hypothesis: Hypothesis, longest: int = LONGEST, mass: float | None = None) -> HypothesisFilter:
         """Return a hypothesis before the first window: of any mass or near one, with jumps of so many windows."""
@@ -208,21 +189,34 @@ class BatchIteration:
         mass_held : whether that prior holds the mass
         """
         result: BatchResult | None = None
-        least, idle = np.inf, 0
+        least, idle, most = np.inf, 0, -np.inf
         for _ in range(_ITERATIONS):
             try:
                 relinearised = yield from self.relinearise(stacks, point)
                 (filtered,) = yield from self.filter(relinearised, (prior,))
-                result = self._step(relinearised, filtered, mass_held=mass_held)
+                tried = self._step(relinearised, filtered, mass_held=mass_held)
             except np.linalg.LinAlgError:
                 # The step has led to a robot that cannot exist.
                 return None if result is None else replace(result, point=result.relinearised.point, converged=False)
-            point = result.point
+            most = max(most, tried.filtered.gaussian.log_likelihood)
+            if result is not None and tried.filtered.gaussian.log_likelihood < most - MARGIN:
+                # A step may shrink the misfit only as the noise of the prediction grows: half of it, then.
+                point = self._between(result.relinearised.point, point, tried.moments)
+                result = replace(result, converged=False)
+                continue
+            result, point = tried, tried.point
             misfit = result.filtered.misfit / max(result.filtered.gaussian.measured, 1)
             least, idle = min(misfit, least), 0 if misfit < least else idle + 1
             if result.converged or (least > HOPELESS and idle >= _IDLE):
                 break
         return result
+
+    def _between(self, first: Point, second: Point, moments: MeanAndCovariance) -> Point:
+        """Return the point midway between two."""
+        state = moments.mean.copy()
+        state[self.layout.parameters] = 0.5 * (first.parameters + second.parameters)
+        state[self.layout.readings] = 0.5 * (first.readings + second.readings)
+        return self.layout.point(state)
 
     def _step(self, relinearised: Relinearised, filtered: HypothesisFilter, *, mass_held: bool) -> BatchResult:
         """Return the Gauss-Newton step from the point of linearisation, cut short where it leads far."""

@@ -37,44 +37,33 @@ class WindowModel:
     """Windows, linear in the state x at their first knots: measurements, and the transition to the next window.
 
     All arrays have a first axis of the windows, which the shapes below leave out.
-
-    Attributes
-    ----------
-    pose_value, pose_rows, pose_covariance : (6,), (6, s), (6, 6): value = rows x + noise
-    twist_value, twist_rows, twist_covariance : the same of the twist; with an IMU its angular velocity after it, (9,),
-        (9, s), (9, 9); NaN value of what is not measured
-    transition, drift : (6, s), (6,): pose error at the next window's first knot = transition x + drift
-    process : (6, n) factor of the joint noise that accumulates until then
-    joints, joints_by_unknowns : (6, n), (6, 10 + e, n) the joints' part of the pose's noise, as of `JointNoise`
-    joints_of_gyro : (3, n) that a gyro on a link has beside it
-    joints_in_twist : () its variance in the twist over that in the pose
-    length : () s
-    rotation, position : (3, 3), (3,) m, of the base at the window's end
-    brought : (6, s) change of (P, L) until the next window by the unknowns
-    stepped : (6, f) motion of the base there by each Gauss-Markov process, when that grows by one
-    body : (10,) standard parameters of the target at the linearisation point
-    integrated : an `IntegratedTwist`, which then takes the place of the twist; None where that is measured by itself
     """
 
-    pose_value: Array
-    pose_rows: Array
-    pose_covariance: Array
+    pose_value: Array  # (6,), (6, s), (6, 6): value = rows x + noise
+    pose_rows: Array  # (6,), (6, s), (6, 6): value = rows x + noise
+    pose_covariance: Array  # (6,), (6, s), (6, 6): value = rows x + noise
+    # twist_value, twist_rows, twist_covariance: the same of the twist; with an IMU its angular velocity after it, (9,),
+    # (9, s), (9, 9); value NaN if not measured
     twist_value: Array
     twist_rows: Array
     twist_covariance: Array
+    # transition, drift: (6, s), (6,): pose error at the next window's first knot = transition x + drift
     transition: Array
     drift: Array
-    process: Array
+    process: Array  # (6, n) factor of the joint noise that accumulates until then
+    # joints, joints_by_unknowns: (6, n), (6, 10 + e, n) the joints' part of the pose's noise, as of `JointNoise`
     joints: Array
     joints_by_unknowns: Array
-    joints_of_gyro: Array
-    joints_in_twist: Array
-    length: Array
+    joints_of_gyro: Array  # (3, n) that a gyro on a link has beside it
+    joints_in_twist: Array  # () its variance in the twist over that in the pose
+    length: Array  # () s
+    # rotation, position: (3, 3), (3,) m, of the base at the window's end
     rotation: Array
     position: Array
-    brought: Array
-    stepped: Array
-    body: Array
+    brought: Array  # (6, s) change of (P, L) until the next window by the unknowns
+    stepped: Array  # (6, f) motion of the base there by each Gauss-Markov process, when that grows by one
+    body: Array  # (10,) standard parameters of the target at the linearisation point
+    # an `IntegratedTwist`, which then takes the place of the twist; None where that is measured by itself
     integrated: Array = field(default_factory=lambda: np.array(None))
 
     def __getitem__(self, index: int | Integers) -> WindowModel:

@@ -39,7 +39,7 @@ class MeanAndCovariance:
 
     @cached_property
     def factor(self) -> Array:
-        """Factor of the covariance of the state, (s, v), without what the variables leave out."""
+        """Factor of the covariance of the state, (s, v), without the parts outside the variables."""
         return self.variables.of_state(self.gaussian.factor[: len(self.variables.scale)])
 
     @property

@@ -28,7 +28,7 @@ _RETRY, _RETRY_PART = 2, 0.1
 _FREEZE = 40  # windows above which the linearisation is frozen if it is good enough
 # Ratio of standard deviations of the body, now and when its windows were linearised, below which they are checked anew.
 _SHARPER = 0.7
-# Relative deviation of the body, in all directions seen, below which the linearisation may be frozen: what is left of
+# Relative deviation of the body, in all directions seen, below which the linearisation may be frozen: the remainder of
 # second order is a tenth of it.
 _KNOWN = 0.1
 # Steps of the filter that a task may take between two windows: while there is an estimate, and before.
@@ -147,7 +147,7 @@ class Initialisation:
             self._displacement = None  # of windows as they were linearised before
 
     def may_freeze(self, gaussian: SquareRootInformation) -> bool:
-        """Tell whether the windows may keep their linearisation for good; else drop those that lead nowhere together.
+        """Return whether the windows may keep their linearisation for good; else drop those that lead nowhere together.
 
         Parameters
         ----------
@@ -191,7 +191,7 @@ class Initialisation:
         return self._displacement is not None and self._displacement.anywhere
 
     def _is_linear(self, gaussian: SquareRootInformation) -> bool:
-        """Tell whether what the windows leave open at second order is small, wherever they are linearised."""
+        """Return whether the remainder of second order is small, wherever the windows are linearised."""
         if self._curvature is None or self._curvature.anywhere or self._displaced:
             return False
         moments = MeanAndCovariance.of(gaussian, self._batch.variables)

@@ -18,25 +18,20 @@ from mbaid_ros.core.geometry import Array
 
 @dataclass(frozen=True)
 class IntegratedTwist:
-    """Integral of a window's twist from its first knot on; of several windows with these along a first axis.
+    """Integral of a window's twist from its first knot on; of several windows with these along a first axis."""
 
-    Attributes
-    ----------
-    way_value, way_rows : (6,), (6, s): value - rows x = c - c' + noise, to the next window's first knot, with its c'
-    mean_value, mean_rows : (6,), (6, s): value - rows x = c - joint noise in the mean pose + noise, mean over the knots
-    white : (6, 6) covariance of the noise in the way
-    share, left : () share of that noise in the mean, and variance of the rest of the mean's noise, over `white`
-    change : () as `Stack.whitening`
-    """
-
+    # way_value, way_rows: (6,), (6, s): value - rows x = c - c' + noise, to the next window's first knot, with its c'
     way_value: Array
     way_rows: Array
+    # mean_value, mean_rows: (6,), (6, s): value - rows x = c - joint noise in the mean pose + noise, mean over the
+    # knots
     mean_value: Array
     mean_rows: Array
-    white: Array
+    white: Array  # (6, 6) covariance of the noise in the way
+    # share, left: () share of that noise in the mean, and variance of the rest of the mean's noise, over `white`
     share: Array
     left: Array
-    change: Array
+    change: Array  # () as `Stack.whitening`
 
     def each(self) -> Array:
         """Return several as an array (B,) of single ones."""
@@ -59,39 +54,28 @@ def weights_of_ways(count: int) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class TwistLink:
-    """How a window's measurements depend on c (k,), and c on the next window's; q (k,) are of unit variance.
+    """How a window's measurements depend on c (k,), and c on the next window's; q (k,) are of unit variance."""
 
-    Attributes
-    ----------
-    by_noise, by_carried : (w, k) derivatives of a window's w whitened measurements by q and c
-    way_value, way_rows, back : (k,), (k, v), (k, k): q = back (c' - c - process noise + value - rows variables)
-    process : (k, n) of that noise, as in `WhitenedWindow`
-    """
-
+    # by_noise, by_carried: (w, k) derivatives of a window's w whitened measurements by q and c
     by_noise: Array
     by_carried: Array
+    # way_value, way_rows, back: (k,), (k, v), (k, k): q = back (c' - c - process noise + value - rows variables)
     way_value: Array
     way_rows: Array
     back: Array
-    process: Array
+    process: Array  # (k, n) of that noise, as in `WhitenedWindow`
 
 
 @dataclass(frozen=True)
 class Linked:
-    """Measurements of B windows by pose and integrated twist, in units of their noise.
+    """Measurements of B windows by pose and integrated twist, in units of their noise."""
 
-    Attributes
-    ----------
-    value, rows, log_noise : (B, w), (B, w, v), (B,) as in `WhitenedWindow`
-    precision : (B, 6, 6) S^-1 of the measurements as the joints' noise is in them
-    carried : B of them
-    """
-
+    # value, rows, log_noise: (B, w), (B, w, v), (B,) as in `WhitenedWindow`
     value: Array
     rows: Array
     log_noise: Array
-    precision: Array
-    carried: list[TwistLink]
+    precision: Array  # (B, 6, 6) S^-1 of the measurements as the joints' noise is in them
+    carried: list[TwistLink]  # B of them
 
 
 def linked(

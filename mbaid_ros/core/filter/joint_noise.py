@@ -13,34 +13,26 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, BODY, Layout
 from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, gains_by_unknowns, joint_gains
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import Stack
 from mbaid_ros.core.geometry import Array, Integers
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.samples import ArrayRecord
 
 
 @dataclass(frozen=True)
 class JointNoise(ArrayRecord):
-    """The joints' noise in B windows, (angular, linear).
+    """The joints' noise in B windows, (angular, linear)."""
 
-    Attributes
-    ----------
-    pose : (B, 6, n) factor of the covariance of the mean pose
-    by_unknowns : (B, 6, 10 + e, n) its derivative by the target body and the prediction's unknowns
-    process : (B, 6, n + c) factor of the pose error that accumulates until the next window, by joints and the c
-        readings of stored momentum
-    stored : (B, 6, c) factor of the noise in the twist, by these readings and by Gauss-Markov processes
-    stepped : (B, 6, f) motion of the base with each Gauss-Markov process, when that grows by one
-    """
-
-    pose: Array
-    by_unknowns: Array
+    pose: Array  # (B, 6, n) factor of the covariance of the mean pose
+    by_unknowns: Array  # (B, 6, 10 + e, n) its derivative by the target body and the prediction's unknowns
+    # (B, 6, n + c) factor of the pose error that accumulates until the next window, by joints and the c readings of
+    # stored momentum
     process: Array
-    stored: Array
-    stepped: Array
+    stored: Array  # (B, 6, c) factor of the noise in the twist, by these readings and by Gauss-Markov processes
+    stepped: Array  # (B, 6, f) motion of the base with each Gauss-Markov process, when that grows by one
 
 
 def joint_noise(
@@ -143,18 +135,11 @@ def no_bias(variables: Variables) -> Array:
 
 @dataclass(frozen=True)
 class InformationCorrection:
-    """Correction of the body's b variables for M (trajectory.md, eqs. 13 and 14), P their covariance without it.
+    """Correction of the body's b variables for M (trajectory.md, eqs. 13 and 14), P their covariance without it."""
 
-    Attributes
-    ----------
-    gain : (b, b) N: errors are larger by (1 - P M)^-1 = 1 + P N
-    score : (b, b) K: their covariance gains (1 - P M)^-1 P M P (1 - M P)^-1 = P K K^T P
-    shift : (b,) s: the estimate moves by P s
-    """
-
-    gain: Array
-    score: Array
-    shift: Array
+    gain: Array  # (b, b) N: errors are larger by (1 - P M)^-1 = 1 + P N
+    score: Array  # (b, b) K: their covariance gains (1 - P M)^-1 P M P (1 - M P)^-1 = P K K^T P
+    shift: Array  # (b,) s: the estimate moves by P s
 
     @staticmethod
     def of(covariance: Array, bias_information: Array, mean: Array) -> InformationCorrection:

@@ -12,10 +12,9 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, Flags, cross, crossed, exp, log, moved_base, skew
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about
-from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.samples import ArrayRecord, Samples
 
 # Knots that a window needs of its neighbours, before and after, for its fourth-order formulas.
 BEFORE, AFTER = 3, 4
@@ -25,35 +24,22 @@ _LINEAR, _CUBIC = np.array([1.0, 1.0]) / 2.0, np.array([-1.0, 4.0, 4.0, -1.0]) /
 
 @dataclass(frozen=True)
 class Knots(ArrayRecord):
-    """J consecutive knots, equally spaced; all NaN where one has no sample.
+    """J consecutive knots, equally spaced; all NaN where one has no sample."""
 
-    Attributes
-    ----------
-    joint_position : (J, n)
-    base_rotation : (J, 3, 3)
-    base_position : (J, 3) m, relative to the run's origin
-    base_twist : (J, 6) (v, w) in odometry axes; NaN where not measured
-    spread : (J,) variance of the sample times in the knot over the square of the knots' spacing
-    offset : (J,) mean of the sample times less the knot's centre, over the knots' spacing
-    impulse : (J, 6) what known thrust has changed (P, L) by, L about the run's origin
-    stored : (J, c) readings of what stores momentum inside bodies
-    tide, thrust : (J, 60 b), (J, 30 f) as in Samples, L about the run's origin
-    gyro : (J, 3) rad, as in Samples; NaN where a sample has none, none at all where there is no IMU
-    course : (J, 36) where the gyro alone measures the orientation: its error since the run began, odometry axes, by
-        each error of the gyro (3 x 12, rows first): bias, scale, turn, cross-axis; none where it is measured
-    """
-
-    joint_position: Array
-    base_rotation: Array
-    base_position: Array
-    base_twist: Array
-    spread: Array
-    offset: Array
-    impulse: Array
-    stored: Array
+    joint_position: Array  # (J, n)
+    base_rotation: Array  # (J, 3, 3)
+    base_position: Array  # (J, 3) m, relative to the run's origin
+    base_twist: Array  # (J, 6) (v, w) in odometry axes; NaN where not measured
+    spread: Array  # (J,) variance of the sample times in the knot over the square of the knots' spacing
+    offset: Array  # (J,) mean of the sample times less the knot's centre, over the knots' spacing
+    impulse: Array  # (J, 6) change of (P, L) by known thrust, L about the run's origin
+    stored: Array  # (J, c) readings of the momentum stored inside bodies
+    # tide, thrust: (J, 60 b), (J, 30 f) as in Samples, L about the run's origin
     tide: Array
     thrust: Array
-    gyro: Array
+    gyro: Array  # (J, 3) rad, as in Samples; NaN where a sample has none, none at all where there is no IMU
+    # (J, 36) where the gyro alone measures the orientation: its error since the run began, odometry axes, by each error
+    # of the gyro (3 x 12, rows first): bias, scale, turn, cross-axis; none where it is measured
     course: Array
 
     @property
@@ -189,37 +175,28 @@ def _columns_about(brought: Array, origin: Array, numbers: int) -> Array:
 
 @dataclass(frozen=True)
 class Midpoints(ArrayRecord):
-    """The motion midway between J knots, and the change from one knot to the next; windows may be a second axis.
+    """The motion midway between J knots, and the change from one knot to the next; windows may be a second axis."""
 
-    Attributes
-    ----------
-    joint_position, joint_velocity : (J - 1, n)
-    base_rotation, base_position, base_twist : (J - 1, 3, 3), (J - 1, 3), (J - 1, 6)
-    turn : (J - 1, 3) rad, rotation vector from each knot to the next, odometry axes
-    step : (J - 1, 3) m, displacement from each knot to the next
-    impulse, stored, tide, thrust : (J - 1, ...) as of the knots, midway
-    gyro : (J - 1, 3) rad/s, measured angular velocity in the IMU's axes; NaN where unknown, none without an IMU
-    gyro_axes : (J - 1, 3, 3) these to odometry axes; none where the IMU is on the base
-    gyro_gain : (J - 1, 3, n) derivative of its angular velocity against the base by the joint rates, odometry axes
-    """
-
-    joint_position: Array
-    joint_velocity: Array
-    base_rotation: Array
-    base_position: Array
-    base_twist: Array
-    turn: Array
-    step: Array
-    impulse: Array
-    stored: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    tide: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    thrust: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    joint_position: Array  # (J - 1, n)
+    joint_velocity: Array  # (J - 1, n)
+    base_rotation: Array  # (J - 1, 3, 3), (J - 1, 3), (J - 1, 6)
+    base_position: Array  # (J - 1, 3, 3), (J - 1, 3), (J - 1, 6)
+    base_twist: Array  # (J - 1, 3, 3), (J - 1, 3), (J - 1, 6)
+    turn: Array  # (J - 1, 3) rad, rotation vector from each knot to the next, odometry axes
+    step: Array  # (J - 1, 3) m, displacement from each knot to the next
+    impulse: Array  # (J - 1, ...) as of the knots, midway
+    stored: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (J - 1, ...) as of the knots, midway
+    tide: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (J - 1, ...) as of the knots, midway
+    thrust: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (J - 1, ...) as of the knots, midway
+    # (J - 1, 3) rad/s, measured angular velocity in the IMU's axes; NaN where unknown, none without an IMU
     gyro: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # (J - 1, 3, 3) these to odometry axes; none where the IMU is on the base
     gyro_axes: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # (J - 1, 3, n) derivative of its angular velocity against the base by the joint rates, odometry axes
     gyro_gain: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        """Fill in what is left out with arrays of no columns."""
+        """Replace omitted arrays by arrays of no columns."""
         for name in ('stored', 'tide', 'thrust', 'gyro', 'gyro_axes', 'gyro_gain'):
             if getattr(self, name).shape[: self.turn.ndim - 1] != self.turn.shape[:-1]:
                 object.__setattr__(self, name, np.zeros((*self.turn.shape[:-1], 0)))
@@ -249,7 +226,7 @@ def midpoints(knots: Knots, spacing: float) -> Midpoints:
 
     Values at the knot centres are the means less the offset times the slope and half the spread times the second
     difference; midway values take off a sixteenth, rates a twenty-fourth of the neighbours' differences. At the ends
-    the neighbour's correction serves.
+    the corrections follow the line through the two nearest.
     """
     joints = knots.joint_position.shape[-1]
     parts = (knots.joint_position, knots.base_position, knots.base_twist, knots.stored, knots.gyro)
@@ -294,11 +271,8 @@ def with_joints_later(middle: Midpoints, late: float, spacing: float) -> Midpoin
 
 
 def gradient(values: Array) -> Array:
-    """Return the slope of (J, ...) per step: half the difference of the neighbours, at the ends the step."""
-    slope = np.empty_like(values)
-    slope[1:-1] = 0.5 * (values[2:] - values[:-2])
-    slope[0], slope[-1] = values[1] - values[0], values[-1] - values[-2]
-    return slope
+    """Return the slope of (J, ...) per step: half the difference of the neighbours, at the ends of the parabola."""
+    return _slope(values[1:] - values[:-1])
 
 
 def _turns(rotation: Array) -> Array:
@@ -309,11 +283,12 @@ def _centre(values: Array, knots: Knots) -> Array:
     """Return the values at the knots' centres. Twice: the first slopes are of means that are off themselves."""
     offset, square = knots.offset[..., None], (knots.spread + knots.offset**2)[..., None]
     centred = values - offset * gradient(values)
-    return values - offset * gradient(centred) - 0.5 * square * _second_difference(centred)
+    step = centred[1:] - centred[:-1]
+    return values - offset * _slope_to(offset, step) - 0.5 * square * _padded(step[1:] - step[:-1])
 
 
 def _mean(values: Array, knots: Knots) -> Array:
-    """Return the means of both knots, each at its centre, of what may begin and end at once: to first order only."""
+    """Return the means of both knots, each at its centre, of quantities that may jump: to first order only."""
     centred = values - knots.offset[..., None] * gradient(values)
     return np.asarray(0.5 * (centred[1:] + centred[:-1]))
 
@@ -323,12 +298,18 @@ def _centre_rotation(knots: Knots) -> Array:
     offset, square = knots.offset[..., None], (knots.spread + knots.offset**2)[..., None]
     turn = _turns(knots.base_rotation)
     turn = _turns(exp(-offset * _slope(turn)) @ knots.base_rotation)
-    return exp(-offset * _slope(turn) - 0.5 * square * _padded(turn[1:] - turn[:-1])) @ knots.base_rotation
+    return exp(-offset * _slope_to(offset, turn) - 0.5 * square * _padded(turn[1:] - turn[:-1])) @ knots.base_rotation
 
 
-def _slope(turn: Array) -> Array:
-    """Return the turn a knot's spacing at each knot, from those between knots."""
-    return np.concatenate((turn[:1], 0.5 * (turn[1:] + turn[:-1]), turn[-1:]))
+def _slope(step: Array) -> Array:
+    """Return the change a knot's spacing at each knot, from those between knots."""
+    return _padded(0.5 * (step[1:] + step[:-1]))
+
+
+def _slope_to(offset: Array, step: Array) -> Array:
+    """Return the same to fourth order, for steps of first-order centres an offset away."""
+    slope = _slope(step)
+    return slope - (1.0 - 4.0 * offset**2) / 6.0 * _second_difference(slope)
 
 
 def _midway(values: Array) -> Array:
@@ -342,4 +323,7 @@ def _second_difference(values: Array) -> Array:
 
 
 def _padded(inner: Array) -> Array:
-    return np.concatenate((inner[:1], inner, inner[-1:]))
+    """Return values with one more at either end, on the line through the two nearest."""
+    if len(inner) < 2:
+        return np.concatenate((inner, inner, inner))
+    return np.concatenate((2.0 * inner[:1] - inner[1:2], inner, 2.0 * inner[-1:] - inner[-2:-1]))

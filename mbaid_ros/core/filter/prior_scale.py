@@ -1,4 +1,4 @@
-"""The scale of the unknowns' priors: what looks further off than declared."""
+"""The scale of the unknowns' priors: deviations beyond the declared ones."""
 
 from __future__ import annotations
 
@@ -27,24 +27,17 @@ _SURE = 0.9  # probability that something is further off than declared, from whi
 class PriorScaleFactors:
     """Variance components of the unknowns' priors (Koch 1999, section 3.6; trajectory.md, eq. 7).
 
-    Where what the windows see of a kind of unknowns is as far off as k times its declared deviation would make it, what
-    they do not see probably is as well. A single thing, or a part of one, may be mistaken where all others of its kind
-    are right. The estimate stays; the part of its errors that comes from the kind, thing or part is k times as large.
-
-    Attributes
-    ----------
-    sizes : by kind of cause ('zero', 'link', ...), by single cause ('zero:joint1'), and by part of one ('mass:link1')
-    distances : by single cause, of what the data see of it
-    each : (e,) the factor of each of the unknowns' independent numbers
-    covariance : (e, e) of these, of unit variance a priori, if all are as declared
-    within : the names that each of these names belongs to
+    If the observed unknowns of a kind are k times as far off as declared, the unobserved ones probably are as well. A
+    single thing, or a part of one, may be mistaken where all others of its kind are right. The estimate stays; the part
+    of its errors that comes from the kind, thing or part is k times as large.
     """
 
+    # by kind of cause ('zero', 'link', ...), by single cause ('zero:joint1'), and by part of one ('mass:link1')
     sizes: Mapping[str, LikelyScale]
-    distances: Mapping[str, Distance]
-    each: Array
-    covariance: Array
-    within: Mapping[str, Sequence[str]]
+    distances: Mapping[str, Distance]  # by single cause, of its observed part
+    each: Array  # (e,) the factor of each of the unknowns' independent numbers
+    covariance: Array  # (e, e) of these, of unit variance a priori, if all are as declared
+    within: Mapping[str, Sequence[str]]  # the names that each of these names belongs to
 
     @staticmethod
     def of(values: Array, covariance: Array, causes: Sequence[str], parts: Sequence[str]) -> PriorScaleFactors:
@@ -69,7 +62,7 @@ class PriorScaleFactors:
             each[own] = np.maximum(each[own], likely[0][row])
         sizes = dict(zip(names, map(LikelyScale, *map(np.ndarray.tolist, likely)), strict=True))
         distances = dict(zip(names, map(Distance, *map(np.ndarray.tolist, away)), strict=True))
-        beyond = values**2 + covariance.diagonal() - 1.0  # on average at most zero of what looks as declared
+        beyond = values**2 + covariance.diagonal() - 1.0  # on average at most zero for numbers as declared
         for kind in groups.wide:
             own, sizes[kind] = groups.places[kind], AS_DECLARED
             if np.add.reduce(beyond[own]) > 0.0:
@@ -106,7 +99,7 @@ class PriorScaleFactors:
 
     @property
     def sure(self) -> tuple[tuple[str, float], ...]:
-        """Names that are surely further off than declared, and than what they belong to, with the factor."""
+        """Names that are surely further off than declared, and than their group, with the factor."""
         factors = {cause: factor.factor for cause, factor in self.sizes.items() if factor.chance > _SURE}
         return tuple(
             (cause, factor)
@@ -122,23 +115,17 @@ def _kind(cause: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Groups:
-    """Groups of numbers, by name: single causes and parts of them, which are compared as rows of one table, and kinds.
+    """Groups of numbers, by name: single causes and parts of them, compared as rows of one table, and kinds."""
 
-    Attributes
-    ----------
-    within, places : the names that each belongs to, as above; the indices of its numbers
-    things, wide, rows : single causes; kinds of several causes; names of the rows
-    alike : (rows, places (B, n)) of the groups of n numbers
-    chances : prior probabilities of the rows, (B,) each of the pair
-    """
-
+    # within, places: the names that each belongs to, as above; the indices of its numbers
     within: Mapping[str, Sequence[str]]
     places: Mapping[str, Integers]
+    # things, wide, rows: single causes; kinds of several causes; names of the rows
     things: tuple[str, ...]
     wide: tuple[str, ...]
     rows: tuple[str, ...]
-    alike: tuple[tuple[slice, Integers], ...]
-    chances: tuple[Array, Array]
+    alike: tuple[tuple[slice, Integers], ...]  # (rows, places (B, n)) of the groups of n numbers
+    chances: tuple[Array, Array]  # prior probabilities of the rows, (B,) each of the pair
 
     @staticmethod
     @lru_cache(maxsize=8)  # a run asks at each window

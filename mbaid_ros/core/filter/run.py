@@ -25,7 +25,7 @@ from mbaid_ros.core.unknowns.environment import Hypothesis
 
 # The point moves when the estimate is this far from its reference (squared Mahalanobis distance, of 20 to 200
 # numbers): directions that nothing sees gain less information by that than their priors have. It moves along directions
-# whose relative deviation is below the second number, and along those whose offset squared, what is left of second
+# whose relative deviation is below the second number, and along those whose offset squared, the remainder of second
 # order, exceeds a tenth of their deviation. An unknown's unit is about 1 % of its size.
 _HELD, _WELL_KNOWN, _CURVED, _UNIT = 16.0, 1e-3, 0.1, 0.01
 
@@ -33,10 +33,10 @@ _HELD, _WELL_KNOWN, _CURVED, _UNIT = 16.0, 1e-3, 0.1, 0.01
 class LinearisationPoint:
     """The linearisation point of the windows to come (trajectory.md, eq. 6).
 
-    Each window is blind along some directions: all masses and momenta growing together, say, or CoM and odometry mount
-    displaced together. Linearised at another point these are others, and together the windows would seem to see them.
-    So the point follows the estimate along the directions that are well known, and rests along the others unless the
-    estimate is far.
+    Each window is blind along some directions, such as all masses and momenta growing together, or CoM and odometry
+    mount displaced together. Linearised at another point these are others, and together the windows would seem to see
+    them. So the point follows the estimate along the directions that are well known, and rests along the others unless
+    the estimate is far.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class Phase(Enum):
 
 
 class FilterRun:
-    """Estimates the state window by window, under several hypotheses of what acts or drifts.
+    """Estimates the state window by window, under several hypotheses of forces and drifts.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ class FilterRun:
                 self._latest = update_hypothesis(self._latest, still_open, white, self._variables)
 
     def offer(self, point: Callable[[], Point]) -> None:
-        """Take what makes a point that the next search may begin at."""
+        """Keep a point that the next search may begin at."""
         self._offered = point
 
     def restart(self) -> None:

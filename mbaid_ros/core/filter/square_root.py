@@ -26,29 +26,21 @@ _BLOCK = 12  # columns that LAPACK reflects together: as many as a window has ro
 
 @dataclass(frozen=True, eq=False)
 class SquareRootInformation:
-    """A Gaussian of the scaled variables: those of `Variables`, then those of a constant force where there is one.
+    """A Gaussian of the scaled variables: those of `Variables`, then those of a constant force where there is one."""
 
-    Attributes
-    ----------
-    root : (v, v + 2), Fortran order: the triangle R, beside it z of the correction for noise that rows and values
-        share, and z of the least-squares mean: x = R^-1 (their sum)
-    innovations : sensor by sensor
-    bias_information : (b, b + 1) as of `WhitenedWindow`, summed over all windows
-    nis, measured : sum of the normalised innovations squared over all windows, and their number
-    last_nis, last_measured : the same of the last update
-    log_likelihood : of all measurements, up to a constant
-    carried : (c, c + v + 2) rows above those of the root, of c numbers that the next window's twist is linked by
-        (`TwistLink`), or between an update and the step after it of its noise and these; None where nothing links it
-    """
-
+    # (v, v + 2), Fortran order: the triangle R, beside it z of the correction for noise that rows and values share, and
+    # z of the least-squares mean: x = R^-1 (their sum)
     root: Array
-    innovations: Innovations
-    bias_information: Array
+    innovations: Innovations  # sensor by sensor
+    bias_information: Array  # (b, b + 1) as of `WhitenedWindow`, summed over all windows
+    # nis, measured: sum of the normalised innovations squared over all windows, and their number
     nis: float = 0.0
     measured: int = 0
-    last_nis: float = 0.0
-    last_measured: int = 0
-    log_likelihood: float = 0.0
+    last_nis: float = 0.0  # the same of the last update
+    last_measured: int = 0  # the same of the last update
+    log_likelihood: float = 0.0  # of all measurements, up to a constant
+    # (c, c + v + 2) rows above those of the root, of c numbers that the next window's twist is linked by (`TwistLink`),
+    # or between an update and the step after it of its noise and these; None where nothing links it
     carried: Array | None = None
 
     @staticmethod
@@ -76,10 +68,7 @@ class SquareRootInformation:
     def moments(self) -> tuple[Array, Array]:
         """Return the mean (v,), and the part of it that corrects for shared noise (v,).
 
-        Raises
-        ------
-        LinAlgError
-            The information has a direction without any.
+        Raises LinAlgError: The information has a direction without any.
         """
         both, info = dtrtrs(self.root[:, :-2], self.root[:, -2:])
         if info:
@@ -97,7 +86,7 @@ class SquareRootInformation:
         return np.asarray(dtrtrs(self.root[:, :-2], self.root[:, -1])[0])
 
     def with_root(self, root: Array, carried: Array | None = None) -> SquareRootInformation:
-        """Return the same measurements with another root (v, v + 2), and what is carried."""
+        """Return the same measurements with another root (v, v + 2), and the carried rows."""
         return replace(self, root=root, carried=carried)
 
 
@@ -146,7 +135,7 @@ def update(gaussian: SquareRootInformation, window: WhitenedWindow) -> SquareRoo
 def advance(
     gaussian: SquareRootInformation, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis
 ) -> SquareRootInformation:
-    """Return the Gaussian at the next window's first knot, under a hypothesis of what acts and drifts."""
+    """Return the Gaussian at the next window's first knot, under a hypothesis of forces and drifts."""
     if window.carried is not None and gaussian.carried is not None:
         return _advanced_with_link(gaussian, gaussian.carried, window, window.carried, variables, hypothesis)
     root = gaussian.root
@@ -244,7 +233,7 @@ def pose_reset(gaussian: SquareRootInformation, variables: Variables) -> SquareR
 
 
 def new_motion(gaussian: SquareRootInformation, variables: Variables) -> SquareRootInformation:
-    """Return the Gaussian at the beginning of another motion: pose error, momentum and what each motion draws anew."""
+    """Return the Gaussian at the beginning of another motion: pose error, momentum and numbers drawn anew."""
     root, head = gaussian.root.copy(), variables.head
     root[:head] = 0.0
     root[:head, :head] = variables.prior()[1][:head, :head]

@@ -58,49 +58,32 @@ _LARGEST_SHIFT = 1.0  # standard deviations that noise in the rows may move a re
 
 @dataclass(frozen=True)
 class Start:
-    """The outcome of a search.
+    """The outcome of a search."""
 
-    Attributes
-    ----------
-    bank : of all hypotheses
-    point : at which they are linearised
-    accepted : whether the search has converged to one acceptable point
-    covariance : (10, 10) of the body, of the windows that were searched
-    curvature : computes how near linear the windows are about the point; None where it is not accepted
-    """
-
-    bank: Bank
-    point: Point
-    accepted: bool
-    covariance: Array
+    bank: Bank  # of all hypotheses
+    point: Point  # at which they are linearised
+    accepted: bool  # whether the search has converged to one acceptable point
+    covariance: Array  # (10, 10) of the body, of the windows that were searched
+    # computes how near linear the windows are about the point; None where it is not accepted
     curvature: Work[Curvature] | None
 
 
 @dataclass(frozen=True)
 class MultiStart:
-    """Searches the point that windows lead to.
+    """Searches the point that windows lead to."""
 
-    Attributes
-    ----------
-    batch : iterates over the windows
-    hypotheses : the first is the one to beat
-    """
-
-    batch: BatchIteration
-    hypotheses: tuple[Hypothesis, ...]
+    batch: BatchIteration  # iterates over the windows
+    hypotheses: tuple[Hypothesis, ...]  # the first is the one to beat
 
     def search(self, windows: list[Window], points: Sequence[Callable[[], Point | None]]) -> Work[Start]:
         """Return the start that batch iterations lead to, from earlier points or else from guesses.
+
+        Raises LinAlgError: Neither points nor guesses lead to a robot that can exist.
 
         Parameters
         ----------
         windows : in order; those that are added during the search are only filtered
         points : make earlier solutions, or None; each is tried only where the one before leads nowhere
-
-        Raises
-        ------
-        LinAlgError
-            Neither points nor guesses lead to a robot that can exist.
         """
         count, stacks = len(windows), in_stacks(windows)
         results: list[BatchResult] = []
@@ -132,7 +115,7 @@ class MultiStart:
         return Start(bank, relinearised.point, accepted, covariance, curvature)
 
     def _from_guesses(self, stacks: list[list[Stack]]) -> Work[list[BatchResult]]:
-        """Return what the windows lead to with each guessed mass held, and from the best of these with any mass.
+        """Return the solutions with each guessed mass held, and from the best of these with any mass.
 
         Where the rows are as noisy as the motion is large, an iteration may converge with narrow intervals although
         bodies of quite another mass explain the windows as well: the results with the mass held show those.
@@ -186,7 +169,7 @@ class MultiStart:
         return other.relinearised, bank, True
 
     def _is_hardly_shifted(self, result: BatchResult) -> bool:
-        """Tell whether the correction for noise in the rows is small."""
+        """Return whether the correction for noise in the rows is small."""
         shift = np.abs(result.moments.shift[self.batch.layout.parameters])
         return bool(np.all(shift <= _LARGEST_SHIFT * result.deviation))
 

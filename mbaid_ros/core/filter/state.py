@@ -32,18 +32,11 @@ BODY_PLACES = np.arange(BODY.start, BODY.stop)
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Where windows are linearised.
+    """Where windows are linearised."""
 
-    Attributes
-    ----------
-    parameters : (u,) of the prediction: P, L, phi, unknowns
-    readings : (r,) the other unknowns
-    side : the nominal model there
-    """
-
-    parameters: Array
-    readings: Array
-    side: NominalModel
+    parameters: Array  # (u,) of the prediction: P, L, phi, unknowns
+    readings: Array  # (r,) the other unknowns
+    side: NominalModel  # the nominal model there
 
     @property
     def body(self) -> Array:
@@ -53,22 +46,14 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """The layout of the state.
+    """The layout of the state."""
 
-    Attributes
-    ----------
-    kernel : of the robot as its URDF has it
-    unknowns : those of the readings last
-    known : their prior
-    plane : (3, 6) the equations that hold for a planar motion, as `PlaneDetector.rows`; None in space
-    imu : the link that an IMU is on, where joints move it
-    """
-
-    kernel: MomentumKernel
-    unknowns: tuple[Unknown, ...]
-    known: UnknownsPrior
+    kernel: MomentumKernel  # of the robot as its URDF has it
+    unknowns: tuple[Unknown, ...]  # those of the readings last
+    known: UnknownsPrior  # their prior
+    # (3, 6) the equations that hold for a planar motion, as `PlaneDetector.rows`; None in space
     plane: Array | None = None
-    imu: Link | None = None
+    imu: Link | None = None  # the link that an IMU is on, where joints move it
 
     @staticmethod
     def of(
@@ -79,16 +64,13 @@ class Layout:
     ) -> Layout:
         """Return the layout of a state with these unknowns, and a joint prior of theirs.
 
-        Raises
-        ------
-        ValueError
-            The prior is of other numbers, or the unknowns of the readings are not the last.
+        Raises ValueError: The prior is of other numbers, or the unknowns of the readings are not the last.
         """
         count, last = sum(unknown.count for unknown in unknowns), [unknown.read for unknown in unknowns]
         if known is None:
             known = UnknownsPrior.nothing(count)
         elif len(known.mean) != count or last != sorted(last):
-            raise ValueError(f'what is known of {len(known.mean)} numbers is not of the {count} unknown ones, in order')
+            raise ValueError(f'a posterior of {len(known.mean)} numbers does not match {count} unknowns, in order')
         return Layout(kernel, tuple(sorted(unknowns, key=lambda unknown: unknown.read)), known, plane)
 
     @cached_property
@@ -104,7 +86,7 @@ class Layout:
 
     @cached_property
     def readings(self) -> slice:
-        """The slice of what only the readings depend on."""
+        """The slice of the unknowns that affect the readings only."""
         return slice(self.parameters.stop, self.size)
 
     @cached_property
@@ -177,7 +159,7 @@ class Layout:
         return Point(values[self.parameters], values[self.readings], side)
 
     def settled(self, state: Array, deviation: Array | None = None) -> Array:
-        """Return what windows are linearised at (s,), of a state (s,) with standard deviations (s,)."""
+        """Return the linearisation point (s,) of windows, for a state (s,) with standard deviations (s,)."""
         values = state.copy()
         for unknown, place in zip(self.unknowns, self.places, strict=True):
             uncertain = np.zeros(unknown.count) if deviation is None else deviation[place]
@@ -212,7 +194,7 @@ def near_part(parameters: Array, step: Array) -> float:
     if parameters[body][0] == 0.0:
         return 1.0  # nothing is known of a body that has no mass
     far, size = np.abs(step[body]), body_sizes(parameters[body])
-    # What has no size, as a mass whose inertia is none, is not to be left at all.
+    # Numbers without size, as a mass without inertia, stay as they are.
     change = float(np.max(np.divide(far, size, out=np.where(far > 0.0, np.inf, 0.0), where=size != 0.0)))
     return min(1.0, _NEAR / max(change, _NEAR))
 
@@ -221,7 +203,7 @@ def layout_of(kernel: MomentumKernel, uncertainty: Uncertainty, detector: PlaneD
     """Return the layout for the uncertainty of a robot that moves in a plane or in space."""
     unknowns, known = catalogue(kernel, uncertainty), uncertainty.carried
     if known is not None:
-        # How passive joints swung at the start of another run says nothing of this one.
+        # The swing of passive joints at the start of another run does not apply to this one.
         drawn = np.repeat([each.of_a_chain for each in unknowns], [each.count for each in unknowns]).astype(bool)
         known = known.drawn_anew(drawn)
     if detector.planar:

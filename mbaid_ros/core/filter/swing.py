@@ -118,7 +118,7 @@ class SwingCourse:
     def add_to(
         self, stacks: Sequence[Stack], motions: Motions, point: Point, prediction: Prediction, bodies: Bodies
     ) -> None:
-        """Add to the derivatives of the predicted twist what the parameters change by the swing, at all instants."""
+        """Add the parameters' effect through the swing to the derivatives of the predicted twist, at all instants."""
         passive = bodies.passive
         assert passive is not None, 'there are passive joints'
         runs = _runs(stacks, motions)
@@ -172,7 +172,7 @@ class SwingCourse:
         slopes : (m, B, 2 f, 2 f) derivatives of the rates of x, and the rest (m, B, 2 f, c) of those
         start : where a window follows none
         point : of the linearisation
-        columns : of what is remembered: the first, 1, or all others, None
+        columns : of the remembered state: the first, 1, or all others, None
         """
         mean = np.mean(np.concatenate([part.reshape(-1, *part.shape[2:]) for part in slopes[0]]), axis=0)
         steps = [_steps(mean, one, other, run.spacing) for run, one, other in zip(runs, *slopes, strict=True)]
@@ -185,7 +185,7 @@ class SwingCourse:
         for _, stack, window in order:
             run, (onward, gain), out = runs[stack], steps[stack], results[stack]
             numbers = run.numbers[:, window].tolist()
-            # A window's amplitudes of what decays are those at its own begin.
+            # A window's amplitudes of decaying terms are those at its own begin.
             length = run.spacing * (run.inside.stop - run.inside.start)
             onwards = 1.0 if columns else np.exp(self._decay * length)
             begin = run.inside.start - (0 if run.fresh[window] or run.inside.start == 0 else 1)

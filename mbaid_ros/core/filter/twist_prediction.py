@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
 from mbaid_ros.core.geometry import Array, Integers, cross, skew
@@ -19,6 +18,7 @@ from mbaid_ros.core.robot.momentum import momentum
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about, of_bodies, of_link
 from mbaid_ros.core.robot.passive import PassiveInertias, PassiveMotion, spring_constants, through_springs
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum, sensitivity_to_joints
+from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.unknowns.bodies import KnownBodies
 from mbaid_ros.core.unknowns.declaration import JointMotion, Unknown
 from mbaid_ros.core.unknowns.flexible import SpringErrors, StartingSwing, SwingNoise
@@ -64,17 +64,11 @@ def _joint_motion(motion: Midpoints, spacing: float, carried: Array, origin: Arr
 
 @dataclass(frozen=True)
 class Prediction(ArrayRecord):
-    """The predicted twist (v, w) of the base at N instants, odometry axes.
+    """The predicted twist (v, w) of the base at N instants, odometry axes."""
 
-    Attributes
-    ----------
-    twist : (N, 6)
-    by_parameters : (N, 6, u) derivative by the parameters
-    by_pose_error : (N, 6, 6) F, derivative of (v, w) by an error (theta, rho) of the base's pose, at fixed axes of V
-    """
-
-    twist: Array
-    by_parameters: Array
+    twist: Array  # (N, 6)
+    by_parameters: Array  # (N, 6, u) derivative by the parameters
+    # (N, 6, 6) F, derivative of (v, w) by an error (theta, rho) of the base's pose, at fixed axes of V
     by_pose_error: Array
 
     @property
@@ -96,37 +90,23 @@ class Prediction(ArrayRecord):
 
 @dataclass(frozen=True, eq=False)
 class PassiveColumns:
-    """How the state x = (deflections, s) of f passive joints changes at N instants, linear in x and the parameters.
+    """How the state x = (deflections, s) of f passive joints changes at N instants, linear in x and the parameters."""
 
-    Attributes
-    ----------
-    by_state, by_parameters : (N, 2 f, 2 f), (N, 2 f, u) derivatives of the rates of x
-    twist_by_state : (N, 6, 2 f) derivative of the base's twist by x
-    first : (N, 2 f, u) derivative of x by the parameters where it is the first
-    """
-
+    # by_state, by_parameters: (N, 2 f, 2 f), (N, 2 f, u) derivatives of the rates of x
     by_state: Array
     by_parameters: Array
-    twist_by_state: Array
-    first: Array
+    twist_by_state: Array  # (N, 6, 2 f) derivative of the base's twist by x
+    first: Array  # (N, 2 f, u) derivative of x by the parameters where it is the first
 
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """The bodies of a robot that moves as predicted, at N instants.
+    """The bodies of a robot that moves as predicted, at N instants."""
 
-    Attributes
-    ----------
-    parameters : (n + 1, 10) standard parameters of each, in its own frame
-    mobility : (N, 6, 6) M^-1; with passive joints (M - Gamma H^-1 Gamma^T)^-1
-    states : as the momentum equations need them
-    passive : how passive joints swing; None without any
-    """
-
-    parameters: Array
-    mobility: Array
-    states: BodyStates
-    passive: PassiveColumns | None = None
+    parameters: Array  # (n + 1, 10) standard parameters of each, in its own frame
+    mobility: Array  # (N, 6, 6) M^-1; with passive joints (M - Gamma H^-1 Gamma^T)^-1
+    states: BodyStates  # as the momentum equations need them
+    passive: PassiveColumns | None = None  # how passive joints swing; None without any
 
     def __getitem__(self, index: Integers) -> Bodies:
         """Return those of some instants."""
@@ -298,7 +278,7 @@ def passive_columns(
 def _carried_columns(
     layout: Layout, kernel: MomentumKernel, states: BodyStates
 ) -> Iterator[tuple[slice, Array, Array]]:
-    """Yield, for the target and unknowns of bodies, their place, and derivatives by them of what passive joints carry.
+    """Yield, for the target and unknowns of bodies, their place, and the derivatives of the passive joints' loads.
 
     Those are (N, f, 6, k) of its momentum, and (f, k) of the inertia about each joint's axis at rest.
     """

@@ -23,36 +23,27 @@ _NEAR = 0.1  # relative standard deviation of a mass that is held
 
 @dataclass(frozen=True, eq=False)
 class Variables:
-    """The variables of the filter: state = spread variables.
+    """The variables of the filter: state = spread variables."""
 
-    Attributes
-    ----------
-    basis : (s, v) orthonormal columns; fewer than s for a planar motion. Pose errors come first, then the momentum
-    scale : (v,) typical size of each variable
-    measured : (k, 6) combinations of a window's six pose or twist measurements that hold in the plane
-    force : (6, f) from independent numbers of unit variance to a constant force and torque
-    mean, factor : (s,), (s, s) of the prior of the state, as if the unknowns were independent
-    known : (e, e) square-root information of the unknowns
-    typical_momentum : (6,) typical sizes
-    walks : (e, w) factor of the unknowns' random walks, per square root of a second; of no columns where there is none
-    renewed : (e, w) factor of the unknowns' change from one motion to the next
-    times : (e,) s, time constants of the unknowns' Gauss-Markov processes, inf of constants; empty where all are
-    broken : (e, w) factor of the unknowns' change over a gap in the data
-    left : (v, v + 1) square-root information left by the run before the target changed, and z; else None
-    """
-
+    # (s, v) orthonormal columns; fewer than s for a planar motion. Pose errors come first, then the momentum
     basis: Array
-    scale: Array
-    measured: Array
-    force: Array
+    scale: Array  # (v,) typical size of each variable
+    measured: Array  # (k, 6) combinations of a window's six pose or twist measurements that hold in the plane
+    force: Array  # (6, f) from independent numbers of unit variance to a constant force and torque
+    # mean, factor: (s,), (s, s) of the prior of the state, as if the unknowns were independent
     mean: Array
     factor: Array
-    known: Array
-    typical_momentum: Array
+    known: Array  # (e, e) square-root information of the unknowns
+    typical_momentum: Array  # (6,) typical sizes
+    # (e, w) factor of the unknowns' random walks, per square root of a second; of no columns where there is none
     walks: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # (e, w) factor of the unknowns' change from one motion to the next
     renewed: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # (e,) s, time constants of the unknowns' Gauss-Markov processes, inf of constants; empty where all are
     times: Array = field(default_factory=lambda: np.zeros(0))
+    # (e, w) factor of the unknowns' change over a gap in the data
     broken: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # (v, v + 1) square-root information left by the run before the target changed, and z; else None
     left: Array | None = None
 
     @property

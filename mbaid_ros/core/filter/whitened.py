@@ -20,43 +20,29 @@ from mbaid_ros.core.unknowns.environment import Axes
 
 @dataclass(frozen=True)
 class WhitenedWindow:
-    """A window in the filter's variables, measurements in units of their noise.
+    """A window in the filter's variables, measurements in units of their noise."""
 
-    Attributes
-    ----------
-    value, rows : (k,), (k, v): value = rows variables + white noise of variance 1
-    log_noise : logarithm of the determinant of the noise's covariance
-    transition, drift, process : (p, v), (p,), (p, n): to the p pose errors, the first variables, at the next window's
-        first knot; the last is a factor of the joint noise that accumulates until then
-    back : (2 p, 2 p) inverse of the transition of pose error and momentum
-    shared : (v,) mean score by noise that rows and value share
-    bias_information : (b, b + 1) information M of the body by noise in the rows, and M times the body
-    moved : (6, 6) derivative of the next pose error by the momentum, SI units
-    brought : (p, v) change of the momentum until the next window by the variables
-    inertial, in_base_axes : (p, f) change of the momentum by a constant force and torque, as its axes are
-    stepped : (p, f) as of `WindowModel`
-    length : s
-    places : (k,) of the values among the numbers that a window may measure, as of `Innovations`
-    carried : where the twist is integrated, what links it to the windows before and after
-    """
-
+    # value, rows: (k,), (k, v): value = rows variables + white noise of variance 1
     value: Array
     rows: Array
-    log_noise: float
+    log_noise: float  # logarithm of the determinant of the noise's covariance
+    # transition, drift, process: (p, v), (p,), (p, n): to the p pose errors, the first variables, at the next window's
+    # first knot; the last is a factor of the joint noise that accumulates until then
     transition: Array
     drift: Array
     process: Array
-    back: Array
-    shared: Array
-    bias_information: Array
-    moved: Array
-    brought: Array
+    back: Array  # (2 p, 2 p) inverse of the transition of pose error and momentum
+    shared: Array  # (v,) mean score by noise that rows and value share
+    bias_information: Array  # (b, b + 1) information M of the body by noise in the rows, and M times the body
+    moved: Array  # (6, 6) derivative of the next pose error by the momentum, SI units
+    brought: Array  # (p, v) change of the momentum until the next window by the variables
+    # inertial, in_base_axes: (p, f) change of the momentum by a constant force and torque, as its axes are
     inertial: Array
     in_base_axes: Array
-    stepped: Array
-    length: float
-    places: Integers
-    carried: TwistLink | None = None
+    stepped: Array  # (p, f) as of `WindowModel`
+    length: float  # s
+    places: Integers  # (k,) of the values among the numbers that a window may measure, as of `Innovations`
+    carried: TwistLink | None = None  # for an integrated twist, the links to the windows before and after
 
     def push(self, axes: Axes) -> Array:
         """Return the change of the momentum by a constant force and torque in these axes, (p, f)."""
@@ -93,7 +79,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
     for moving, select, of_rates in _rates(alone, variables):
         parts = (windows.twist_value, windows.twist_rows, windows.twist_covariance)
         value, rows, covariance = (part[moving] for part in parts)
-        value = np.nan_to_num(value)  # of what is not among these
+        value = np.nan_to_num(value)  # of those outside this selection
         twist = _whitened(value, rows, covariance, variables, select)
         times = windows.joints_in_twist[moving, None, None]
         precision[moving] += times * twist.precision
@@ -132,20 +118,14 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
 
 @dataclass(frozen=True)
 class _White:
-    """Measurements of B windows in units of their noise.
+    """Measurements of B windows in units of their noise."""
 
-    Attributes
-    ----------
-    value, rows, log_noise : (B, k), (B, k, v), (B,) as in `WhitenedWindow`
-    whiten : (B, k, 6) the whitening matrix for the joints' noise in pose or twist
-    whiten_gyro : (B, k, 3) and for that which a gyro on a link has beside; (B, k, 0) without a gyro
-    """
-
+    # value, rows, log_noise: (B, k), (B, k, v), (B,) as in `WhitenedWindow`
     value: Array
     rows: Array
     log_noise: Array
-    whiten: Array
-    whiten_gyro: Array
+    whiten: Array  # (B, k, 6) the whitening matrix for the joints' noise in pose or twist
+    whiten_gyro: Array  # (B, k, 3) and for the extra noise of a gyro on a link; (B, k, 0) without a gyro
 
     @property
     def precision(self) -> Array:

@@ -18,8 +18,8 @@ from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.core.samples import Samples
 
-# The covariance of what is not excited grows without limit: it is held at this many times the initial one. What is
-# excited, however weakly, stays below: differenced rows at 100 Hz bring Izz of the paper's case to 2e4 times.
+# The covariance of unexcited parameters grows without limit: it is held at this many times the initial one. Excited
+# parameters, however weakly, stay below: differenced rows at 100 Hz bring Izz of the paper's case to 2e4 times.
 _LARGEST_GROWTH = 1e6
 
 
@@ -64,46 +64,35 @@ class RecursiveLeastSquares:
         return self.estimate
 
 
-# An unknown counts as determined once the start, zero, makes less than this of its size. Its variance would not tell:
+# An unknown counts as determined once the start, zero, makes less than this of its size. Its variance would not decide:
 # differenced rows are small, and in the paper's case the variance of Izz stays above the initial one. A smaller share
-# holds back by a second what is right to 1 % already.
+# holds back by a second values that are right to 1 % already.
 _REMAINING = 0.02
 _SETTLED_WINDOWS = 10  # whose estimates have to agree for a run to be converged
 THRUST = 'thrust was commanded, which the methods of the paper do not account for: difference and trajectory do'
 
 
+INITIAL_COVARIANCE = 1e6  # that the paper starts from
+
+
 @dataclass(frozen=True)
 class PaperSettings:
-    """Settings of the paper's methods.
+    """Settings of the paper's methods."""
 
-    Attributes
-    ----------
-    form : 'main' (eq. 22) or 'difference' (eq. 25)
-    forgetting_factor, initial_covariance : of the recursive least squares
-    reference : sample that the difference form compares with: the one before, or the first
-    lag : samples between the two; 0 takes `reference`
-    total_angular_momentum : (L_x, L_y, L_z) kg m^2/s about the odometry origin, needed by the main form
-    settled : largest relative change over the last ten windows that counts as converged
-    length : m, that changes of the CoM are taken relative to
-    """
-
-    form: Literal['main', 'difference']
-    forgetting_factor: float
-    initial_covariance: float
+    form: Literal['main', 'difference']  # 'main' (eq. 22) or 'difference' (eq. 25)
+    forgetting_factor: float  # of the recursive least squares
+    # sample that the difference form compares with: the one before, or the first
     reference: Literal['previous', 'first']
-    lag: int
+    # (L_x, L_y, L_z) kg m^2/s about the odometry origin, needed by the main form
     total_angular_momentum: tuple[float, ...]
-    settled: float
-    length: float
+    settled: float  # largest relative change over the last ten windows that counts as converged
+    length: float  # m, that changes of the CoM are taken relative to
 
 
 class PaperEstimator:
     """Identifies one link by the paper's recursion (total linear momentum zero).
 
-    Raises
-    ------
-    ParameterError
-        The main form without the total angular momentum.
+    Raises ParameterError: The main form without the total angular momentum.
     """
 
     needs_rates = True
@@ -116,9 +105,9 @@ class PaperEstimator:
         self.method = f'paper_{settings.form}'
         self._kernel = kernel
         self._settings = settings
-        self._rls = RecursiveLeastSquares(forms.UNKNOWNS, settings.forgetting_factor, settings.initial_covariance)
+        self._rls = RecursiveLeastSquares(forms.UNKNOWNS, settings.forgetting_factor, INITIAL_COVARIANCE)
         self._plane = PlaneDetector(kernel.model)
-        self._references: deque[tuple[Array, Array]] = deque()
+        self._reference: tuple[Array, Array] | None = None
         self._settled: deque[Array] = deque(maxlen=_SETTLED_WINDOWS)
         self._samples = 0
 
@@ -157,19 +146,18 @@ class PaperEstimator:
         return forms.difference_form(*newest, references)
 
     def _reference_rows(self, angular: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Return the reference of the angular rows of each of the last samples; the first samples have none."""
-        past = list(self._references)
-        rows = np.concatenate([*(row for row, _ in past), angular[0]])
-        right_side = np.concatenate([*(value for _, value in past), angular[1]])
-        if not self._settings.lag and self._settings.reference == 'first':
-            if not past:
-                self._references.append((rows[:1], right_side[:1]))
-            count = len(angular[0]) - (0 if past else 1)
-            first = self._references[0]
-            return np.repeat(first[0], count, axis=0), np.repeat(first[1], count, axis=0)
-        lag = self._settings.lag or 1
-        self._references = deque([(rows[-lag:], right_side[-lag:])])
-        return rows[:-lag], right_side[:-lag]
+        """Return the reference of the angular rows of each of the last samples; the first sample has none."""
+        rows, right_side = angular
+        if self._reference is not None:
+            rows, right_side = (
+                np.concatenate((self._reference[0], rows)),
+                np.concatenate((self._reference[1], right_side)),
+            )
+        if self._settings.reference == 'previous':
+            self._reference = rows[-1:], right_side[-1:]
+            return rows[:-1], right_side[:-1]
+        self._reference = rows[:1], right_side[:1]
+        return np.repeat(rows[:1], len(rows) - 1, axis=0), np.repeat(right_side[:1], len(rows) - 1, axis=0)
 
     def _estimates(
         self, window: Samples, states: BodyStates, solutions: Array, determined: Array, origin: int
@@ -216,5 +204,5 @@ class PaperEstimator:
 
 
 def _inertia_scale(parameters: Array) -> Array:
-    """Return what changes of the six elements of inertia are measured by: the largest moment that is known."""
+    """Return the unit of changes of the six elements of inertia: the largest known moment."""
     return np.full(6, np.max(np.abs(parameters[[4, 7, 9]]), initial=1e-12))

@@ -15,6 +15,8 @@ from mbaid_ros.core.sensors.levels import SensorLevels
 # Where the parameters would be published if the data did not contradict the model.
 WITHHELD = 'the data contradict the model so strongly that no parameter can be published'
 
+# Where a run is relative to the capture; core/capture/estimator.py decides.
+CapturePhase = Literal['pre_capture', 'capture', 'post_capture']
 Status = Literal['waiting', 'estimating', 'converged', 'not_identifiable', 'inconsistent']
 
 
@@ -29,21 +31,15 @@ def _unknown(*shape: int) -> Array:
 
 @dataclass(frozen=True)
 class Event:
-    """Something that changed the momentum from outside, or the target.
+    """Something that changed the momentum from outside, or the target."""
 
-    Attributes
-    ----------
-    time : s since the first sample
-    kind : 'step' (a change of momentum), 'ramp' (a rate of change) or 'target_changed'
-    linear, angular : (3,) N s, N m s about the odometry origin (N, N m for a ramp; zero for a target that has changed)
-    cause : what it may have been
-    """
-
-    time: float
+    time: float  # s since the first sample
+    # 'step' (a change of momentum), 'ramp' (a rate of change) or 'target_changed'
     kind: Literal['step', 'ramp', 'target_changed']
+    # linear, angular: (3,) N s, N m s about the odometry origin (N, N m for a ramp; zero for a target that has changed)
     linear: Array
     angular: Array
-    cause: str
+    cause: str  # the likely cause
 
     def __str__(self) -> str:
         """Return it as a warning."""
@@ -82,63 +78,43 @@ class Thruster:
 
 @dataclass(frozen=True)
 class Estimate:
-    """The state of an identification after a window, or after a sample with the paper's methods.
+    """The state of an identification after a window, or after a sample with the paper's methods."""
 
-    Attributes
-    ----------
-    method : name of the method
-    status : see Status; the rules stand in core/results/status.py
-    time : s since the first sample of the run
-    stamp : ns, stamp of the last sample used
-    parameters : (10,) in the order of PARAMETERS, SI; NaN where the data do not determine one
-    covariance : (10, 10) of the parameters; NaN where not available
-    identifiable : (10,) True where the data determine the parameter
-    momentum : (6,) total momentum (P, L) in the odometry frame, L about its origin: kg m/s, kg m^2/s
-    momentum_covariance : (6, 6)
-    residual : root mean square of the normalised residuals: 1 is as declared; NaN where not available
-    time_offset, time_offset_std : s, JointState stamps minus true time relative to Odometry; NaN where not estimated
-    consistency_correction : size of the projection on physical bodies in standard deviations; 0 is none
-    impulse : (6,) what known thrust has changed the momentum by since the first sample
-    innovations : (k, 2) sum of the normalised innovations squared so far, and their number, under each hypothesis of
-        the trajectory filter that has a mechanism; empty where there is none
-    samples : number of samples used
-    phase : where the run is; see core/capture/estimator.py
-    stage : method of the stage that it is from, where the method has several
-    thrusters : what has been found of each thruster that may be off its command
-    flexible : the passive joints as estimated
-    noise : of the sensors as estimated; None where it is not
-    budget : where the parameters' variances come from; None where not available
-    causes : what may be wrong where the data contradict the model, the likeliest first, each with how much likelier
-        the data would be without it (log-likelihood)
-    events : what disturbed the momentum
-    warnings : one line each
-    """
-
-    method: str
-    status: Status
-    time: float = 0.0
-    stamp: int = 0
+    method: str  # name of the method
+    status: Status  # see Status; the rules stand in core/results/status.py
+    time: float = 0.0  # s since the first sample of the run
+    stamp: int = 0  # ns, stamp of the last sample used
+    # (10,) in the order of PARAMETERS, SI; NaN where the data do not determine one
     parameters: Array = field(default_factory=lambda: _unknown(10))
+    # (10, 10) of the parameters; NaN where not available
     covariance: Array = field(default_factory=lambda: _unknown(10, 10))
+    # (10,) True where the data determine the parameter
     identifiable: Flags = field(default_factory=lambda: np.zeros(10, dtype=bool))
+    # (6,) total momentum (P, L) in the odometry frame, L about its origin: kg m/s, kg m^2/s
     momentum: Array = field(default_factory=lambda: _unknown(6))
-    momentum_covariance: Array = field(default_factory=lambda: _unknown(6, 6))
-    residual: float = np.nan
+    momentum_covariance: Array = field(default_factory=lambda: _unknown(6, 6))  # (6, 6)
+    residual: float = np.nan  # root mean square of the normalised residuals: 1 is as declared; NaN where not available
+    # time_offset, time_offset_std: s, JointState stamps minus true time relative to Odometry; NaN where not estimated
     time_offset: float = np.nan
     time_offset_std: float = np.nan
-    consistency_correction: float = 0.0
+    consistency_correction: float = 0.0  # size of the projection on physical bodies in standard deviations; 0 is none
+    # (6,) change of the momentum by known thrust since the first sample
     impulse: Array = field(default_factory=lambda: np.zeros(6))
+    # (k, 2) sum of the normalised innovations squared so far, and their number, under each hypothesis of the trajectory
+    # filter that has a mechanism; empty where there is none
     innovations: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    samples: int = 0
-    phase: Literal['pre_capture', 'post_capture'] = 'post_capture'
-    stage: str = ''
-    thrusters: tuple[Thruster, ...] = ()
-    flexible: tuple[PassiveJoint, ...] = ()
-    noise: SensorLevels | None = None
-    budget: ErrorBudget | None = None
+    samples: int = 0  # number of samples used
+    phase: CapturePhase = 'post_capture'
+    stage: str = ''  # method of the stage that it is from, where the method has several
+    thrusters: tuple[Thruster, ...] = ()  # estimates of each thruster that may deviate from its command
+    flexible: tuple[PassiveJoint, ...] = ()  # the passive joints as estimated
+    noise: SensorLevels | None = None  # of the sensors as estimated; None where it is not
+    budget: ErrorBudget | None = None  # where the parameters' variances come from; None where not available
+    # candidate causes if the data contradict the model, the likeliest first, each with its gain in the data
+    # would be without it (log-likelihood)
     causes: tuple[tuple[str, float], ...] = ()
-    events: tuple[Event, ...] = ()
-    warnings: tuple[str, ...] = ()
+    events: tuple[Event, ...] = ()  # disturbances of the momentum
+    warnings: tuple[str, ...] = ()  # one line each
 
     @property
     def contradicted(self) -> bool:
@@ -220,7 +196,7 @@ SYMPTOM = 'one of too many jumps for a pulse: something else is wrong'
 
 
 def constant_force(axes: Literal['inertial', 'body']) -> str:
-    """Return what a force and torque may be that are constant in inertial or in the base's axes."""
+    """Return the likely sources of a force and torque that are constant in inertial or in the base's axes."""
     inertial = 'inertial axes: a tilted table, drag, a leak or gravity in orbit'
     return f'a force or torque that is constant in {inertial if axes == "inertial" else "base axes: a leak or thrust"}'
 

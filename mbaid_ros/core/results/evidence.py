@@ -21,13 +21,13 @@ _FEWEST = 20  # samples: the variance of second differences of fewer is uncertai
 
 
 def correlated_noise(time: float) -> str:
-    """Return the cause: over what time (s) the odometry's noise is correlated, and what to set."""
+    """Return the cause: the correlation time (s) of the odometry's noise, and the parameter to set."""
     shown = f'{time:.2g}'
     return f'the noise of the odometry is correlated over about {shown} s: set noise.base_correlation_time to {shown}'
 
 
 def correlation_time_of(window: Samples) -> tuple[float, float]:
-    """Return over what time (s) the positions' errors are correlated, and the log-likelihood of that; 0 where not.
+    """Return the correlation time (s) of the positions' errors, 0 for none, and its log-likelihood.
 
     With correlation c from one sample to the next, second differences have (1 - c)(3 - c) / 3 of the variance that the
     window declares.
@@ -52,18 +52,13 @@ class Innovations:
     """Sums over the windows of a run, of each of the m numbers that may be measured.
 
     These are k of the pose, angular ones first, k of the twist, and those that a gyro measures.
-
-    Attributes
-    ----------
-    angular : how many of the k are angular: three, or one in a plane
-    sums, counts : (2, m) of the normalised innovations squared, and of the products of those of neighbouring windows
-    previous : (m,) those of the last window; NaN of what was not measured
     """
 
-    angular: int
+    angular: int  # how many of the k are angular: three, or one in a plane
+    # sums, counts: (2, m) of the normalised innovations squared, and of the products of those of neighbouring windows
     sums: Array
     counts: Array
-    previous: Array
+    previous: Array  # (m,) those of the last window; NaN if not measured
 
     @staticmethod
     def none(poses: int) -> Innovations:
@@ -159,12 +154,9 @@ class PriorComparison:
     by D = 1 - 1/k^2, and the log-likelihood of the data grows by (trajectory.md, eq. 8)
 
         1/2 m^T (1/D - P)^-1 m  -  1/2 log|1 - D P|  -  n log k
-
-    Attributes
-    ----------
-    mean, variance : (..., n) along these directions; any groups of as many numbers side by side
     """
 
+    # mean, variance: (..., n) along these directions; any groups of as many numbers side by side
     mean: Array
     variance: Array
 
@@ -177,7 +169,7 @@ class PriorComparison:
 
     @property
     def distances(self) -> tuple[Array, Array, Array]:
-        """How far the data see each group from zero: (...) each of what `Distance` has."""
+        """The observed distance of each group from zero: (...) for each field of `Distance`."""
         seen = 1.0 - self.variance
         enough = seen > _SEEN
         squares = np.where(enough, self.mean**2, 0.0) / np.where(enough, seen, 1.0)
@@ -189,7 +181,7 @@ class PriorComparison:
         return self._largest([factor for factor in _FACTORS if factor <= most])
 
     def likely_sizes(self, too_small: float | Array, doubt: float | Array) -> tuple[Array, Array, Array]:
-        """Return how many times as far from zero each group is as declared: (...) each of what `LikelyScale` has.
+        """Return the distance of each group from zero over the declared one: (...) for each field of `LikelyScale`.
 
         The root mean square of one and the likeliest factor, by the chance of either; numbers that the data
         do not observe leave it at one.

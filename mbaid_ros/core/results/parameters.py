@@ -1,4 +1,4 @@
-"""The ten parameters of a rigid body: names, units, rounding, and which share of their variance comes from what."""
+"""The ten parameters of a rigid body: names, units, rounding, and their variance by source."""
 
 from __future__ import annotations
 
@@ -49,27 +49,23 @@ def _with_decimals(value: float, decimals: int) -> str:
 
 
 SENSOR_NOISE = 'sensor noise'
-MAIN_CAUSES = 'main causes of the variance'  # the heading of `ErrorBudget.told`
-UNCHECKED = 'rests on what this motion cannot check'  # the heading of `ErrorBudget.resting`
+MAIN_CAUSES = 'main causes of the variance'  # the heading of `ErrorBudget.main_causes`
+UNOBSERVABLE = 'unobservable with this motion'  # the heading of `ErrorBudget.unobservable`
 GROUPS = {'mass': slice(0, 1), 'centre of mass': slice(1, 4), 'inertia': slice(4, 10)}
-_MOST = 0.5  # share from which one cause is named: it alone decides what may be known
-_RESTS, _TOLD = 0.1, 5  # share from which an unobservable declaration is named; how many of them
+_MOST = 0.5  # share from which one cause is named: it alone limits the precision
+_RESTS, _NAMED = 0.1, 5  # share from which an unobservable declaration is named; how many of them
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorBudget:
-    """Shares of the ten parameters' variances: what sensor noise and the independent priors contribute adds up.
+    """Shares of the ten parameters' variances: the contributions of sensor noise and the independent priors add up."""
 
-    Attributes
-    ----------
-    causes : c names, sensor noise first: 'link:base_link', 'zero:joint6', 'origin:joint6', 'axis:joint6', 'mount', ...
-    shares : (10, c) in the order of PARAMETERS, each row adding up to 1; NaN where a parameter is not determined
-    unchecked : (10, c) which of them rest on a declaration that the data hardly see: if it is wrong, the parameter is
-        further off than its interval, and no residual shows it; none where not given
-    """
-
+    # c names, sensor noise first: 'link:base_link', 'zero:joint6', 'origin:joint6', 'axis:joint6', 'mount',
     causes: tuple[str, ...]
+    # (10, c) in the order of PARAMETERS, each row adding up to 1; NaN where a parameter is not determined
     shares: Array
+    # (10, c) which of them rest on a declaration that the data hardly see: if it is wrong, the parameter is further off
+    # than its interval, and no residual shows it; none where not given
     unchecked: Flags = field(default_factory=lambda: np.zeros((10, 1), dtype=bool))
 
     def of(self, parameter: str, least: float = 1e-3) -> dict[str, float]:
@@ -90,7 +86,7 @@ class ErrorBudget:
                 found[group] = self._ordered(variances[known] @ shares[known] / total, least)
         return found
 
-    def told(self, std: Array) -> str:
+    def main_causes(self, std: Array) -> str:
         """Return the largest share of each group's variance in a line, empty where not known; std (10,).
 
         'link base_link (62 % of mass, 40 % of inertia), zero of joint7 (26 % of centre of mass)'
@@ -101,8 +97,8 @@ class ErrorBudget:
             found.setdefault(cause, []).append(f'{percent(share)} of {group}')
         return _listed(found, found)
 
-    def resting(self) -> str:
-        """Return which declarations the intervals rest on that the data hardly see, in a line as that of `told`.
+    def unobservable(self) -> str:
+        """Return the declarations that dominate the intervals and are hardly observable, in a line as by `main_causes`.
 
         The share is the largest that one has in the variance of any parameter of a group.
         """
@@ -112,11 +108,11 @@ class ErrorBudget:
             for cause, share in zip(self.causes, np.max(shares[which], axis=0), strict=True):
                 if share >= _RESTS:
                     found.setdefault(cause, []).append((float(share), f'{percent(share)} of {group}'))
-        order = sorted(found, key=lambda cause: -max(found[cause])[0])[:_TOLD]
+        order = sorted(found, key=lambda cause: -max(found[cause])[0])[:_NAMED]
         return _listed(order, {cause: [text for _, text in found[cause]] for cause in order})
 
     def dominant(self, std: Array) -> dict[str, dict[str, float]]:
-        """Return what, other than sensor noise, makes more than half of a group's variance: by group; std (10,)."""
+        """Return the sources, other than sensor noise, of more than half of a group's variance: by group; std (10,)."""
         found: dict[str, dict[str, float]] = {}
         for group, shares in self.grouped(std).items():
             for cause, share in shares.items():
@@ -144,7 +140,7 @@ class DeferredBudget(ErrorBudget):
     Parameters
     ----------
     causes : as of `ErrorBudget`
-    compute : returns its shares and what is unchecked
+    compute : returns its shares and the unobservable part
     """
 
     def __init__(self, causes: tuple[str, ...], compute: Callable[[], tuple[Array, Flags]]) -> None:

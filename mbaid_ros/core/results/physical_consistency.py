@@ -71,7 +71,7 @@ def project(standard_parameters: Array, covariance: Array, scale: Array) -> tupl
 def project_planar(standard_parameters: Array, covariance: Array, scale: Array, plane: Plane) -> tuple[Array, float]:
     """Return the same as `project` for planar motion, in a plane in the link's frame, which leaves six directions open.
 
-    What a planar motion determines, (m, h in the plane, the moment about its normal), belongs to a real body exactly
+    The parameters of a planar motion, (m, h in the plane, the moment about its normal), belong to a real body exactly
     when mass and the moment about the CoM are positive. The open directions are filled in like a ball's.
     """
     basis, across = plane.basis, plane.across.T
@@ -174,20 +174,13 @@ _CLEARER = 5.0  # times as well known as the scale, from which ratios are known 
 
 @dataclass(frozen=True)
 class InertiaRatios:
-    """Inertia about the centre of mass over its trace, with one standard deviation each.
+    """Inertia about the centre of mass over its trace, with one standard deviation each."""
 
-    Attributes
-    ----------
-    elements, std : (6,) (ixx, ixy, ixz, iyy, iyz, izz)
-    principal, principal_std : (3,) principal moments, the smallest first
-    scale_std : relative, of the trace
-    """
-
-    elements: Array
-    std: Array
-    principal: Array
-    principal_std: Array
-    scale_std: float
+    elements: Array  # (6,) (ixx, ixy, ixz, iyy, iyz, izz)
+    std: Array  # (6,) (ixx, ixy, ixz, iyy, iyz, izz)
+    principal: Array  # (3,) principal moments, the smallest first
+    principal_std: Array  # (3,) principal moments, the smallest first
+    scale_std: float  # relative, of the trace
 
     @property
     def clearer(self) -> bool:
@@ -203,7 +196,7 @@ def inertia_ratios(parameters: Array, covariance: Array) -> InertiaRatios:
     slope = (np.eye(6) - np.outer(elements, _TRACE)) / trace
     ratios = slope @ of_inertia @ slope.T
     principal, axes = np.linalg.eigh(unvec(elements))
-    # A principal moment changes by what its axis has of the change: v^T dI v.
+    # A principal moment changes by the change along its axis: v^T dI v.
     x, y, z = axes
     along = np.stack((x * x, 2.0 * x * y, 2.0 * x * z, y * y, 2.0 * y * z, z * z), axis=1)
     variance = np.diag(along @ ratios @ along.T)

@@ -92,14 +92,14 @@ def _change(frame: Frame) -> Array:
 
 
 def is_usable(estimate: Estimate) -> bool:
-    """Tell whether an estimate has a positive mass, two coordinates of the CoM and a moment: enough in a plane."""
+    """Return whether an estimate has a positive mass, two coordinates of the CoM and a moment: enough in a plane."""
     mass, com, moments = estimate.parameters[0], estimate.parameters[1:4], estimate.parameters[[4, 7, 9]]
     known = mass > 0.0 and np.sum(np.isfinite(com)) >= 2 and np.any(moments > 0.0)
     return bool(known) and estimate.status != 'inconsistent'
 
 
 def is_complete(estimate: Estimate) -> bool:
-    """Tell whether all ten parameters of a link are known."""
+    """Return whether all ten parameters of a link are known."""
     return is_usable(estimate) and bool(np.all(estimate.identifiable & np.isfinite(estimate.parameters)))
 
 

@@ -30,17 +30,12 @@ _LARGEST = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Curvature:
-    """What has come of linearising elsewhere.
+    """The result of linearising elsewhere."""
 
-    Attributes
-    ----------
-    shifts, covariance : (d, 10) by which standard parameters have moved at d other points; (10, 10) at the solution
-    largest : standard deviations that a near linear one moves by at most
-    """
-
+    # shifts, covariance: (d, 10) by which standard parameters have moved at d other points; (10, 10) at the solution
     shifts: Array
     covariance: Array
-    largest: float = _LARGEST
+    largest: float = _LARGEST  # standard deviations that a near linear one moves by at most
 
     def straight(self, jacobian: Array) -> Flags:
         """Return of which numbers (m,), by their Jacobian (m, 10), the equations are near linear."""
@@ -170,7 +165,7 @@ class Reporting:
         return np.asarray((relative < self.identifiable_std) & of_the_mass)
 
     def sizes(self, parameters: Array) -> Array:
-        """Return what the standard deviation of each of the (..., 10) physical parameters is taken relative to."""
+        """Return the sizes that standard deviations of the (..., 10) physical parameters are relative to."""
         moments = np.sqrt(np.abs(parameters[..., _FIRST] * parameters[..., _SECOND]))
         length = np.full((*parameters.shape[:-1], 3), self.length)
         size = np.concatenate((np.abs(parameters[..., :1]), length, moments), axis=-1)
@@ -181,16 +176,16 @@ class Reporting:
     def _reasons(
         self, identifiable: Flags, linear: Flags, residual: float, correction: float, solution: Solution
     ) -> Iterator[Reason]:
-        """Yield what a solution shows by itself; what contradicts the model does only where parameters are known."""
+        """Yield the findings of a solution by itself; contradictions count only if parameters are known."""
         serious: Severity = 'contradiction' if identifiable.any() else 'note'
         if solution.plane is not None:
             yield Reason('planar motion: only mass, CoM in the plane and moment about its normal can be found')
         elif not identifiable.all():
             yield Reason(f'not determined by the data: {_names(~identifiable)}')
         if not linear.all() and identifiable.any():
-            yield Reason(f'the data tell only by products of unknowns of: {_names(~linear)}')
+            yield Reason(f'observable only at second order: {_names(~linear)}')
         if residual > self.largest_residual:
-            text = f'residuals are {residual:.1f} times what the noise parameters explain'
+            text = f'residuals are {residual:.1f} times as large as the noise parameters explain'
             # Few equations leave large residuals by chance.
             square = residual**2 * solution.redundancy
             large = solution.redundancy > 0 and square > chi_square.limit(_BY_CHANCE, solution.redundancy)
@@ -199,7 +194,7 @@ class Reporting:
             text = f'the estimate was {correction:.1f} standard deviations away from any real body'
             yield Reason(text, serious if correction > IMPOSSIBLE else 'note')
         if solution.restarted:
-            yield Reason('the motion turned out not to be planar: what was learnt before was given up')
+            yield Reason('the motion is not planar: the planar solution was dropped')
 
 
 def _names(which: Flags) -> str:

@@ -21,18 +21,13 @@ Severity = Literal['note', 'contradiction', 'conflict']
 
 @dataclass(frozen=True)
 class Reason:
-    """Why an estimate is to be read with care, as a stage returns it.
+    """Why an estimate is to be read with care, as a stage returns it."""
 
-    Attributes
-    ----------
-    text : one line: the fault, the value, the remedy
-    severity : 'note' is a warning alone. 'contradiction', of the data with the model, makes an estimate inconsistent;
-        one without parameters stays so, WITHHELD. 'conflict', of two stages or two sensors, makes any inconsistent
-    gain : log-likelihood, where the text is a cause as well: it comes first, that of a note only if anything is wrong
-    """
-
-    text: str
+    text: str  # one line: the fault, the value, the remedy
+    # 'note' is a warning alone. 'contradiction', of the data with the model, makes an estimate inconsistent; one
+    # without parameters stays so, WITHHELD. 'conflict', of two stages or two sensors, makes any inconsistent
     severity: Severity = 'note'
+    # log-likelihood, where the text is a cause as well: it comes first, that of a note only if anything is wrong
     gain: float | None = None
 
 
@@ -80,7 +75,7 @@ def notes(texts: Sequence[str]) -> list[Reason]:
 
 # Mean normalised innovation squared, of all or of one sensor, from which the model is wrong, the run not just unlucky.
 LARGEST_NIS = 1.5
-# Standard deviations from which what the innovations show is no accident: one in a billion.
+# Standard deviations from which a deviation of the innovations is no accident: one in a billion.
 _SIGNIFICANT = 6.0
 # Correlation of neighbouring windows from which the noise is not white enough for the intervals.
 _LARGEST_CORRELATION = 0.25
@@ -93,7 +88,7 @@ MOST_JUMPS = 3  # of the momentum: from more on the model is wrong rather than t
 
 @dataclass(frozen=True)
 class Cause:
-    """What may be wrong, and how much likelier the data would be if it were right (log-likelihood)."""
+    """A candidate cause, and its gain in log-likelihood."""
 
     text: str
     gain: float
@@ -101,34 +96,25 @@ class Cause:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a run shows of its model.
+    """The evidence of a run for its model."""
 
-    Attributes
-    ----------
-    nis : normalised innovation squared, a mean over all numbers measured: 1 for noise as declared
-    innovations : by sensor, and from window to window
-    distances : by declared thing, in words, how far off the data see it beside its prior, if nothing drifts
-    jumps, unconfirmed : of the momentum: how many, and the times, s, of those that may be something else yet
-    hypothesis, physical, odometry_drifts : the reported one, empty if undisturbed; whether it has a mechanism, and
-        lets the odometry drift
-    gain : log-likelihood of that hypothesis over the first
-    instead : what of the robot, if it were further off than declared, would gain most if nothing acted; and how much
-    latest : the window that the run ends with
-    correlation_time : s, declared of the errors of the base's poses
-    """
-
-    nis: float
-    innovations: Innovations
+    nis: float  # normalised innovation squared, a mean over all numbers measured: 1 for noise as declared
+    innovations: Innovations  # by sensor, and from window to window
+    # by declared thing, in words, how far off the data see it beside its prior, if nothing drifts
     distances: Mapping[str, Distance]
+    # jumps, unconfirmed: of the momentum: how many, and the times, s, of those that may be something else yet
     jumps: int
     unconfirmed: tuple[float, ...]
+    # hypothesis, physical, odometry_drifts: the reported one, empty if undisturbed; whether it has a mechanism, and
+    # lets the odometry drift
     hypothesis: str
     physical: bool
     odometry_drifts: bool
-    gain: float
+    gain: float  # log-likelihood of that hypothesis over the first
+    # the part of the robot that, further off than declared, gains most without a force; and its gain
     instead: tuple[str, float]
-    latest: Samples
-    correlation_time: float
+    latest: Samples  # the window that the run ends with
+    correlation_time: float  # s, declared of the errors of the base's poses
 
 
 @dataclass(frozen=True)
@@ -159,14 +145,12 @@ def judge(evidence: Evidence) -> Verdict:
         reasons.append('the noise of a sensor is not as declared')
     if evidence.unconfirmed:
         times = ', '.join(f'{time:.1f}' for time in evidence.unconfirmed)
-        reasons.append(f'the momentum seems to jump at {times} s: the next windows tell whether something pushed')
+        reasons.append(f'the momentum seems to jump at {times} s: the next windows decide whether something pushed')
     if not evidence.physical:
-        reasons.append(f'{evidence.hypothesis}: a random walk explains anything, the numbers are not to be trusted')
+        reasons.append(f'{evidence.hypothesis}: a random walk fits any data, so do not trust the numbers')
     what, gain = evidence.instead
     if evidence.hypothesis and evidence.physical and gain > evidence.gain:
-        reasons.append(
-            f'{evidence.hypothesis}, or what is declared of {what} is too certain: so far either explains the data'
-        )
+        reasons.append(f'{evidence.hypothesis}, or {what} is declared too precisely: so far either explains the data')
     correlated = (innovations.correlation > _LARGEST_CORRELATION) & (
         innovations.correlation_significance > _SIGNIFICANT
     )
@@ -175,7 +159,7 @@ def judge(evidence: Evidence) -> Verdict:
     far = [what for what, distance in evidence.distances.items() if _too_far(distance)]
     if far:
         reasons.append(f'the robot would have to be further off than declared: {", ".join(far)}')
-    return Verdict(not reasons, tuple(reasons), _causes(evidence), _widening(evidence))
+    return Verdict(not reasons, tuple(reasons), _causes(evidence), widening(innovations, evidence.nis))
 
 
 def _too_far(distance: Distance) -> bool:
@@ -183,21 +167,20 @@ def _too_far(distance: Distance) -> bool:
     return degrees > 0 and square > chi_square.limit(_NEVER, degrees) and twice > chi_square.limit(_NOT_TWICE, degrees)
 
 
-def _widening(evidence: Evidence) -> float:
+def widening(innovations: Innovations, nis: float) -> float:
     """Return by how much variances grow: innovations larger than declared, and correlated from window to window.
 
     The variance of a mean of correlated numbers is 1 + 2 (r_1 + r_2 + ...) times as large (Newey and West 1987); with
     r_k = r^k that is (1 + r) / (1 - r).
     """
-    innovations = evidence.innovations
     significant = innovations.correlation_significance > 0.5 * _SIGNIFICANT
     correlation = float(np.max(np.where(significant, innovations.correlation, 0.0)))
     correlation = min(max(correlation, 0.0), 0.9)
-    return max(1.0, evidence.nis) * (1.0 + correlation) / (1.0 - correlation)
+    return max(1.0, nis) * (1.0 + correlation) / (1.0 - correlation)
 
 
 def _causes(evidence: Evidence) -> tuple[Cause, ...]:
-    """Return what may be wrong, the likeliest first."""
+    """Return the candidate causes, the likeliest first."""
     causes = [
         Cause(f'{what} is further off than declared: check it, or raise its standard deviation', 0.5 * square)
         for what, (square, _, degrees) in evidence.distances.items()

@@ -1,1 +1,1 @@
-"""The robot: its URDF, kinematics, momentum, and how both depend on what is measured."""
+"""The robot: its URDF, kinematics, momentum, and their derivatives by the measurements."""

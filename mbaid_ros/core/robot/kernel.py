@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.array_record import Index
 from mbaid_ros.core.geometry import Array, cross, rotate_back, unvec
 from mbaid_ros.core.robot.kinematics import Configuration, Kinematics
 from mbaid_ros.core.robot.model import Link, RobotModel, express
@@ -22,37 +21,29 @@ from mbaid_ros.core.robot.model_errors import KnownErrors, displaced
 from mbaid_ros.core.robot.momentum import Storage, momentum, regressor
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about, of_bodies, of_link
 from mbaid_ros.core.robot.springs import Springs
-from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.samples import Index, Samples
 
-_PART = 16_000  # bodies times samples, of 240 bytes each: what a cache of some megabytes holds
+_PART = 16_000  # bodies times samples, of 240 bytes each: they fit a cache of some megabytes
 
 
 @dataclass(frozen=True)
 class BodyStates:
-    """N samples as the momentum equations need them, in odometry axes about the base link's origin.
+    """N samples as the momentum equations need them, in odometry axes about the base link's origin."""
 
-    Attributes
-    ----------
-    configuration : poses of the bodies and joint twists
-    body_twist : (N, n + 1, 6) twist of every body
-    known : (N, n + 1, 10) standard parameters of the known bodies
-    rotation, position, twist : (N, 3, 3), (N, 3), (N, 6) of the target link: R, r and (u, w)
-    storage, readings : momentum stored inside bodies, and its readings, (N, c)
-    tide : (N, n + 1, 6, 10) derivatives of the change of (P, L_b) by an orbit, by each body's standard parameters in
-        its own frame; (N, 0, 6, 10) without one
-    thrust : (N, f, 6, 5) derivatives of the change of (P, L_b) by thrust, by each thruster's errors
-    """
-
-    configuration: Configuration
-    body_twist: Array
-    known: Array
+    configuration: Configuration  # poses of the bodies and joint twists
+    body_twist: Array  # (N, n + 1, 6) twist of every body
+    known: Array  # (N, n + 1, 10) standard parameters of the known bodies
+    # rotation, position, twist: (N, 3, 3), (N, 3), (N, 6) of the target link: R, r and (u, w)
     rotation: Array
     position: Array
     twist: Array
+    # storage, readings: momentum stored inside bodies, and its readings, (N, c)
     storage: Storage
     readings: Array
+    # (N, n + 1, 6, 10) derivatives of the change of (P, L_b) by an orbit, by each body's standard parameters in its own
+    # frame; (N, 0, 6, 10) without one
     tide: Array
-    thrust: Array
+    thrust: Array  # (N, f, 6, 5) derivatives of the change of (P, L_b) by thrust, by each thruster's errors
 
     def __getitem__(self, index: Index) -> BodyStates:
         """Return the states of a slice, mask or list of samples."""
@@ -91,9 +82,10 @@ class BodyStates:
 class MomentumKernel:
     """The momentum of a robot with one unknown link, or several, for batches of samples.
 
+    Raises ModelError: An unknown link is not one of the model.
+
     Parameters
     ----------
-    model : RobotModel
     target : name of the unknown link; its inertial entry in the URDF never enters
     others : names of further unknown links (theta_u and theta_k in the paper's eqs. 6 to 14: any partition)
 
@@ -104,11 +96,6 @@ class MomentumKernel:
     errors : of these parameters; none by default
     storage : momentum stored inside bodies; none by default
     springs : of passive joints; none by default
-
-    Raises
-    ------
-    ModelError
-        An unknown link is not one of the model.
     """
 
     def __init__(self, model: RobotModel, target: str, *others: str) -> None:
@@ -219,29 +206,18 @@ def unknown_scale(kernel: MomentumKernel) -> Array:
 
 @dataclass(frozen=True)
 class MomentumRows:
-    """Momentum equations of N samples, about the base link's origin, odometry axes.
+    """Momentum equations of N samples, about the base link's origin, odometry axes."""
 
-    Attributes
-    ----------
-    known : (6, N) momentum (P_k, L_k) of the known bodies
-    regressors : (6, 10, N) Y of each unknown link
-    """
-
-    known: Array
-    regressors: tuple[Array, ...]
+    known: Array  # (6, N) momentum (P_k, L_k) of the known bodies
+    regressors: tuple[Array, ...]  # (6, 10, N) Y of each unknown link
 
 
 @dataclass(frozen=True)
 class _Motion:
-    """The motion of frames at N samples, in odometry axes; with several frames, they stand first.
+    """The motion of frames at N samples, in odometry axes; with several frames, they stand first."""
 
-    Attributes
-    ----------
-    axes : (..., 3, 3, N) the three axes of a frame, one after the other: the columns of its rotation matrix R
-    position, velocity, rate : (..., 3, N) r, m, of the origin relative to the base's; v, m/s, of the origin; w, rad/s
-    """
-
-    axes: Array
+    axes: Array  # (..., 3, 3, N) the three axes of a frame, one after the other: the columns of its rotation matrix R
+    # position, velocity, rate: (..., 3, N) r, m, of the origin relative to the base's; v, m/s, of the origin; w, rad/s
     position: Array
     velocity: Array
     rate: Array

@@ -15,26 +15,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, cross, rotate, skew, vec
 from mbaid_ros.core.robot.model import Link, RobotModel
-from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.samples import ArrayRecord, Samples
 
 
 @dataclass(frozen=True)
 class Configuration(ArrayRecord):
-    """Poses and joint twists at N samples.
+    """Poses and joint twists at N samples."""
 
-    Attributes
-    ----------
-    rotation : (N, n + 1, 3, 3) body to odometry axes
-    position : (N, n + 1, 3) m, body origins relative to the base origin
-    joint_twist : (N, n, 6) unit twist (u, w) of each joint at the base origin (Jacobian columns)
-    """
-
-    rotation: Array
-    position: Array
-    joint_twist: Array
+    rotation: Array  # (N, n + 1, 3, 3) body to odometry axes
+    position: Array  # (N, n + 1, 3) m, body origins relative to the base origin
+    joint_twist: Array  # (N, n, 6) unit twist (u, w) of each joint at the base origin (Jacobian columns)
 
     def link(self, link: Link) -> tuple[Array, Array]:
         """Return rotation (N, 3, 3) and position (N, 3) of a link's frame."""
@@ -129,16 +121,10 @@ _OUT_OF_PLANE = 0.05  # rad/s, of a gyro alone: no bias is as large
 
 @dataclass(frozen=True)
 class Plane:
-    """The plane of motion in a link's frame, which it never leaves, since all joints turn about its normal.
+    """The plane of motion in a link's frame, which it never leaves, since all joints turn about its normal."""
 
-    Attributes
-    ----------
-    normal : (3,) unit vector
-    across : (2, 3) orthonormal, in the plane; axes of the link where the normal is one of them
-    """
-
-    normal: Array
-    across: Array
+    normal: Array  # (3,) unit vector
+    across: Array  # (2, 3) orthonormal, in the plane; axes of the link where the normal is one of them
 
     @property
     def basis(self) -> Array:

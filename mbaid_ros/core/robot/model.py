@@ -31,27 +31,20 @@ def configurations(model: RobotModel, parsed: pinocchio.Model, position: Array) 
     return found
 
 
-_JOINT = 'joint: '  # before the name of a joint in what pinocchio parses
-_COMPLAINTS = 2  # of the parser that an error repeats: where it failed, and in what
+_JOINT = 'joint: '  # before the name of a joint in pinocchio's document
+_COMPLAINTS = 2  # of the parser that an error repeats: the place and the element
 
 
 @dataclass(frozen=True)
 class Link:
-    """A link of the URDF and where it sits on its moving body.
+    """A link of the URDF and where it sits on its moving body."""
 
-    Attributes
-    ----------
-    name : the URDF's
-    body : index of the moving body that carries it (0 is the base)
-    rotation, position : (3, 3), (3,) m, of the link's frame in the body's frame
-    parameters : (10,) standard inertial parameters (m, h, I_o) in the link's frame: kg, kg m, kg m^2
-    """
-
-    name: str
-    body: int
+    name: str  # the URDF's
+    body: int  # index of the moving body that carries it (0 is the base)
+    # rotation, position: (3, 3), (3,) m, of the link's frame in the body's frame
     rotation: Array
     position: Array
-    parameters: Array
+    parameters: Array  # (10,) standard inertial parameters (m, h, I_o) in the link's frame: kg, kg m, kg m^2
 
 
 @dataclass(frozen=True)
@@ -59,36 +52,24 @@ class RobotModel:
     """A free-floating tree of rigid bodies.
 
     Body 0 is the base; joint j moves body j + 1. Links joined by fixed joints belong to one body.
-
-    Attributes
-    ----------
-    name, urdf : the URDF's robot name, and the document
-    joint_names : names of the n movable joints, in the order of every joint array
-    parents : (n,) index of the body that carries joint j
-    rotations, positions : (n, 3, 3), (n, 3) m, frame of joint j in its parent body's frame
-    axes : (n, 3) unit axis of joint j in its own frame
-    prismatic, continuous : (n,) True where joint j slides, where it turns without limits
-    limits : (n,) of each joint
-    transmission : which joints follow others
-    links : every link of the URDF that the floating one carries
-    described_joints : every joint of the URDF, fixed ones included
-    dropped : a line, with the reason, for everything of the URDF that is left out
     """
 
-    name: str
-    urdf: str
-    joint_names: tuple[str, ...]
-    parents: tuple[int, ...]
+    name: str  # the URDF's robot name, and the document
+    urdf: str  # the URDF's robot name, and the document
+    joint_names: tuple[str, ...]  # names of the n movable joints, in the order of every joint array
+    parents: tuple[int, ...]  # (n,) index of the body that carries joint j
+    # rotations, positions: (n, 3, 3), (n, 3) m, frame of joint j in its parent body's frame
     rotations: Array
     positions: Array
-    axes: Array
+    axes: Array  # (n, 3) unit axis of joint j in its own frame
+    # prismatic, continuous: (n,) True where joint j slides, where it turns without limits
     prismatic: tuple[bool, ...]
     continuous: tuple[bool, ...]
-    limits: tuple[Limit, ...]
-    transmission: Transmission
-    links: tuple[Link, ...]
-    described_joints: tuple[str, ...] = ()
-    dropped: tuple[str, ...] = ()
+    limits: tuple[Limit, ...]  # (n,) of each joint
+    transmission: Transmission  # which joints follow others
+    links: tuple[Link, ...]  # every link of the URDF that the floating one carries
+    described_joints: tuple[str, ...] = ()  # every joint of the URDF, fixed ones included
+    dropped: tuple[str, ...] = ()  # a line, with the reason, for everything of the URDF that is left out
 
     @property
     def base_link(self) -> str:
@@ -167,10 +148,7 @@ def load_model(urdf: str, base_link: str = '') -> RobotModel:
 
     `base_link` names the link that floats; empty means the root, or the link on a root 'world'.
 
-    Raises
-    ------
-    ModelError
-        The document cannot be used; the message names the link, joint or value.
+    Raises ModelError: The document cannot be used; the message names the link, joint or value.
     """
     description = read_description(urdf, base_link)
     model = _built(description)

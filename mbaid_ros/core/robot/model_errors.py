@@ -18,22 +18,14 @@ from mbaid_ros.core.robot.momentum import physical, physical_jacobian
 
 @dataclass(frozen=True)
 class ModelErrors:
-    """The true robot of n joints less its URDF.
+    """The true robot of n joints less its URDF."""
 
-    Attributes
-    ----------
-    bodies : (n + 1, 10) standard parameters (m, h, I_o) of each moving body, in its own frame: kg, kg m, kg m^2
-    zeros : (n,) true joint position less the measured one, rad or m
-    origins : (n, 3) m, displacement of each joint's frame, in that frame
-    tilts : (n, 3) rad, rotation vector of each joint's frame with its subtree, in that frame, normal to the axis
-    mount : (6,) the true base frame in the one that the odometry locates: rotation vector (rad), position (m)
-    """
-
-    bodies: Array
-    zeros: Array
-    origins: Array
+    bodies: Array  # (n + 1, 10) standard parameters (m, h, I_o) of each moving body, in its own frame: kg, kg m, kg m^2
+    zeros: Array  # (n,) true joint position less the measured one, rad or m
+    origins: Array  # (n, 3) m, displacement of each joint's frame, in that frame
+    # (n, 3) rad, rotation vector of each joint's frame with its subtree, in that frame, normal to the axis
     tilts: Array
-    mount: Array
+    mount: Array  # (6,) the true base frame in the one that the odometry locates: rotation vector (rad), position (m)
 
     @staticmethod
     def none(joints: int) -> ModelErrors:

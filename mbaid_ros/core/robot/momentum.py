@@ -161,22 +161,14 @@ def regressor(rotation: Array, position: Array, twist: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Storage:
-    """Angular momentum stored inside bodies, with c readings.
+    """Angular momentum stored inside bodies, with c readings."""
 
-    Attributes
-    ----------
-    bodies : (c,) indices of the moving bodies that hold it
-    axes : (c, 3) unit vectors in the axes of these bodies
-    inertias : (c,) kg m^2 about these axes, of a reading that is a speed (rad/s); 1 of a momentum (N m s)
-    noises : (c,) standard deviation of one reading
-    names : c, of each
-    """
-
-    bodies: tuple[int, ...] = ()
-    axes: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    bodies: tuple[int, ...] = ()  # (c,) indices of the moving bodies that hold it
+    axes: Array = field(default_factory=lambda: np.zeros((0, 3)))  # (c, 3) unit vectors in the axes of these bodies
+    # (c,) kg m^2 about these axes, of a reading that is a speed (rad/s); 1 of a momentum (N m s)
     inertias: Array = field(default_factory=lambda: np.zeros(0))
-    noises: Array = field(default_factory=lambda: np.zeros(0))
-    names: tuple[str, ...] = ()
+    noises: Array = field(default_factory=lambda: np.zeros(0))  # (c,) standard deviation of one reading
+    names: tuple[str, ...] = ()  # c, of each
 
     @staticmethod
     def wheels(link: Link, names: Sequence[str], axes: Array, inertias: Sequence[float], noise: float) -> Storage:

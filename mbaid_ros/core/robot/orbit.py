@@ -30,23 +30,15 @@ _NEWTON = 20  # steps, enough for an eccentricity of 0.9
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """An orbit of one body about another (Kepler).
+    """An orbit of one body about another (Kepler)."""
 
-    Attributes
-    ----------
-    mean_motion : rad/s
-    up, normal : (3,) unit vectors at the epoch, in the frame that falls along
-    turning : whether the frame of the odometry turns with the orbit
-    eccentricity : 0 is a circle
-    anomaly : rad, true anomaly at the epoch: how far past the lowest point
-    """
-
-    mean_motion: float
+    mean_motion: float  # rad/s
+    # up, normal: (3,) unit vectors at the epoch, in the frame that falls along
     up: Array
     normal: Array
-    turning: bool
-    eccentricity: float = 0.0
-    anomaly: float = 0.0
+    turning: bool  # whether the frame of the odometry turns with the orbit
+    eccentricity: float = 0.0  # 0 is a circle
+    anomaly: float = 0.0  # rad, true anomaly at the epoch: how far past the lowest point
 
     @staticmethod
     def turning_with(mean_motion: float, frame: Turning) -> Orbit:

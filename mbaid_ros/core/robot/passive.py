@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel, cantilever_inertias
 from mbaid_ros.core.robot.kinematics import Configuration
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
 from mbaid_ros.core.robot.sensitivity import force_cross, motion_cross
+from mbaid_ros.core.samples import ArrayRecord
 
 
 def spring_constants(kernel: MomentumKernel, known: Array) -> tuple[Array, Array]:
@@ -33,21 +33,14 @@ def above(kernel: MomentumKernel) -> Array:
 
 @dataclass(frozen=True)
 class PassiveInertias(ArrayRecord):
-    """The f passive joints of a robot in N configurations, about the base's origin, odometry axes.
+    """The f passive joints of a robot in N configurations, about the base's origin, odometry axes."""
 
-    Attributes
-    ----------
-    axes, gamma : (N, f, 6) unit twists X; momentum of unit rates, Gamma
-    inertia : (N, f, 6, 6) of all that each carries
-    mobility : (N, 6, 6) M^-1, the passive joints held
-    free : (N, f, f) inverse of H - Gamma^T M^-1 Gamma
-    """
-
+    # axes, gamma: (N, f, 6) unit twists X; momentum of unit rates, Gamma
     axes: Array
     gamma: Array
-    inertia: Array
-    mobility: Array
-    free: Array
+    inertia: Array  # (N, f, 6, 6) of all that each carries
+    mobility: Array  # (N, 6, 6) M^-1, the passive joints held
+    free: Array  # (N, f, f) inverse of H - Gamma^T M^-1 Gamma
 
     @staticmethod
     def of(kernel: MomentumKernel, known: Array, placed: Configuration, mobility: Array) -> PassiveInertias:
@@ -76,32 +69,18 @@ class PassiveInertias(ArrayRecord):
 
 @dataclass(frozen=True, eq=False)
 class PassiveMotion:
-    """How the state x = (deflections, s) of f passive joints changes at N instants.
-
-    Attributes
-    ----------
-    inertias : PassiveInertias
-    rates : (N, f) of the deflections
-    along : (N, f) s
-    forces : (N, f) rate of s
-    by_state : (N, 2 f, 2 f) derivative of the rates of x by x
-    twist_by_state : (N, 6, 2 f) and of the base's twist
-    gyroscopic : (N, f, 6) derivative of the rate of s by the base's twist
-    by_rate : (N, f, f) derivative of the rate of s by the deflections' rates
-    turned : (N, f, 6) rate of change of the axes, V_p x X
-    along_by : (N, f, f) derivative of s by the deflections at fixed twists
-    """
+    """How the state x = (deflections, s) of f passive joints changes at N instants."""
 
     inertias: PassiveInertias
-    rates: Array
-    along: Array
-    forces: Array
-    by_state: Array
-    twist_by_state: Array
-    gyroscopic: Array
-    by_rate: Array
-    turned: Array
-    along_by: Array
+    rates: Array  # (N, f) of the deflections
+    along: Array  # (N, f) s
+    forces: Array  # (N, f) rate of s
+    by_state: Array  # (N, 2 f, 2 f) derivative of the rates of x by x
+    twist_by_state: Array  # (N, 6, 2 f) and of the base's twist
+    gyroscopic: Array  # (N, f, 6) derivative of the rate of s by the base's twist
+    by_rate: Array  # (N, f, f) derivative of the rate of s by the deflections' rates
+    turned: Array  # (N, f, 6) rate of change of the axes, V_p x X
+    along_by: Array  # (N, f, f) derivative of s by the deflections at fixed twists
 
     @staticmethod
     def of(
@@ -154,7 +133,7 @@ class PassiveMotion:
 
 
 def through_springs(kernel: MomentumKernel, axes: Array, gamma: Array) -> Array:
-    """Return Gamma H^-1 H_dq (N, 6, n): what the momenta along the passive joints, held, take off that of joint rates.
+    """Return Gamma H^-1 H_dq (N, 6, n): the part of the joint rates' momentum that held passive joints cancel.
 
     `axes` (N, n, 6) are the unit twists of all joints, `gamma` (N, 6, n) the momenta of their unit rates.
     """

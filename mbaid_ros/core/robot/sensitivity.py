@@ -22,15 +22,10 @@ class Sensitivity:
 
     The order of z is: joint positions (n), joint velocities (n), base orientation (3, odometry axes), base linear and
     angular velocity (3 + 3, base axes). About the base's origin the momentum does not depend on the base's position.
-
-    Attributes
-    ----------
-    known : (N, 6, 2 n + 9)
-    target : (N, 6, 2 n + 9, 10 k), to be multiplied by the standard parameters of the k unknown links
     """
 
-    known: Array
-    target: Array
+    known: Array  # (N, 6, 2 n + 9)
+    target: Array  # (N, 6, 2 n + 9, 10 k), to be multiplied by the standard parameters of the k unknown links
 
 
 def sensitivity(kernel: MomentumKernel, states: BodyStates) -> Sensitivity:
@@ -55,7 +50,7 @@ def sensitivity_of_known(kernel: MomentumKernel, states: BodyStates) -> Array:
     """Return the (N, 6, 2 n + 9) derivatives of the known bodies' momentum alone."""
     members, owner, twists = _moving(kernel, states)
     composite = members @ states.known
-    momenta = members @ states.momenta  # of what the joints move, and of the whole
+    momenta = members @ states.momenta  # of the bodies that the joints move, and of the whole
     joint_twist = states.configuration.joint_twist
     return _assembled(joint_twist, momentum(composite[:, owner], twists)[:, None], momenta[:, None])[..., 0]
 
@@ -149,16 +144,13 @@ def mobility_and_momentum(parameters: Array, configuration: Configuration, body_
     body's pseudo-inertia J, the integral of (y, 1) (y, 1)^T over its mass, those of x x^T, x v^T, x and v are
     P J P^T, P J V^T, and the last columns of P J and V J. All bodies are summed up in one product.
 
+    Raises LinAlgError: All mass lies on a line, and the locked inertia has no inverse.
+
     Parameters
     ----------
     parameters : (b, 10) standard parameters of the bodies, each in its own frame
     configuration : of N instants
     body_twist : (N, b, 6) (u, w) at the base's origin
-
-    Raises
-    ------
-    LinAlgError
-        All mass lies on a line, and the locked inertia has no inverse.
     """
     count, bodies = configuration.position.shape[:2]
     place = np.concatenate((configuration.rotation, configuration.position[..., None]), axis=-1)

@@ -11,18 +11,13 @@ from mbaid_ros.core.geometry import Array
 
 @dataclass(frozen=True, eq=False)
 class Springs:
-    """f joints that no JointState reports.
+    """f joints that no JointState reports."""
 
-    Attributes
-    ----------
-    joints : f indices
-    rate, ratio : (f,) natural angular frequency, rad/s, with all else held; damping ratio
-    start : (2, f) deflection and rate at the first instant, rad or m, and per s
-    """
-
-    joints: tuple[int, ...] = ()
+    joints: tuple[int, ...] = ()  # f indices
+    # rate, ratio: (f,) natural angular frequency, rad/s, with all else held; damping ratio
     rate: Array = field(default_factory=lambda: np.zeros(0))
     ratio: Array = field(default_factory=lambda: np.zeros(0))
+    # (2, f) deflection and rate at the first instant, rad or m, and per s
     start: Array = field(default_factory=lambda: np.zeros((2, 0)))
 
     @property

@@ -36,17 +36,11 @@ class Mimic:
 
 @dataclass(frozen=True)
 class Transmission:
-    """How the n joints of a robot follow k independent ones.
+    """How the n joints of a robot follow k independent ones."""
 
-    Attributes
-    ----------
-    independent : (k,) indices of these among all joints
-    driver : (n,) index among the independent joints of the one that moves each joint
-    multiplier, offset : (n,) 1 and 0 for an independent joint; offset in rad or m
-    """
-
-    independent: npt.NDArray[np.intp]
-    driver: npt.NDArray[np.intp]
+    independent: npt.NDArray[np.intp]  # (k,) indices of these among all joints
+    driver: npt.NDArray[np.intp]  # (n,) index among the independent joints of the one that moves each joint
+    # multiplier, offset: (n,) 1 and 0 for an independent joint; offset in rad or m
     multiplier: Array
     offset: Array
 
@@ -95,7 +89,7 @@ def _traced(name: str, mimics: Mapping[str, Mimic], independent: Mapping[str, in
     raise ModelError(f"joint '{name}' mimics joints that mimic it; accepted: one that moves by itself")
 
 
-GROUND = 'world'  # the root that URDF has by custom for what the robot stands on
+GROUND = 'world'  # the usual name of the root that a robot stands on
 _LOOSE = ('floating', 'planar')  # joints that a robot floats on
 
 
@@ -147,8 +141,8 @@ def floating_link(links: Sequence[str], branches: Mapping[str, Branch], massive:
         return wanted
     if len(roots) != 1:
         refuse(
-            f'the robot description must have one root link, not {len(roots)}: {listing(roots)}; parameter base_link '
-            'says which floats'
+            f'the robot description must have one root link, not {len(roots)}: {listing(roots)}; name the one that '
+            'floats by parameter base_link'
         )
     return _off_the_ground(roots[0], branches, massive)
 
@@ -180,7 +174,7 @@ def _off_the_ground(root: str, branches: Mapping[str, Branch], massive: set[str]
     if branch.kind not in {'fixed', *_LOOSE}:
         refuse(
             f"joint '{branch.joint}' ties '{child}' to root link '{root}' by a {branch.kind} joint; accepted: a fixed "
-            'or floating one, or parameter base_link, which says what floats'
+            'or floating one, or parameter base_link with the link that floats'
         )
     return child
 
@@ -210,25 +204,15 @@ class Limit:
 
 @dataclass(frozen=True)
 class Description:
-    """A robot that floats, as described by its document.
+    """A robot that floats, as described by its document."""
 
-    Attributes
-    ----------
-    text : the document without links that the floating one does not carry and without massless <inertial>s
-    base_link : the link that floats
-    inertials : by link, of those with mass
-    joints : names of all joints of the document, fixed and dropped ones included
-    mimics, limits : by joint, of those that have one
-    dropped : a line, with the reason, for everything that is left out
-    """
-
-    text: str
-    base_link: str
-    inertials: dict[str, Inertial]
-    joints: tuple[str, ...]
-    mimics: dict[str, Mimic]
-    limits: dict[str, Limit]
-    dropped: tuple[str, ...]
+    text: str  # the document without links that the floating one does not carry and without massless <inertial>s
+    base_link: str  # the link that floats
+    inertials: dict[str, Inertial]  # by link, of those with mass
+    joints: tuple[str, ...]  # names of all joints of the document, fixed and dropped ones included
+    mimics: dict[str, Mimic]  # by joint, of those that have one
+    limits: dict[str, Limit]  # by joint, of those that have one
+    dropped: tuple[str, ...]  # a line, with the reason, for everything that is left out
 
 
 def read_description(text: str, base_link: str = '') -> Description:
@@ -236,11 +220,8 @@ def read_description(text: str, base_link: str = '') -> Description:
 
     `base_link` names the link that floats; empty means the root, or the link on a root 'world'.
 
-    Raises
-    ------
-    ModelError
-        The document is not XML, not a robot, not a tree, tied to the ground, or has joints or masses that cannot be
-        used; the message lists all problems.
+    Raises ModelError: The document is not XML, not a robot, not a tree, tied to the ground, or has joints or masses
+    that cannot be used; the message lists all problems.
     """
     robot = parse_document(text)
     links = names_of(robot, 'link')
@@ -306,7 +287,7 @@ def _cut_off(robot: ET.Element, base: str, branches: dict[str, Branch]) -> tuple
     for element in (*links, *(joint for joint in robot.findall('joint') if joint.get('name', '') in names)):
         robot.remove(element)
     gone = listing(link.get('name', '') for link in links)
-    return (f"'{base}' floats; left out of the robot description is what it does not carry: {gone}",)
+    return (f"'{base}' floats; the robot description is used without the parts that it does not carry: {gone}",)
 
 
 def _inertials(robot: ET.Element, problems: list[str]) -> tuple[dict[str, Inertial], bool]:

@@ -1,4 +1,4 @@
-"""A robot description as an XML document: what it must be before anything in it is looked at."""
+"""A robot description as an XML document: checks before its contents are read."""
 
 from __future__ import annotations
 
@@ -33,10 +33,8 @@ def refuse(reason: str) -> NoReturn:
 def parse_document(text: str) -> ET.Element:
     """Return the <robot> of a URDF.
 
-    Raises
-    ------
-    ModelError
-        The document is not XML, not a robot, a xacro that has not been expanded, or larger than what is taken.
+    Raises ModelError: The document is not XML, not a robot, a xacro that has not been expanded, or larger than the
+    limit.
     """
     if len(text) > limits.URDF_CHARACTERS:
         refuse(f'robot description of {len(text)} characters; at most {limits.URDF_CHARACTERS} are accepted')
@@ -60,10 +58,7 @@ def parse_document(text: str) -> ET.Element:
 def tree_of(text: str) -> ET.Element:
     """Return the root of an XML document, its elements and their kin without the namespace that is its default.
 
-    Raises
-    ------
-    ParseError, UnicodeEncodeError
-        It is not XML.
+    Raises ParseError, UnicodeEncodeError: It is not XML.
     """
     root = ET.fromstring(text)
     if root.tag.startswith('{'):
@@ -96,7 +91,7 @@ def names_of(robot: ET.Element, kind: str) -> list[str]:
 
 
 def _check_size(robot: ET.Element) -> None:
-    """Refuse what pinocchio's parser takes minutes for: it looks at all attributes of an element for each of them."""
+    """Refuse elements that take pinocchio's parser minutes: it reads all attributes again for each of them."""
     level, count, depth = [robot], 0, 0
     while level:
         count, depth = count + len(level), depth + 1
@@ -114,7 +109,7 @@ def _check_size(robot: ET.Element) -> None:
 
 
 def _refuse_xacro(robot: ET.Element) -> None:
-    """Refuse what xacro would have replaced, where it stands in the robot itself: links, joints and what is in them."""
+    """Refuse expressions that xacro would have replaced in the robot itself: in links, joints and their children."""
     for element in robot.iter():
         found = [f'{{{space}}}' for space in _XACRO if element.tag.startswith(f'{{{space}}}')]
         if found:
@@ -173,7 +168,7 @@ _one_at_a_time = threading.Lock()
 
 @contextmanager
 def kept_words(complaints: list[str]) -> Iterator[None]:
-    """Keep what C++ code writes on stderr during a block, and add its complaints to a list, the first ones first."""
+    """Capture the lines that C++ code writes on stderr during a block, and add its complaints to a list, in order."""
     with _one_at_a_time:
         try:
             usual = os.dup(_STDERR)

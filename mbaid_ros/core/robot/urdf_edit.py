@@ -2,36 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
+from xml.etree import ElementTree as ET
 from xml.parsers import expat
 
 import numpy as np
 import pinocchio
 
 from mbaid_ros.core.errors import ModelError
-from mbaid_ros.core.geometry import Array, exp, log, rotate, unvec, vec
+from mbaid_ros.core.geometry import Array, exp, log, rotate
 from mbaid_ros.core.robot.model import RobotModel
 
-_COMMENT = re.compile(r'<!--.*?-->', re.DOTALL)
-_INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
-# Parts of a value's size that count as no change: what was written stays.
+# Parts of a value's size that count as no change: the old text stays.
 _SAME = 1e-12
-
-
-def change_inertial(urdf: str, link: str, parameters: Array) -> str:
-    """Return a URDF in which one link has (10,) parameters (m, r_c, I_c), written into the existing attributes.
-
-    Layout, comments and the orientation of the <origin> stay. An <inertial> that lacks a value is replaced.
-
-    Raises
-    ------
-    ModelError
-        The document is not XML or has no such link.
-    """
-    start, old = part_text(urdf, link)
-    new = _with_values(old, parameters)
-    return urdf[:start] + new + urdf[start + len(old) :] if new else replace_inertial(urdf, link, parameters)
 
 
 def displace_joint(urdf: str, joint: str, origin: Array, tilt: Array) -> str:
@@ -39,19 +22,16 @@ def displace_joint(urdf: str, joint: str, origin: Array, tilt: Array) -> str:
 
     The <axis> stays as it is, in the turned frame.
 
-    Raises
-    ------
-    ModelError
-        The document is not XML or has no such joint.
+    Raises ModelError: The document is not XML or has no such joint.
     """
     if not (np.any(origin) or np.any(tilt)):
         return urdf
     start, old = part_text(urdf, joint, 'joint', 'origin')
-    written = [_value(old, 'origin', key) for key in ('xyz', 'rpy')]
-    xyz, rpy = (np.array([float(x) for x in each[2].split()]) if each else np.zeros(3) for each in written)
+    written = ET.fromstring(old) if old else ET.Element('origin')
+    xyz, rpy = (np.array([float(x) for x in written.get(key, '0 0 0').split()]) for key in ('xyz', 'rpy'))
     rotation = pinocchio.rpy.rpyToMatrix(*rpy)
     place, turn = xyz + rotation @ origin, pinocchio.rpy.matrixToRpy(rotation @ exp(tilt)) if np.any(tilt) else rpy
-    xyz_text, rpy_text = (' '.join(f'{value:.12g}' for value in each) for each in (place, turn))
+    xyz_text, rpy_text = (' '.join(map(repr, each.tolist())) for each in (place, turn))
     return f'{urdf[:start]}<origin xyz="{xyz_text}" rpy="{rpy_text}"/>{urdf[start + len(old) :]}'
 
 
@@ -63,43 +43,6 @@ def joints_moved(urdf: str, before: RobotModel, after: RobotModel) -> str:
         if max(np.abs(origin).max(), np.abs(tilt).max()) > _SAME:
             urdf = displace_joint(urdf, name, origin, tilt)
     return urdf
-
-
-def _with_values(text: str, parameters: Array) -> str:
-    """Return an <inertial> with other values; empty if it lacks one."""
-    rpy = _value(text, 'origin', 'rpy')
-    values = [float(each) for each in rpy[2].split()] if rpy else [0.0, 0.0, 0.0]
-    rotation = pinocchio.rpy.rpyToMatrix(*values)
-    # In the axes that the <origin> turns to.
-    inertia = vec(rotation.T @ unvec(parameters[4:]) @ rotation)
-    size = float(np.sum(np.abs(inertia)))
-    changes = [('mass', 'value', parameters[:1], float(parameters[0])), ('origin', 'xyz', parameters[1:4], 1.0)]
-    changes += [('inertia', name, inertia[k : k + 1], size) for k, name in enumerate(_INERTIA)]
-    for tag, attribute, numbers, unit in changes:
-        place = _value(text, tag, attribute)
-        if place is None:
-            return ''
-        begin, end, old = place
-        text = text[:begin] + _written(numbers, old, unit) + text[end:]
-    return text
-
-
-def _value(text: str, tag: str, attribute: str) -> tuple[int, int, str] | None:
-    """Return begin, end and text of an attribute's value; None without such an attribute."""
-    bare = _COMMENT.sub(lambda found: ' ' * len(found[0]), text)
-    found = re.search(rf'<{tag}\s(?:[^>]*\s)?{attribute}\s*=\s*(["\'])(.*?)\1', bare, re.DOTALL)
-    return (found.start(2), found.end(2), found[2]) if found else None
-
-
-def _written(numbers: Array, old: str, size: float) -> str:
-    """Return an attribute's value with other numbers; equal ones stay as they were written."""
-    new = iter(numbers.tolist())
-
-    def number(found: re.Match[str]) -> str:
-        value = next(new)
-        return found[0] if abs(value - float(found[0])) <= _SAME * size else f'{value:.10g}'
-
-    return re.sub(r'\S+', number, old)
 
 
 _INERTIAL = """\
@@ -115,10 +58,7 @@ def replace_inertial(urdf: str, link: str, parameters: Array) -> str:
 
     r_c is in the link's frame, I_c about it in the link's axes; the rest of the document stays.
 
-    Raises
-    ------
-    ModelError
-        The document is not XML or has no such link.
+    Raises ModelError: The document is not XML or has no such link.
     """
     document = urdf.encode()
     place = _find(document, link, 'link', 'inertial')
@@ -140,10 +80,7 @@ def replace_inertial(urdf: str, link: str, parameters: Array) -> str:
 def part_text(urdf: str, name: str, kind: str = 'link', part: str = 'inertial') -> tuple[int, str]:
     """Return where a link's <inertial>, or a joint's <origin>, begins or could begin, and its text, empty for none.
 
-    Raises
-    ------
-    ModelError
-        The document is not XML or has no such link or joint.
+    Raises ModelError: The document is not XML or has no such link or joint.
     """
     document = urdf.encode()
     place = _find(document, name, kind, part)

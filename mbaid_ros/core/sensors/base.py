@@ -171,12 +171,12 @@ def measured_orientation(imu: ImuStream | None) -> BaseStream | None:
     """Return the orientations of the base that an IMU measures; None if it measures none."""
     if imu is None:
         return None
-    told = np.isfinite(imu.rotation).all(axis=(1, 2))
-    if not np.any(told):
+    measured = np.isfinite(imu.rotation).all(axis=(1, 2))
+    if not np.any(measured):
         return None
-    base = orientation_only(imu.stamp[told], imu.rotation[told], imu.rotation_covariance[told])
+    base = orientation_only(imu.stamp[measured], imu.rotation[measured], imu.rotation_covariance[measured])
     declared = base.declared.copy()
-    declared[:, 1] = imu.declared[told]
+    declared[:, 1] = imu.declared[measured]
     return replace(base, declared=declared)
 
 
@@ -185,17 +185,11 @@ _SMALLEST, _LARGEST = 1e-24, 1e12
 
 
 class Usable(NamedTuple):
-    """A covariance (6, 6) that can weight data.
-
-    Attributes
-    ----------
-    own : whether its linear and its angular block are as given
-    wrong : whether a given block was not used; zeros mean not set
-    """
+    """A covariance (6, 6) that can weight data."""
 
     matrix: Array
-    own: tuple[bool, bool]
-    wrong: bool
+    own: tuple[bool, bool]  # whether its linear and its angular block are as given
+    wrong: bool  # whether a given block was not used; zeros mean not set
 
 
 def usable_covariance(given: Array, default: Array) -> Usable:

@@ -24,14 +24,14 @@ from mbaid_ros.core.samples import BaseStream, JointStream, Samples
 NOT_FINITE_THRUST = 'thrust with a NaN or infinite value'
 UNKNOWN_FRAME = 'thrust in a frame that is no link'
 FAR_THRUST = 'thrust stamped far from the samples'
-LATE_THRUST = 'thrust was told after samples that it acts on had been used: its impulse counts from then on'
+LATE_THRUST = 'a thrust command came after the samples that it acts on had been used: its impulse counts from then on'
 EXACT_THRUST = (
     'thrust is taken as exactly as commanded: weaker, turned or late, it leaves intervals that are too narrow; give '
     'thrust.scale_std, thrust.direction_std and thrust.delay_std'
 )
 NOT_FINITE_MOMENTUM = 'stored momentum with a NaN or infinite value'
 OTHER_MOMENTUM_FRAME = 'stored momentum in another frame'
-NOT_ASKED_FOR = 'stored momentum is told, and nobody asks for it: set wheels.momentum_frame'
+NOT_ASKED_FOR = 'stored momentum is published but not used: set wheels.momentum_frame'
 
 _FAR = 10_000_000_000  # ns, from the newest sample: a command further away is by another clock
 _REMEMBERED = 4 * _FAR  # ns, for commands that come late
@@ -70,7 +70,6 @@ class Thrust:
 
     Parameters
     ----------
-    model : RobotModel
     hold : ns, longest time that a command counts
     uncertain : frames of thrusters whose thrust may differ from the command
 
@@ -101,7 +100,7 @@ class Thrust:
         self.dropped: Counter[str] = Counter()
 
     def changes(self, frame: str, stamp: int, wrench: Array, newest: int | None) -> bool:
-        """Tell whether samples up to the newest stamp may depend on when a command came."""
+        """Return whether samples up to the newest stamp may depend on the arrival of a command."""
         earlier = self._commands.get(frame, [])
         before = earlier[-1] if earlier else _Command(stamp, np.zeros(6))
         over = newest is not None and newest >= before.stamp + self._hold and bool(np.any(wrench))
@@ -192,7 +191,7 @@ class Thrust:
     def _impulse(self, frame: str, time: Array) -> Array:
         """Return the impulses (N, 6), in the frame's axes, of its commands from the first sample until N times, s."""
         start, length, wrenches = self._schedule(frame)
-        # What acted before the first sample is in the momentum that the run begins with.
+        # The initial momentum of the run includes impulses before the first sample.
         passed = np.clip(time[:, None] - start, 0.0, length) - np.clip(-start, 0.0, length)
         return np.asarray(passed @ wrenches)
 
@@ -229,8 +228,6 @@ class FallingFrame:
 
     Parameters
     ----------
-    orbit : Orbit
-    model : RobotModel
     relative_twist : whether a measured twist is relative to the frame of the odometry
     epoch : ns, stamp at which the axes of odometry and falling frame agree; None for the first stamp
     located : whether anything locates the base; else its frame moves with the common centre of mass, about which the
@@ -317,7 +314,6 @@ class StoredMomentum:
 
     Parameters
     ----------
-    model : RobotModel
     frame : name of the link whose axes are used; links fixed to it are accepted as well. Empty accepts nothing
 
     Attributes

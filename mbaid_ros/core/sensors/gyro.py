@@ -1,7 +1,7 @@
 """The angular velocity that an IMU measures, preintegrated: how far it has turned between any two instants.
 
-The integral of a rate in axes that turn along is no rotation; but it is linear in what the gyro reads, so that bias and
-scale stay bias and scale in it, and its differences are exact means of the rate, whatever the rates of gyro and joints.
+The integral of a rate in axes that turn along is no rotation; but it is linear in the reading of the gyro, so that bias
+and scale stay bias and scale in it, and its differences are exact means of the rate at any rates of gyro and joints.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LARGEST_BACKLOG = 1_000_000  # measurements that wait for joints: more are memor
 # Readings in a row that are the same to the last bit, and how fast (rad/s): a gyro whose range is not known is at its
 # end.
 _STUCK, _FAST = 8, 0.5
-_NOWHERE = -1  # place of what has not been found
+_NOWHERE = -1  # index of an entry not found
 
 
 class Gyro:
@@ -96,7 +96,7 @@ class Gyro:
         """Drop readings that no instant from a stamp on needs."""
         known = self._kept[0]
         surplus = int(np.searchsorted(known, stamp, side='right')) - 1
-        surplus = min(max(surplus, len(known) - LARGEST_BACKLOG), len(known) - 1)  # what comes is added to the last
+        surplus = min(max(surplus, len(known) - LARGEST_BACKLOG), len(known) - 1)  # new readings are added to the last
         if surplus > 0:
             stamps, rate, turned, parts = self._kept
             self._kept = stamps[surplus:], rate[surplus:], turned[surplus:], parts[surplus:]

@@ -27,7 +27,7 @@ REDUNDANT = 'joints that other messages hold, too'
 _STILL = 6.0
 _AT_REST = 10  # times the longest interpolated interval, that such messages may be apart
 
-_AGREES = 0.5  # rad, that a fast joint's step is off what its velocity says
+_AGREES = 0.5  # rad, difference of a fast joint's step from its velocity times the interval
 
 Joints = tuple[int, ...]  # indices in the model
 
@@ -63,7 +63,7 @@ class _Part:
 def turns_between(stream: JointStream) -> Array:
     """Return the jumps of wrapped angles from each reading to the next, (N - 1, n) whole turns.
 
-    A wheel may turn by more than a half between two readings: then its velocity says by how much, if both agree.
+    A wheel may turn by more than a half between two readings: then its velocity gives the angle, if both agree.
     """
     step = np.diff(stream.position, axis=0)
     speed = 0.5 * (stream.velocity[1:] + stream.velocity[:-1])
@@ -162,7 +162,7 @@ class JointMerge:
         return [self._whole, *self._parts.values()]
 
     def _expect(self, joints: Joints) -> None:
-        """Make a part of what messages hold, where no other part has all of it."""
+        """Make a part of the messages' joints, if no other part has all of them."""
         new = [joint for joint in self.missing if joint in joints]
         if joints not in self._parts and new:
             part = self._parts[joints] = _Part(joints, self._turning, self._reorder_limit)
@@ -207,7 +207,7 @@ class JointMerge:
         return merged
 
     def _is_beside(self, part: _Part) -> bool:
-        """Tell whether a part holds no joint."""
+        """Return whether a part holds no joint."""
         return bool(np.all(part.joints[part.own] >= self._joints))
 
     def _still(self, stream: JointStream) -> npt.NDArray[np.bool_]:

@@ -21,11 +21,10 @@ CHANNELS = (
     'base_angular_velocity',
 )
 UNITS = ('rad', 'rad/s', 'm', 'rad', 'm/s', 'rad/s')  # m and m/s of a prismatic joint
-TYPICAL = np.array([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4])  # what sensors of a servicer have
-# Times as noisy as found that joints are declared, from which what is taken off the equations for it pulls them
-# aside.
+TYPICAL = np.array([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4])  # usual for the sensors of a servicer
+# Declared joint noise over found noise, from which the bias correction of the equations biases them itself.
 _FAR_TOO_LARGE = 10.0
-_WRONG = 1.3  # times too small or too large, from which a declared value is told to be: nobody declares it better
+_WRONG = 1.3  # times too small or too large, from which a declared value is reported as wrong: declarations are rough
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ class SensorLevels:
             return ''
         return (
             f'noise.joint_position is {declared:.2g} rad, the readings scatter by {self.found[0]:.2g}: estimates may '
-            'be pulled aside by more than their intervals say; set what the joints have, or noise.estimate'
+            'be biased by more than their intervals; declare the noise of the joints, or set noise.estimate'
         )
 
     def shown(self) -> list[tuple[str, str, str]]:
@@ -71,7 +70,7 @@ class SensorLevels:
             rows.append((name.replace('_', ' '), unit, ', '.join(known)))
         return rows
 
-    def told(self) -> list[str]:
+    def differences(self) -> list[str]:
         """Return a line for each sensor that is not as declared."""
         lines = []
         each = zip(CHANNELS, UNITS, self.declared, self.found, self.used, strict=True)
@@ -80,13 +79,13 @@ class SensorLevels:
             if np.isnan(ratio) or 1.0 / _WRONG < ratio < _WRONG:
                 continue
             wrong = f'{ratio:.2g} times too small' if ratio > 1.0 else f'{1.0 / ratio:.2g} times too large'
-            use = '; what was found is used' if used else ''
+            use = '; the data are used' if used else ''
             value = f'your noise value, {declared:.2g} {unit}, is {wrong}'
             lines.append(f'{name.replace("_", " ")}: {value}: {found:.2g} {unit} in the data{use}')
         if found_alone := self._undeclared(self.found):
-            lines.append(f'nobody has declared that of {listing(found_alone)}; what was found is used')
+            lines.append(f'no noise is declared for {listing(found_alone)}: estimated from the data')
         if assumed := self._undeclared(self.assumed):
-            lines.append(f'nobody has declared that of {listing(assumed)}, nor do readings tell it; so much is assumed')
+            lines.append(f'no noise is declared for {listing(assumed)}, and the data do not determine it: assumed')
         if self.correlation_time > 0.0:
             lines.append(f'the errors of the base pose are taken to be correlated over {self.correlation_time:.2g} s')
         return lines
@@ -100,10 +99,10 @@ class SensorLevels:
         ]
 
 
-# Part of a servicer's usual sensor noise, below which no level counts: a model is off by more than by that.
+# Least level, as a part of a servicer's usual sensor noise: models deviate by more than that.
 _LEAST = 1.0 / 30.0
-# Of poses without a twist, undeclared: spacing (s) up to which differences tell their noise, poses that takes, lost
-# ones included, and how many times as noisy as usual they count until then.
+# Of poses without a twist, undeclared: spacing (s) up to which differences determine their noise, poses that this
+# takes, lost ones included, and how many times as noisy as usual they count until then.
 _SLOWEST, _FIRST, _AT_FIRST = 0.2, 40, 100.0
 _NEVER = np.iinfo(np.int64).max
 

@@ -16,34 +16,34 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, Integers
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise, Stamps
 
-# Of the differences: polynomials of fifth degree are not in them, which is what motion looks like over seven
+# Of the differences: they cancel polynomials of fifth degree, which motion resembles over seven readings
 # readings.
 ORDER = 6
 _AT_ONCE = 40  # readings that are looked at together, at least: few cost as much as many
-_ALL = 2048  # readings, of which all differences are looked at: later on, a quarter tells enough
+_ALL = 2048  # readings, of which all differences are used: later on, a quarter suffices
 BINOMIAL = np.array([(-1.0) ** place * comb(ORDER, place) for place in range(ORDER + 1)]) / np.sqrt(comb(12, ORDER))
 _LONGEST = 200_000_000  # ns times the stride: of readings further apart it is the motion that shows
 # Bins an octave of squared differences (over the declared variance), the lowest octave as a power of 2, how many
 # octaves.
 _PARTS, _LOWEST, _OCTAVES = 8, -40, 80
 _BINS = _PARTS * _OCTAVES
-_SAME = 2.0**_LOWEST  # square, below which readings are the same: an encoder between two steps tells nothing
+_SAME = 2.0**_LOWEST  # square, below which readings are the same: an encoder between two steps adds no information
 _PLACE = np.arange(_BINS)
 # Squared difference in the middle of each bin.
 _SQUARES = np.exp2(_LOWEST + _PLACE // _PARTS) * (1.0 + (_PLACE % _PARTS + 0.5) / _PARTS)
 # Times the variance, as which a larger square counts: outliers, and where a motion begins. The mean of unit normal
 # ones clipped so.
 _CLIPPED, _OF_NORMAL = 4.0, 0.920542
-_ROUNDS = 8  # of clipping and taking the mean again: each leaves a part of what the one before has left
+_ROUNDS = 8  # of clipping and taking the mean again: each removes a part of the remaining bias
 # Readings from one that is taken to the next: by octaves, up to where motion shows at a hundred hertz.
 _STRIDES = (1, 2, 4, 8, 16, 32)
-_FEWEST = 60  # differences that tell a level, to a sixth of it
+_FEWEST = 60  # differences that determine a level, to a sixth of it
 _ANEW = 1.25  # times as many differences, at which levels are worked out again: nothing changes before
-_SHORTEST = 3  # strides over which noise has to grow to count as correlated, where its size does not tell that
-# Variance of neighbours' differences over that declared, below which it tells by itself that noise is correlated.
+_SHORTEST = 3  # strides over which noise has to grow to count as correlated, if its size does not decide
+# Variance of neighbours' differences over that declared, below which it shows by itself that noise is correlated.
 _SMALL = 0.25
-_INDEPENDENT = 0.3  # of the differences: as many independent ones tell as much, as neighbours share readings
-_NO_FIT = 25.0  # mean normalised square of what a correlation leaves of the variances, from which none explains them
+_INDEPENDENT = 0.3  # of the differences: share of independent ones with equal information, as neighbours share readings
+_NO_FIT = 25.0  # mean normalised square of the variances' residuals, from which no correlation explains them
 # Times the variance grows from one stride to the next: by correlated noise, and by more than any noise: motion.
 _GROWS, _NO_NOISE = 1.4, 2.3
 _TIMES = np.geomspace(0.01, 10.0, 121)  # s, among which that of the correlation is looked for

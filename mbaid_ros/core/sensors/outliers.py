@@ -1,4 +1,4 @@
-"""Readings that tell nothing new, or nothing true: repeated ones and single outliers, whatever the sensor.
+"""Readings without new or true information: repeated ones and single outliers, of any sensor.
 
 A reading is suspicious if it is not where the two before it lead to. Suspicious ones wait until the motion after them
 is known; those far from a parabola through their neighbours are outliers. If no parabola fits the neighbours, the
@@ -15,9 +15,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, Flags, log
-from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream
+from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, JointStream
 
 OUTLIER = 'pose far from those before and after'
 JOINT_OUTLIER = 'joint position far from those before and after'
@@ -25,13 +24,13 @@ REPEATED_POSE = 'pose repeated'
 STILL = 1_000_000_000  # ns that the same pose has to last to be that of a base at rest
 
 _FAR = 7.0  # standard deviations that no noise reaches: of a vector, one in 10^10
-_AROUND = 4.0  # times the largest misfit of what is around: a motion that begins or ends is no outlier
+_AROUND = 4.0  # times the largest misfit nearby: a motion that begins or ends is no outlier
 _BEFORE, _AFTER = 4, 3  # poses around suspicious ones
 _NEAR = 200_000_000  # ns: of poses further apart it is the motion that shows
 _LONGEST = 40  # suspicious poses in a row: more are no outliers, and nothing waits for longer
-_BLOCK = 64  # misfits that tell the scale of the next as many
-_FEW = 6  # misfits that tell no scale yet
-_UNDERSTATED = 10.0  # times as large as declared noise may be, as long as too few tell
+_BLOCK = 64  # misfits that determine the scale of the next as many
+_FEW = 6  # misfits that determine no scale yet
+_UNDERSTATED = 10.0  # times as large as declared noise may be, as long as there are too few
 # A quarter of the vectors of three independent numbers of unit variance are shorter, and of single numbers smaller.
 _QUARTILE_OF_THREE, _QUARTILE_OF_ONE = 1.10, 0.319
 
@@ -39,22 +38,14 @@ Stream = TypeVar('Stream', BaseStream, JointStream, ImuStream)
 
 
 class Channels(NamedTuple):
-    """Channels of one kind: a position, an orientation, each joint.
+    """Channels of one kind: a position, an orientation, each joint."""
 
-    Attributes
-    ----------
-    values : from N readings to (N, c, w) numbers of c channels, which move along straight lines for a moment
-    size : length of a change of a channel's numbers, per unit of the quantity
-    declared : from N readings to the (N, c) standard deviations of the quantity
-    local : from N readings to (N, c, k) coordinates about the first one
-    quartile : lower quartile of a channel's error, in its standard deviations
-    """
-
+    # from N readings to (N, c, w) numbers of c channels, which move along straight lines for a moment
     values: Callable[[Any], Array]
-    size: float
-    declared: Callable[[Any], Array]
-    local: Callable[[Any], Array]
-    quartile: float = _QUARTILE_OF_THREE
+    size: float  # length of a change of a channel's numbers, per unit of the quantity
+    declared: Callable[[Any], Array]  # from N readings to the (N, c) standard deviations of the quantity
+    local: Callable[[Any], Array]  # from N readings to (N, c, k) coordinates about the first one
+    quartile: float = _QUARTILE_OF_THREE  # lower quartile of a channel's error, in its standard deviations
 
 
 def _pose_std(base: BaseStream, block: int) -> Array:
@@ -224,7 +215,7 @@ class Outliers(Generic[Stream]):
 
 
 class _Scale:
-    """The size of c channels' misfits, from the lower quartile of the block before, whatever is declared.
+    """The size of c channels' misfits, from the lower quartile of the block before; declared noise does not count.
 
     An outlier is in three misfits: the median of a block with many of them would be one of theirs.
     """

@@ -19,20 +19,20 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import legendre
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, cross, log, rotate, rotate_back
-from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.samples import ArrayRecord, Samples
 
-# Fourth degree: rates to third order in time; what is left is far below the noise for motions slower than the window.
+# Fourth degree: rates to third order in time; the remainder is far below the noise for motions slower than the window.
 _DEGREE = 4
 # Condition number of a fit, beyond which its stamps lie too close together, and a lower degree serves.
 _WORST_CONDITION = 1e4
 FEWEST = 2  # samples that a rate can be taken from
 _SIGNIFICANT = 6.0  # standard deviations, from which one reading of the twist is the right one: one in a billion
-# Standard deviations of the twist's noise: a smaller difference of the readings correlates with it, and says nothing.
+# Standard deviations of the twist's noise: a smaller difference of the readings correlates with it, and decides
+# nothing.
 _DISTINCT = 5.0
 _FEWEST_SAMPLES = 6  # samples in a window, for a rate of its poses that is better than theirs
-_ENOUGH = 12.0  # numbers that tell: of fewer it does not show how noisy they are
+_ENOUGH = 12.0  # numbers that suffice: fewer do not show their noise
 _NAMES = {'child': 'the child frame', 'inertial': 'the inertial frame'}
 _FEWEST_WINDOWS = 6  # windows, of three numbers each: enough for a turn and a judgement of it
 _TURNED = 0.2  # rad, from which the axes are others: no declared mount is as far off
@@ -46,21 +46,14 @@ Places = npt.NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Fit(ArrayRecord):
-    """A polynomial fitted to N instants, for any number of signals; for many windows with leading axes.
+    """A polynomial fitted to N instants, for any number of signals; for many windows with leading axes."""
 
-    Attributes
-    ----------
-    values, slopes : (..., N, d + 1) the polynomials and their derivatives (1/s) at the instants
-    solve : (..., d + 1, N) from measurements to coefficients
-    mean_gain : (...) variance of the mean slope over that of one measurement, 1/s^2
-    tilt : (...) variance of the slope's trend, at the root mean square of the instants, over that of its mean
-    """
-
+    # values, slopes: (..., N, d + 1) the polynomials and their derivatives (1/s) at the instants
     values: Array
     slopes: Array
-    solve: Array
-    mean_gain: Array
-    tilt: Array
+    solve: Array  # (..., d + 1, N) from measurements to coefficients
+    mean_gain: Array  # (...) variance of the mean slope over that of one measurement, 1/s^2
+    tilt: Array  # (...) variance of the slope's trend, at the root mean square of the instants, over that of its mean
 
     def smooth(self, measured: Array) -> tuple[Array, Array]:
         """Return values and derivatives of (..., N, k) signals."""
@@ -245,7 +238,7 @@ class TwistFrame:
         if self._sums[3] < _ENOUGH or share < 0.5 or share < _SIGNIFICANT * deviation or not np.isfinite(share):
             return ''
         return (
-            f'the twist in the Odometry is not in {_NAMES[self._declared]} as declared: the poses say it is in '
+            f'the twist in the Odometry is not in {_NAMES[self._declared]} as declared: by the poses, it is in '
             f'{_NAMES[self._other]}; if so, set twist_frame: {self._other}'
         )
 
@@ -261,7 +254,7 @@ def _disagreement(windows: Sequence[Samples], declared: str) -> Array:
     turn = rotate_back if declared == 'child' else rotate  # the numbers, meant in the other frame, to odometry axes
     other = np.concatenate((turn(rotation, twist[..., :3]), turn(rotation, twist[..., 3:])), axis=-1)
     difference = np.mean(other - twist, axis=1)
-    # The twist's noise, of whichever axes: its larger variance of the three.
+    # The twist's noise, in any axes: its larger variance of the three.
     spread = _variances([window.twist_covariance for window in windows]).reshape(-1, 2, 3)
     own = np.repeat(np.max(spread, axis=2), 3, axis=1) / twist.shape[1]
     distinct = difference**2 > _DISTINCT**2 * 2.0 * own
@@ -339,7 +332,7 @@ class GyroFrame:
         if best == 'degrees':
             return (
                 'the angular velocity of the IMU is 57.3 times that of the poses: it is in degrees; accepted: rad/s, '
-                'as REP 103 says'
+                'as in REP 103'
             )
         vector = log(turn.T)  # of the IMU, where its readings are turned back
         angle = float(np.linalg.norm(vector))

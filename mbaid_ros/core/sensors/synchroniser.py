@@ -114,7 +114,7 @@ class Synchroniser:
         self._dropped[NO_ODOMETRY] += early
         samples = self._interpolate(self._joints[early:ready], self._base) if ready > early else None
         self._joints = self._joints[max(early, ready) :]
-        # The last odometry before the next joints is one end of their interval, the one before tells its length.
+        # The last odometry before the next joints is one end of their interval, the one before gives its length.
         pending = int(self._joints.stamp[0]) if len(self._joints.stamp) else self._newest[JointStream] + 1
         held_back = (self._held.waiting_since, self._joint_outliers.waiting_since)
         pending = min([pending, *(stamp for stamp in held_back if stamp is not None)])

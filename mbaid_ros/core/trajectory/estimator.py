@@ -34,12 +34,13 @@ from mbaid_ros.core.trajectory.solution import (
     thrusters,
 )
 from mbaid_ros.core.trajectory.target_runs import TargetRuns, TrajectorySettings
+from mbaid_ros.core.unknowns.bodies import KnownTarget
 from mbaid_ros.core.unknowns.catalogue import underestimated_text
 
-_AT_REST = 'no joint has moved yet: joints at rest tell nothing of one body alone'
+_AT_REST = 'no joint has moved yet: with joints at rest no single body is observable'
 _TUMBLING = (
-    'no joint has moved yet: how a body tumbles tells its moments of inertia but for a common factor; calibrate gives '
-    'their ratios'
+    'no joint has moved yet: tumbling determines the moments of inertia but for a common factor; calibrate gives their '
+    'ratios'
 )
 _REPORTED = np.concatenate((BODY_PLACES, np.arange(MOMENTUM.start, MOMENTUM.stop)))  # (body, momentum) of the state
 
@@ -92,13 +93,14 @@ class TrajectoryEstimator:
         run = self._runs.present(self._averaging.origin)  # a new one if motion or target have changed
         ready, still_open = (each and self._runs.used(each) for each in (knots.ready, knots.still_open))
         # Predict the twist, linearise, update every hypothesis, choose.
-        run.take(ready, still_open, moved=knots.moved)
+        moved = knots.moved or isinstance(self._settings.uncertainty.target, KnownTarget)
+        run.take(ready, still_open, moved=moved)
         self._runs.isolation.take(ready, window)
         time = float(window.time[-1])
         instant = Instant(time, origin + round(time * 1e9), self._samples)
         if run.started and run.converged:
             return self._solution(run, instant, window)
-        return self._no_solution(run, instant, window, moved=knots.moved)
+        return self._no_solution(run, instant, window, moved=moved)
 
     def _solution(self, run: FilterRun, now: Instant, window: Samples) -> Solved:
         """Judge the solution of the best hypothesis, and return it with its history."""
@@ -107,10 +109,10 @@ class TrajectoryEstimator:
         sizes = moments.sizes(layout)
         verdict = self._with_causes(run, judge(self._runs.evidence(run, sizes, window)))
         verdict = with_undeclared_orbit(verdict, moments, layout)
-        # Where the data contradict the model, the verdict names what would have to be further off.
+        # Where the data contradict the model, the verdict names the declarations that would have to be wrong.
         too_small = [underestimated_text(*each) for each in sizes.sure if verdict.adequate]
         acting = filtered.hypothesis.disturbed and filtered.hypothesis.physical
-        estimated = [f'{filtered.hypothesis.name}; estimated along, which widens the intervals'] if acting else []
+        estimated = [f'{filtered.hypothesis.name}; it is estimated, too, which widens the intervals'] if acting else []
         swinging = layout.kernel.springs.count > 0
         flexible = passive_joints(moments, layout, run.largest_deflections, run.resolved) if swinging else ()
         x, factor = moments.published(sizes, layout, _REPORTED)
@@ -153,14 +155,14 @@ class TrajectoryEstimator:
     def _no_solution(self, run: FilterRun, now: Instant, window: Samples, *, moved: bool) -> NoSolution:
         isolation = self._runs.isolation
         if run.started:
-            reason = 'the motion so far leads to no solution that stays: more of it is needed'
+            reason = 'no convergent solution yet: more motion is needed'
         elif moved:
             doing = 'looking for a start in' if run.searching else 'collecting'
             reason = f'{doing} the first {self._settings.start} windows'
         else:
             reason = _AT_REST if self._settings.located else _TUMBLING
         if moved:
-            # A run that has lost its solution has not explained what contradicted it.
+            # A run that has lost its solution has not explained the contradiction.
             isolation.follow(run, suspicious=run.unexplained or isolation.suspicious)
         return NoSolution(
             status='waiting' if moved and not run.started else 'not_identifiable',
@@ -202,7 +204,7 @@ class TrajectoryEstimator:
 
     @property
     def disturbed(self) -> bool:
-        """Whether the solution explains the data by what acts from outside, or by joints that are stamped late."""
+        """Whether the solution explains the data by an external force, or by joints that are stamped late."""
         run = self._runs.run
         if run is None or not run.started:
             return False

@@ -20,17 +20,11 @@ FIRST = LINEAR.start  # after the pose error, which each motion draws anew
 
 @dataclass(frozen=True, eq=False)
 class Sensing:
-    """Rate and noise of the sensors at the end of a run.
+    """Rate and noise of the sensors at the end of a run."""
 
-    Attributes
-    ----------
-    rate : samples a second
-    joint_position : standard deviation of a sample, rad or m
-    pose, twist : (6, 6) covariances of a sample as in `WindowNoise`; NaN twist where it is not measured
-    """
-
-    rate: float
-    joint_position: float
+    rate: float  # samples a second
+    joint_position: float  # standard deviation of a sample, rad or m
+    # pose, twist: (6, 6) covariances of a sample as in `WindowNoise`; NaN twist where it is not measured
     pose: Array
     twist: Array
 
@@ -42,30 +36,19 @@ class Sensing:
 
 @dataclass(frozen=True, eq=False)
 class End:
-    """The last sample of a run.
+    """The last sample of a run."""
 
-    Attributes
-    ----------
-    sensing : Sensing
-    time : s since the run's first sample
-    joint_position, joint_velocity : (n,) as read
-    stored : (c,) readings of stored momentum
-    base_rotation, base_position : (3, 3), (3,) m, of the base, from the run's origin
-    origin : (3,) m, the run's, in the odometry frame
-    brought : (6,) change of the momentum by thrust and orbit since the run began, L about its origin
-    normal : (3,) of the plane of a planar motion, odometry axes; None in space
-    """
-
-    sensing: Sensing
-    time: float
-    joint_position: Array
-    joint_velocity: Array
-    stored: Array
+    sensing: Sensing  # Sensing
+    time: float  # s since the run's first sample
+    joint_position: Array  # (n,) as read
+    joint_velocity: Array  # (n,) as read
+    stored: Array  # (c,) readings of stored momentum
+    # base_rotation, base_position: (3, 3), (3,) m, of the base, from the run's origin
     base_rotation: Array
     base_position: Array
-    origin: Array
-    brought: Array
-    normal: Array | None = None
+    origin: Array  # (3,) m, the run's, in the odometry frame
+    brought: Array  # (6,) change of the momentum by thrust and orbit since the run began, L about its origin
+    normal: Array | None = None  # (3,) of the plane of a planar motion, odometry axes; None in space
 
     @staticmethod
     def of(window: Samples, noise: SensorNoise, length: float, origin: Array, normal: Array | None) -> End:
@@ -97,23 +80,14 @@ class End:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """The trajectory filter's state at the end of a run.
+    """The trajectory filter's state at the end of a run."""
 
-    Attributes
-    ----------
-    layout, variables : of the state
-    hypothesis : the best one
-    mean : (s,) of the state
-    triangle : (s - 6, s - 6) upper T, T^T T the covariance of the state without the pose error
-    end : End
-    """
-
-    layout: Layout
-    variables: Variables
-    hypothesis: Hypothesis
-    mean: Array
-    triangle: Array
-    end: End
+    layout: Layout  # of the state
+    variables: Variables  # of the state
+    hypothesis: Hypothesis  # the best one
+    mean: Array  # (s,) of the state
+    triangle: Array  # (s - 6, s - 6) upper T, T^T T the covariance of the state without the pose error
+    end: End  # End
 
     @property
     def deviation(self) -> Array:

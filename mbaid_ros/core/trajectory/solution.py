@@ -40,20 +40,12 @@ _KNOWN = 0.1  # relative standard deviation of a mass, up to which its centre of
 
 @dataclass(frozen=True, eq=False)
 class ChangedTarget:
-    """A target that has changed in a run.
+    """A target that has changed in a run."""
 
-    Attributes
-    ----------
-    time : s since the first sample
-    text : what has happened, in words
-    exchanged : whether it is another body, not the same elsewhere
-    before : state until then; None where unknown
-    """
-
-    time: float
-    text: str
-    exchanged: bool
-    before: MeanAndCovariance | None
+    time: float  # s since the first sample
+    text: str  # the event in words
+    exchanged: bool  # whether it is another body, not the same elsewhere
+    before: MeanAndCovariance | None  # state until then; None where unknown
 
     def event(self, after: MeanAndCovariance | None) -> Event:
         """Return it as an event, with the change of mass and centre of mass where both states are known."""
@@ -66,7 +58,7 @@ class ChangedTarget:
 
 
 def _known(moments: MeanAndCovariance) -> bool:
-    """Tell whether the mass is known well enough for a centre of mass."""
+    """Return whether the mass is known well enough for a centre of mass."""
     return bool(moments.deviation[BODY.start] < _KNOWN * moments.mean[BODY.start])
 
 
@@ -159,32 +151,18 @@ def _of_a_prior(factor: Array, moments: MeanAndCovariance, variables: Variables,
 
 @dataclass(frozen=True)
 class Solved:
-    """Solution of the best hypothesis after a window, and the history of its run.
+    """Solution of the best hypothesis after a window, and the history of its run."""
 
-    Attributes
-    ----------
-    solution : body and momentum
-    instant : when
-    verdict : on the model
-    events : what has acted or changed
-    budget : returns the parts of the variance
-    thrusters : how far they are off their commands
-    flexible : passive joints as estimated
-    delay : value and standard deviation of the joints' delay, s; NaN where it is no unknown
-    impulse : (6,) by which thrust and orbit have changed the momentum since the first sample
-    innovations : as of `Estimate`
-    """
-
-    solution: Solution
-    instant: Instant
-    verdict: Verdict
-    events: tuple[Event, ...]
-    budget: Callable[[Flags], ErrorBudget]
-    thrusters: tuple[Thruster, ...]
-    flexible: tuple[PassiveJoint, ...]
-    delay: tuple[float, float]
-    impulse: Array
-    innovations: Array
+    solution: Solution  # body and momentum
+    instant: Instant  # when
+    verdict: Verdict  # on the model
+    events: tuple[Event, ...]  # forces and changes
+    budget: Callable[[Flags], ErrorBudget]  # returns the parts of the variance
+    thrusters: tuple[Thruster, ...]  # how far they are off their commands
+    flexible: tuple[PassiveJoint, ...]  # passive joints as estimated
+    delay: tuple[float, float]  # value and standard deviation of the joints' delay, s; NaN where it is no unknown
+    impulse: Array  # (6,) by which thrust and orbit have changed the momentum since the first sample
+    innovations: Array  # as of `Estimate`
 
     def completed(self, estimate: Estimate) -> Estimate:
         """Return the estimate of this solution with the history."""
@@ -303,7 +281,7 @@ _FAR = 3.0  # standard deviations of its declaration, beyond which a frequency i
 
 
 def implausible(moments: MeanAndCovariance, layout: Layout, joints: Sequence[PassiveJoint]) -> list[Reason]:
-    """Return why passive joints cannot be what they are declared to be."""
+    """Return why passive joints contradict their declaration."""
     model, springs = layout.kernel.model, layout.kernel.springs
     reasons = []
     away = {}

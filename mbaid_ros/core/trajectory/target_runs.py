@@ -30,44 +30,29 @@ from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
 @dataclass(frozen=True)
 class TrajectorySettings:
-    """Settings of the trajectory-level estimator.
+    """Settings of the trajectory-level estimator."""
 
-    Attributes
-    ----------
-    noise : of the joint sensors, and of the base where the samples carry none
-    window : s
-    start : windows before the first estimate
-    kept : windows that are relinearised in the initialisation
-    uncertainty : of the known side
-    adapt : whether to follow hypotheses of constant forces, drifting momentum and drifting odometry, and take the best
-    constant : axes of a constant force and torque that is taken to act
-    gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
-    located : whether anything locates the base; linear momentum means nothing where not
-    orientation_measured : whether anything but a gyro measures the orientation
-    """
-
-    noise: SensorNoise
-    window: float
-    start: int
-    kept: int
-    uncertainty: Uncertainty
+    noise: SensorNoise  # of the joint sensors, and of the base where the samples carry none
+    window: float  # s
+    start: int  # windows before the first estimate
+    kept: int  # windows that are relinearised in the initialisation
+    uncertainty: Uncertainty  # of the known side
+    # whether to follow hypotheses of constant forces, drifting momentum and drifting odometry, and take the best
     adapt: bool
-    constant: Axes = 'none'
-    gyro: float = 0.0
-    located: bool = True
-    orientation_measured: bool = True
+    constant: Axes = 'none'  # axes of a constant force and torque that is taken to act
+    gyro: float = 0.0  # rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
+    located: bool = True  # whether anything locates the base; linear momentum means nothing where not
+    orientation_measured: bool = True  # whether anything but a gyro measures the orientation
 
 
 _SETTLING = 2  # windows that a changing target may take: the next run begins as many later
 
 
 class TargetRuns:
-    """The present run of the filter, its state layout, and what happened in the runs before.
+    """The present run of the filter, its state layout, and the events of the runs before.
 
     Parameters
     ----------
-    kernel : MomentumKernel
-    settings : TrajectorySettings
     plane : decides whether the motion is planar
 
     Attributes
@@ -100,7 +85,7 @@ class TargetRuns:
         """Warnings about the present run."""
         if not self._wrong_twist:
             return ()
-        return (f'the twist is left out, for it contradicts the poses: {self._wrong_twist}',)
+        return (f'the twist is not used, because it contradicts the poses: {self._wrong_twist}',)
 
     def used(self, window: Window) -> Window:
         """Return the part of a window that the run uses."""
@@ -142,7 +127,7 @@ class TargetRuns:
     def _new_run(self, windows: list[Window]) -> FilterRun:
         """Return a run over some windows."""
         settings, known_mass = self._settings, float(np.sum(self._kernel.known[:, 0]))
-        adapt = settings.adapt and settings.located  # what drifts would show in poses
+        adapt = settings.adapt and settings.located  # drifts show in poses only
         bank = hypotheses(known_mass, settings.noise.base_position, settings.constant, adapt=adapt)
         candidates = CandidateCauses(self.layout, self._plane, settings.uncertainty, bank)
         self.isolation = FaultIsolation(candidates, settings.noise)
@@ -174,7 +159,7 @@ class TargetRuns:
     def evidence(self, run: FilterRun, sizes: PriorScaleFactors, latest: Samples) -> Evidence:
         """Return the evidence for and against the model of a run that has started, after its latest window."""
         gaussian, hypothesis = run.best.gaussian, run.best.hypothesis
-        # A hypothesis that acts or drifts takes up what would show where the robot is wrong.
+        # A force or drift would absorb the errors of a wrong robot.
         undisturbed = run.moments_of_first().sizes(self.layout) if hypothesis.disturbed else sizes
         beside_prior = sizes if hypothesis.physical else undisturbed
         # A declared force has no rival: nothing was estimated without it.

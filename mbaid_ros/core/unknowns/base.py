@@ -61,7 +61,7 @@ class OdometryMount(Unknown):
         return np.swapaxes(np.concatenate((turned, faster @ inertia + away), axis=1), 1, 2)
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
-        """Return what it takes off the pose, and off the velocity: v_read = v_true - w x R mu_p.
+        """Return its effect on the pose, and on the velocity: v_read = v_true - w x R mu_p.
 
         A pose error turns the twist that is read, for that is turned by the pose; the mount's part of it does not.
         """
@@ -168,7 +168,7 @@ class OdometryTurning(Linear):
     words: ClassVar = {TURNING: Words(deviation=lambda _, value: orbit_fixed_frame(float(np.linalg.norm(value))))}
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
-        """Return what such a frame turns back by, about the run's origin."""
+        """Return the rotation of such a frame back, about the run's origin."""
         pose, twist = np.zeros((2, len(motion.time), 6, 3))
         arm, time = skew(motion.position), motion.time[:, None, None]
         pose[:, :3], pose[:, 3:] = -time * np.eye(3), time * arm
@@ -187,20 +187,15 @@ class TwistLate(Linear):
     }
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
-        """Return what the twist was before."""
+        """Return the earlier twist."""
         return np.zeros((len(motion.time), 6, 1)), -motion.slope[..., None]
 
 
 @dataclass(frozen=True, eq=False)
 class Vibration(Linear):
-    """The pose vibrates at one frequency: amplitudes (24,) rad and m of sine and cosine, and their growth a minute.
+    """The pose vibrates at one frequency: amplitudes (24,) rad and m of sine and cosine, and their growth a minute."""
 
-    Attributes
-    ----------
-    frequency : Hz
-    """
-
-    frequency: float = 0.0
+    frequency: float = 0.0  # Hz
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
         """Return each, and how fast it changes."""

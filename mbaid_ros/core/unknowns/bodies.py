@@ -30,14 +30,9 @@ def _link_deviation(name: str, value: Array) -> str:
 
 @dataclass(frozen=True, eq=False)
 class KnownBodies(Unknown):
-    """Errors of the standard parameters (m, h, I_o) of b moving bodies, each in its own frame.
+    """Errors of the standard parameters (m, h, I_o) of b moving bodies, each in its own frame."""
 
-    Attributes
-    ----------
-    bodies : (b,) indices
-    """
-
-    bodies: tuple[int, ...]
+    bodies: tuple[int, ...]  # (b,) indices
 
     words: ClassVar = {
         'link': Words(
@@ -55,7 +50,7 @@ class KnownBodies(Unknown):
         return masses([label.partition(':')[2] for label in self.labels[::10]], self.factor)
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
-        """Return the bodies' regressors, less what an orbit has brought: momentum is linear in what a body is."""
+        """Return the bodies' regressors, less the orbit's momentum: momentum is linear in a body's parameters."""
         del kernel
         index = list(self.bodies)
         placed = states.configuration
@@ -145,7 +140,7 @@ class KnownTarget:
 
 @dataclass(frozen=True, eq=False)
 class SpinInertias(Unknown):
-    """Errors of the spin inertias of what stores momentum inside bodies, kg m^2."""
+    """Errors of the spin inertias of wheels inside bodies, kg m^2."""
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return the momentum of each at a unit spin inertia."""

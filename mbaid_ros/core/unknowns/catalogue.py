@@ -62,10 +62,10 @@ from mbaid_ros.core.unknowns.joints import (
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 from mbaid_ros.core.unknowns.sensors import ClockDrift, GyroErrors, TimeOffset, clock_drift, gyro, time_offset
 
-# By kind of cause: those of every unknown, and of what may be given beforehand.
+# By kind of cause: those of every unknown, and of the priors of target and momentum.
 _WORDS: dict[str, Words] = {
-    'target prior': Words(remedy='what was given of the target (target_prior)'),
-    'momentum prior': Words(remedy='what was given of the momentum (momentum.linear_prior_std)'),
+    'target prior': Words(remedy='the prior of the target (target_prior)'),
+    'momentum prior': Words(remedy='the prior of the momentum (momentum.linear_prior_std)'),
 }
 for _unknown in (
     *(KnownBodies, JointPlacements, JointTracking, FlexibleJoints),
@@ -125,7 +125,7 @@ def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown
 
 
 def _not_calibrated(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
-    """Return what belongs to the robot and to no calibration."""
+    """Return the unknowns that belong to the robot and to no calibration."""
     thrust = uncertainty.thrust_scale, uncertainty.thrust_direction, uncertainty.thrust_delay
     return _uncertain(
         spin_inertias(kernel, uncertainty.spin_inertias),
@@ -157,7 +157,7 @@ def _of_springs(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unkno
 
 
 def _of_sensors(uncertainty: Uncertainty) -> tuple[Unknown, ...]:
-    """Return what belongs to a run, its sensors and where it is, and to no calibration."""
+    """Return the unknowns that belong to a run, its sensors and its environment, and to no calibration."""
     return _uncertain(
         gyro(uncertainty.gyro),
         time_offset(uncertainty.time_offset),
@@ -176,19 +176,13 @@ def _uncertain(*unknowns: Unknown) -> tuple[Unknown, ...]:
 
 @dataclass(frozen=True, eq=False)
 class CalibratedSide:
-    """A calibration beside the robot description, which has its bodies, origins and axes already.
+    """A calibration beside the robot description, which has its bodies, origins and axes already."""
 
-    Attributes
-    ----------
-    links : k of them
-    zeros, mount : (n,), (6,) as of a NominalModel
-    covariance : (10 k + 6 n + 6,) squared: standard parameters of the links, each in its own frame; of each joint zero,
-        displacement of its frame and tilts of its axis; mount
-    """
-
-    links: tuple[Link, ...]
-    zeros: Array
-    mount: Array
+    links: tuple[Link, ...]  # k of them
+    zeros: Array  # (n,), (6,) as of a NominalModel
+    mount: Array  # (n,), (6,) as of a NominalModel
+    # (10 k + 6 n + 6,) squared: standard parameters of the links, each in its own frame; of each joint zero,
+    # displacement of its frame and tilts of its axis; mount
     covariance: Array
 
     def known_to(self, kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[MomentumKernel, Uncertainty]:
@@ -287,7 +281,7 @@ def kind_in_words(cause: str) -> str:
 
 
 def remedy_text(cause: str) -> str:
-    """Return a cause in words, and what would help."""
+    """Return a cause in words, and its remedy."""
     words, name = _words_of(cause)
     return words.remedy.format(name) or cause
 
@@ -307,7 +301,7 @@ def underestimated_text(cause: str, size: float, declared: Mapping[str, str] | N
 
 
 def deviation_text(cause: str, value: Array) -> str:
-    """Return what an unknown would have to be, by its label and numbers (k,), SI units, and what to do."""
+    """Return the value that an unknown would need, by its label and numbers (k,), SI units, and the remedy."""
     words, name = _words_of(cause)
     if words.deviation is None:
         return f'{cause} is off by {np.linalg.norm(value):.3g}'

@@ -1,4 +1,4 @@
-"""What an unknown of the nominal model declares: its prior, its words, and how momentum and readings depend on it."""
+"""The declaration of an unknown: its prior, its words, and how momentum and readings depend on it."""
 
 from __future__ import annotations
 
@@ -9,16 +9,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from mbaid_ros.core.array_record import ArrayRecord
 from mbaid_ros.core.geometry import Array, moved_base
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.samples import ArrayRecord, Samples
 
 
 @dataclass(frozen=True, eq=False)
 class NominalModel:
-    """The robot that a prediction is linearised at: its URDF, moved by what has been estimated of it."""
+    """The robot that a prediction is linearised at: its URDF, moved by the estimates."""
 
     kernel: MomentumKernel  # bodies and joint placements
     zeros: Array  # (n,) rad or m, added to the measured joint positions
@@ -52,36 +51,26 @@ class NominalModel:
 
 @dataclass(frozen=True)
 class JointMotion(ArrayRecord):
-    """What n joints do at N instants.
+    """The motion of n joints at N instants."""
 
-    Attributes
-    ----------
-    position, rate, acceleration : (N, n) rad or m, and per s and s^2
-    torque, torque_rate : (N, n) N m or N, about or along each axis, that moves all that it carries; and per s
-    """
-
-    position: Array
-    rate: Array
-    acceleration: Array
+    position: Array  # (N, n) rad or m, and per s and s^2
+    rate: Array  # (N, n) rad or m, and per s and s^2
+    acceleration: Array  # (N, n) rad or m, and per s and s^2
+    # torque, torque_rate: (N, n) N m or N, about or along each axis, that moves all that it carries; and per s
     torque: Array
     torque_rate: Array
 
 
 @dataclass(frozen=True)
 class ImuMotion:
-    """How an IMU turns in B windows, odometry axes.
+    """How an IMU turns in B windows, odometry axes."""
 
-    Attributes
-    ----------
-    rate, slope : (B, 3) rad/s, mean angular velocity at the knots; its weighted mean slope
-    axes : (B, 3, 3) weighted mean of R, its axes to the odometry's
-    stretching, turning, crossing : (B, 3, 3) weighted means of R diag(R^T w), [w]x R and R X(R^T w), X as in
-        `geometry.crossed`
-    """
-
+    # rate, slope: (B, 3) rad/s, mean angular velocity at the knots; its weighted mean slope
     rate: Array
     slope: Array
-    axes: Array
+    axes: Array  # (B, 3, 3) weighted mean of R, its axes to the odometry's
+    # stretching, turning, crossing: (B, 3, 3) weighted means of R diag(R^T w), [w]x R and R X(R^T w), X as in
+    # `geometry.crossed`
     stretching: Array
     turning: Array
     crossing: Array
@@ -89,38 +78,29 @@ class ImuMotion:
 
 @dataclass(frozen=True)
 class Reading:
-    """A window's motion, as what the sensors read depends on it; B windows, angular parts first, odometry axes.
+    """A window's motion, for the derivatives of the readings; B windows, angular parts first, odometry axes."""
 
-    Attributes
-    ----------
-    twist, slope : (B, 6) mean twist (w, v) of the base at the knots; weighted mean of (w', v' - w x v)
-    rotation : (B, 3, 3) mean orientation of the base at the knots
-    turning, sliding, axes : (B, 3, 3) weighted means of [w]x R, [v]x R and R
-    time : (B,) s, of the windows' middles
-    position : (B, 3) m, mean position of the base at the knots, from the run's origin
-    origin : (3,) m, the run's, in the odometry frame
-    imu : where there is one
-    """
-
+    # twist, slope: (B, 6) mean twist (w, v) of the base at the knots; weighted mean of (w', v' - w x v)
     twist: Array
     slope: Array
-    rotation: Array
+    rotation: Array  # (B, 3, 3) mean orientation of the base at the knots
+    # turning, sliding, axes: (B, 3, 3) weighted means of [w]x R, [v]x R and R
     turning: Array
     sliding: Array
-    time: Array
-    position: Array
+    time: Array  # (B,) s, of the windows' middles
+    position: Array  # (B, 3) m, mean position of the base at the knots, from the run's origin
     axes: Array
-    origin: Array = field(default_factory=lambda: np.zeros(3))
-    imu: ImuMotion | None = None
+    origin: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, the run's, in the odometry frame
+    imu: ImuMotion | None = None  # where there is one
 
 
 @dataclass(frozen=True)
 class Words:
-    """What users read of the causes of one kind: 'zero:elbow' is of the kind 'zero'."""
+    """The words for the causes of one kind: 'zero:elbow' is of the kind 'zero'."""
 
     every: str = ''  # all causes of the kind together
     parameter: str = ''  # where their standard deviation is declared
-    remedy: str = ''  # what would make them better known; {} stands for the thing's name
+    remedy: str = ''  # how to know them better; {} stands for the name
     # of the thing's name and its numbers (SI units), what they would have to be, and what to do
     deviation: Callable[[str, Array], str] | None = None
 
@@ -130,15 +110,10 @@ class Unknown:
     """An uncertain thing of the nominal model.
 
     The k numbers themselves (SI units) are `factor` times e independent standard normal ones, which are the filter's.
-
-    Attributes
-    ----------
-    factor : (k, e) of the prior covariance factor factor^T
-    labels : k, what each number belongs to in the error budget
     """
 
-    factor: Array
-    labels: tuple[str, ...]
+    factor: Array  # (k, e) of the prior covariance factor factor^T
+    labels: tuple[str, ...]  # k, the cause of each number in the error budget
 
     # By the kind of its labels.
     words: ClassVar[Mapping[str, Words]] = {}

@@ -37,7 +37,7 @@ _TRACELESS = np.array(
         np.diag([1.0, 1.0, -2.0]) / np.sqrt(6.0),
     ]
 )
-# Further than this from its origin, m, a frame is not taken for one that falls with the robot.
+# Further than this from its origin, m, a frame does not count as one that falls with the robot.
 _NEAR = 200.0
 
 
@@ -125,7 +125,7 @@ class OrbitShape(_Pushing):
     }
 
     def momentum_rates(self, whole: Array, origin: Array, time: Array, rotation: Array) -> Array:
-        """Return what gravity brings otherwise than that of the circle does."""
+        """Return the momentum by gravity beside that of the circle."""
         del rotation
         orbit = self.circle.orbit
         gradient, normal = orbit.gradient(time), skew(orbit.normal)
@@ -140,7 +140,7 @@ class OrbitShape(_Pushing):
         return np.asarray(brought * stronger[:, None] + turned * ahead[:, None])
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
-        """Return what a frame that turns along is turned back by, about its own origin."""
+        """Return the rotation of a co-rotating frame back, about its own origin."""
         pose: Array = np.zeros((len(motion.time), 6, 3))
         twist: Array = pose
         if self.circle.orbit.turning:
@@ -163,26 +163,19 @@ class OrbitShape(_Pushing):
 
 
 def orbit_shape(circle: Circle) -> OrbitShape:
-    """Return what a circle may lack as an unknown: each number as large as the eccentricity is in one direction."""
+    """Return an orbit's deviation from a circle as an unknown: each number is the eccentricity in one direction."""
     return OrbitShape(np.sqrt(0.5) * circle.eccentricity * np.eye(3), (SHAPE,) * 3, circle)
 
 
 @dataclass(frozen=True)
 class Pushing:
-    """How a force or torque from outside varies.
+    """How a force or torque from outside varies."""
 
-    Attributes
-    ----------
-    deviation : N or N m, standard deviation along each axis; 0 is none
-    time : s, time constant of the first-order Gauss-Markov process that each component is; 0: constant in a motion
-    axes : in which it is constant or varies; those of the orbit are LVLH
-    orbit : whose axes these are, its epoch at the begin of the run
-    """
-
-    deviation: float = 0.0
+    deviation: float = 0.0  # N or N m, standard deviation along each axis; 0 is none
+    # s, time constant of the first-order Gauss-Markov process that each component is; 0: constant in a motion
     time: float = 0.0
-    axes: PushAxes = 'body'
-    orbit: Orbit | None = None
+    axes: PushAxes = 'body'  # in which it is constant or varies; those of the orbit are LVLH
+    orbit: Orbit | None = None  # whose axes these are, its epoch at the begin of the run
 
     def rotation(self, time: Array, base: Array) -> Array:
         """Return the (B, 3, 3) rotations from its axes to inertial ones, (B,) s after the begin; `base` of the base."""
@@ -207,7 +200,7 @@ class ExternalTorque(_Pushing):
             'disturbance.torque_std',
             'a torque from outside: shield it, or a longer motion determines it (disturbance.torque_std)',
             lambda name, value: (
-                f'a torque of {np.linalg.norm(value):.2g} N m {_varying(name)}: find what pushes, or raise '
+                f'a torque of {np.linalg.norm(value):.2g} N m {_varying(name)}: find its source, or raise '
                 'disturbance.torque_std'
             ),
         )
@@ -243,7 +236,7 @@ class ExternalForce(ExternalTorque):
             'disturbance.force_std',
             'a force from outside: shield it, or a longer motion determines it (disturbance.force_std)',
             lambda name, value: (
-                f'a force of {np.linalg.norm(value):.2g} N {_varying(name)}: find what pushes, or raise '
+                f'a force of {np.linalg.norm(value):.2g} N {_varying(name)}: find its source, or raise '
                 'disturbance.force_std'
             ),
         )
@@ -278,17 +271,12 @@ def external(torque: Pushing, force: Pushing) -> tuple[ExternalTorque, ExternalF
 
 @dataclass(frozen=True, eq=False)
 class Thrusters(Unknown):
-    """Scale, turn (rad, in the axes of its frame) and delay (s) of each thruster less those of its command.
+    """Scale, turn (rad, in the axes of its frame) and delay (s) of each thruster less those of its command."""
 
-    Attributes
-    ----------
-    frames : names of the thrusters
-    """
-
-    frames: tuple[str, ...]
+    frames: tuple[str, ...]  # names of the thrusters
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
-        """Return what they take off the momentum that is to be constant: that which they have brought."""
+        """Return the momentum (P, L) that they have brought, which is subtracted to leave a constant."""
         del kernel
         return -np.moveaxis(states.thrust, 1, 2).reshape(len(states.thrust), 6, -1)
 
@@ -315,7 +303,7 @@ class Hypothesis:
     """A disturbance or drift: a constant force, and random walks with intensities a square root of a second."""
 
     name: str  # in words
-    cause: str = ''  # what it may be, and what to do
+    cause: str = ''  # the likely source, and the remedy
     momentum: float = 0.0  # N s and N m s: an external force
     position: float = 0.0  # m: the odometry's own drift
     orientation: float = 0.0  # rad
@@ -352,7 +340,7 @@ def _constant_force(axes: Axes, what: str) -> Hypothesis:
 
 
 _INERTIAL_FORCE = _constant_force('inertial', 'a tilted table, drag or a leak')
-_BODY_FORCE = _constant_force('body', 'a leak or thrust, or wheels that nobody reads spin up')
+_BODY_FORCE = _constant_force('body', 'a leak or thrust, or unreported wheels spin up')
 
 
 def hypotheses(known_mass: float, position_std: float, constant: Axes, *, adapt: bool) -> tuple[Hypothesis, ...]:
@@ -375,7 +363,7 @@ def hypotheses(known_mass: float, position_std: float, constant: Axes, *, adapt:
         _BODY_FORCE,
         Hypothesis(
             'the momentum drifts',
-            'something moves that nobody reads (wheels, an arm, fuel), or a changing force acts: the momentum drifts',
+            'an unreported part moves (wheels, an arm, fuel), or a changing force acts: the momentum drifts',
             momentum=_CHANGING_FORCE * known_mass,
             physical=False,
         ),

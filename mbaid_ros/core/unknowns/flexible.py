@@ -76,7 +76,7 @@ class StartingSwing(Unknown):
 
 @dataclass(frozen=True, eq=False)
 class SwingNoise(Unknown):
-    """Of each passive joint: what excites it beside the model, as two quadratures of a swing that wanders.
+    """Unmodelled excitation of each passive joint, as two quadratures of a swing, Gauss-Markov processes.
 
     White noise drives a spring with a damper to a swing whose amplitudes are first-order Gauss-Markov processes, with
     the time constant of the damping.
@@ -89,7 +89,7 @@ class SwingNoise(Unknown):
     correlation: Array
 
     words: ClassVar = {
-        DISTURBANCE: Words('what excites passive joints', 'flexible.<joint>.disturbance_std'),
+        DISTURBANCE: Words('unmodelled excitation of passive joints', 'flexible.<joint>.disturbance_std'),
     }
     in_equations = False
 

@@ -26,13 +26,9 @@ class JointPlacements(Unknown):
     """Of each joint: true less measured position (rad or m), displacement of its frame (m) and tilt of its axis (rad).
 
     Displacement and tilt are in the joint's own axes, the tilt about two directions normal to the joint's axis.
-
-    Attributes
-    ----------
-    across : (n, 3, 2) these directions
     """
 
-    across: Array
+    across: Array  # (n, 3, 2) these directions
 
     words: ClassVar = {
         'zero': Words(
@@ -56,7 +52,7 @@ class JointPlacements(Unknown):
     }
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
-        """Return how the momentum changes where what a joint carries is displaced."""
+        """Return the change of the momentum by a displaced load of a joint."""
         model, configuration = kernel.model, states.configuration
         parents = list(model.parents)
         count, joints = configuration.joint_twist.shape[:2]
@@ -65,7 +61,7 @@ class JointPlacements(Unknown):
         displacement[:, :, 0] = configuration.joint_twist
         displacement[:, :, 1:4, :3] = np.swapaxes(frames, -1, -2)
         turn = np.swapaxes(frames @ self.across, -1, -2)
-        # The joint's own frame: what a prismatic joint carries has slid away from it.
+        # The joint's own frame: the load of a prismatic joint has slid away from it.
         place = configuration.position[:, parents] + rotate(configuration.rotation[:, parents], model.positions)
         displacement[:, :, 4:, :3] = cross(np.broadcast_to(place[:, :, None], turn.shape), turn)
         displacement[:, :, 4:, 3:] = turn
@@ -101,7 +97,7 @@ def joint_placements(
 
 
 def momentum_displaced(kernel: MomentumKernel, states: BodyStates, displacement: Array) -> Array:
-    """Return how the momentum changes, (N, 6, n d), where what each joint carries has d small motions (N, n, d, 6)."""
+    """Return the change of the momentum, (N, 6, n d), by d small motions (N, n, d, 6) of each joint's load."""
     change = _displacement_matrices(kernel, states)
     columns = displacement @ np.swapaxes(change, -1, -2)  # (N, n, d numbers, 6 of the momentum)
     return np.swapaxes(columns.reshape(len(columns), -1, 6), 1, 2)
@@ -128,14 +124,9 @@ TRACKING = 'tracking'
 
 @dataclass(frozen=True, eq=False)
 class JointTracking(Linear):
-    """Of each joint: true less read position (rad or m), in every motion another one.
+    """Of each joint: true less read position (rad or m), in every motion another one."""
 
-    Attributes
-    ----------
-    correlation : (e,) s, time constant of each independent number
-    """
-
-    correlation: Array
+    correlation: Array  # (e,) s, time constant of each independent number
 
     words: ClassVar = {
         TRACKING: Words(
@@ -162,7 +153,7 @@ class JointTracking(Linear):
         return self.factor
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
-        """Return how the momentum changes where what a joint carries has gone on along with it."""
+        """Return the change of the momentum by a load that has moved on along its joint."""
         return momentum_displaced(kernel, states, states.configuration.joint_twist[:, :, None])
 
     def in_plane(self, detector: PlaneDetector) -> JointTracking:
@@ -179,7 +170,7 @@ def joint_tracking(names: Sequence[str], deviations: Sequence[float], times: Seq
 
 
 FLEXIBLE = 'flexible'
-# Standard deviations of compliance (rad/(N m)), lag (s), swing (rad, rad): far below what drives have; a thousand
+# Standard deviations of compliance (rad/(N m)), lag (s), swing (rad, rad): far below those of drives; a thousand
 # times as much is plausible.
 _FLEXIBLE_STDS = (3e-6, 1e-5, 1e-5, 1e-5)
 
@@ -201,7 +192,7 @@ class FlexibleJoints(Linear):
     of_joints = True
 
     def deflections(self, motion: JointMotion) -> tuple[Array, Array]:
-        """Return what each number adds to the position of its own joint, and to its rate."""
+        """Return the contribution of each number to the position of its own joint, and to its rate."""
         sine, cosine = np.sin(motion.position), np.cos(motion.position)
         off = np.stack((-motion.torque, motion.rate, sine, cosine), axis=-1)
         changing = (-motion.torque_rate, motion.acceleration, cosine * motion.rate, -sine * motion.rate)

@@ -38,9 +38,9 @@ class GyroErrors:
 
 @dataclass(frozen=True, eq=False)
 class Gyro(Unknown):
-    """Bias (rad/s), scale, turn (rad) of its axes, what pairs of them have in common, (3,) each, and delay (s)."""
+    """Bias (rad/s), scale, turn (rad) of its axes, cross-axis sensitivity, (3,) each, and delay (s)."""
 
-    # (13, w) factor of what the bias changes by in a second
+    # (13, w) factor of the change of the bias in a second
     wandering: Array = field(default_factory=lambda: np.zeros((13, 0)))
     alone: bool = False  # whether it alone observes the orientation
     with_orientation: bool = False  # whether the IMU measures the orientation, too, in the same axes
@@ -63,7 +63,7 @@ class Gyro(Unknown):
         return pose, twist
 
     def gyro_reading(self, motion: Reading) -> Array:
-        """Return what it reads by each."""
+        """Return its reading by each."""
         assert motion.imu is not None, 'there is an IMU'
         own = motion.imu
         return np.concatenate((own.axes, own.stretching, own.turning, own.crossing, -own.slope[..., None]), axis=-1)
@@ -85,7 +85,7 @@ class Gyro(Unknown):
         return replace(side, gyro=side.gyro + value[:_LATE]) if self.alone else side
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
-        """Return bias and scale of what it reads about the normal, and the delay."""
+        """Return bias and scale of its reading about the normal, and the delay."""
         normal = self._normal(detector)
         basis = np.zeros((13, 3))
         basis[:3, 0], basis[3:6, 1], basis[_LATE, 2] = normal, normal**2 / np.linalg.norm(normal**2), 1.0
@@ -100,7 +100,7 @@ class Gyro(Unknown):
         return plane.normal
 
     def in_plane(self, detector: PlaneDetector) -> Gyro:
-        """Return it as a planar motion depends on it; what of the bias does not matter walks no more."""
+        """Return its planar part; the irrelevant part of the bias no longer walks."""
         seen = super().in_plane(detector)
         normal = self.plane_basis(detector)[:3, :1]
         wandering = np.zeros((13, 1))
@@ -114,7 +114,7 @@ class Gyro(Unknown):
 
 
 def gyro(errors: GyroErrors | None) -> Gyro:
-    """Return what an IMU is wrong by as an unknown; None is that there is none."""
+    """Return the errors of an IMU as an unknown; None if there is no IMU."""
     own = errors or GyroErrors()
     deviations = np.array([*np.repeat((own.bias, own.scale, own.orientation, own.cross), 3), own.delay])
     wandering = np.zeros((13, 3))

@@ -73,12 +73,8 @@ class CampaignFolder:
 
     The folder is made where there is none; with `retry_failed`, runs that failed count as not made.
 
-    Raises
-    ------
-    ParameterError
-        The folder holds something else, another campaign, or is in use.
-    DataError
-        The results in it cannot be read.
+    Raises ParameterError: The folder holds something else, another campaign, or is in use.
+    Raises DataError: The results in it cannot be read.
     """
 
     def __init__(self, path: Path, campaign: Campaign, *, retry_failed: bool = False) -> None:

@@ -18,15 +18,15 @@ from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.planning.motions import simple_motion
 from mbaid_ros.planning.planner import Planner
-from mbaid_ros.planning.unplanned import simple_motion
 from mbaid_ros.replay.campaigns.statistics import FAILED, Result, nees
+from mbaid_ros.replay.command import ProcessDiedError, Workers
 from mbaid_ros.replay.output import plain, shaped, shaped_std
 from mbaid_ros.replay.run import BAG_TYPES
-from mbaid_ros.replay.workers import ProcessDiedError, Workers
-from mbaid_ros.session import Session
 from mbaid_ros.session.methods import make_reporting
 from mbaid_ros.session.planning import make_planner, plan_settings
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
 
 _CHUNK = 10.0  # s of the run that are in memory at once; it does not change the numbers
@@ -37,10 +37,7 @@ _PATIENCE = 10.0  # s for the scheduler to answer
 def prepare(case: Case, urdf: str) -> tuple[SimulatedRun, Session]:
     """Return the simulated robot at time 0 and the session that is to identify it.
 
-    Raises
-    ------
-    ModelError, ParameterError
-        The robot or the parameters cannot be used, alone or together.
+    Raises ModelError, ParameterError: The robot or the parameters cannot be used, alone or together.
     """
     simulated, session = SimulatedRun(case.simulator, urdf, BAG_TYPES), Session(case.estimator, urdf)
     if simulated.target.name != session.robot.target_link:
@@ -141,20 +138,13 @@ def _sizes(session: Session, final: Estimate) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SecondMotion:
-    """A motion and its begin.
-
-    Attributes
-    ----------
-    before : the largest relative standard deviation where it begins
-    base : (2,) rad and m, by which it truly turns and displaces the base from where this would coast
-    asked : (10,) which parameters can be known at all, as in a plane some cannot
-    """
+    """A motion and its begin."""
 
     kind: str
     trajectory: JointTrajectory
-    before: float
-    base: Array
-    asked: Flags
+    before: float  # the largest relative standard deviation where it begins
+    base: Array  # (2,) rad and m, by which it truly turns and displaces the base from where this would coast
+    asked: Flags  # (10,) which parameters can be known at all, as in a plane some cannot
 
     def as_json(self, final: Estimate, sizes: Array) -> dict[str, object]:
         """Return its outcome, by the last estimate and the sizes (10,) that standard deviations are relative to."""
@@ -167,12 +157,8 @@ class SecondMotion:
 def motion_of(kind: str, session: Session, simulated: SimulatedRun, seed: int) -> SecondMotion:
     """Return the motion that follows.
 
-    Raises
-    ------
-    DataError
-        There is no posterior to begin from.
-    ParameterError
-        No motion is possible.
+    Raises DataError: There is no posterior to begin from.
+    Raises ParameterError: No motion is possible.
     """
     posterior = session.posterior()
     if posterior is None:
@@ -232,12 +218,8 @@ def _make(urdf: str, run: CampaignRun) -> Result:
 def made_on_cluster(runs: Sequence[CampaignRun], urdf: str, scheduler: str) -> Generator[Result]:
     """Yield the results of runs as they end, made on the Dask cluster whose scheduler has an address.
 
-    Raises
-    ------
-    ParameterError
-        Dask is not installed, or there is no scheduler at the address.
-    DataError
-        The cluster is lost, or cannot run this package.
+    Raises ParameterError: Dask is not installed, or there is no scheduler at the address.
+    Raises DataError: The cluster is lost, or cannot run this package.
     """
     try:
         from distributed import Client, KilledWorker, as_completed  # noqa: PLC0415 - optional, and slow to import
@@ -256,7 +238,7 @@ def made_on_cluster(runs: Sequence[CampaignRun], urdf: str, scheduler: str) -> G
     with client:
         if not client.scheduler_info()['workers']:
             print(f"mbaid_ros campaign: waiting for the scheduler '{scheduler}' to get workers", file=sys.stderr)
-        # Impure: what another campaign left on the cluster is not taken for the result of a run.
+        # Impure: results of another campaign on the cluster do not count as those of a run.
         futures = client.map(make, runs, urdf=urdf, pure=False)
         run_of = dict(zip((future.key for future in futures), runs, strict=True))
         flying = as_completed(futures, loop=client.loop)  # type: ignore[no-untyped-call]
@@ -269,7 +251,7 @@ def made_on_cluster(runs: Sequence[CampaignRun], urdf: str, scheduler: str) -> G
                 result = _failed(run, f'the worker that made it died {error.allowed_failures + 1} times')
             except Exception as error:  # connections, other versions there: each package has its own
                 raise DataError(
-                    f"the cluster of scheduler '{scheduler}' fails: {type(error).__name__}: {error}; what it made is "
+                    f"the cluster of scheduler '{scheduler}' fails: {type(error).__name__}: {error}; its results are "
                     'kept, and the same command goes on from there'
                 ) from error
             yield result

@@ -63,21 +63,15 @@ def nees_band(freedom: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class SecondMotionStatistics:
-    """Medians over runs of what second motions improve.
+    """Medians over runs of the improvement by second motions."""
 
-    Attributes
-    ----------
-    seconds : length
-    before, after : largest relative standard deviation where it begins, and in the end; that of the runs in which every
-        parameter is determined then
-    halvings : of that, a minute of the motion
-    turned, displaced : by which it moves the base, rad and m; the most of all runs
-    """
-
-    seconds: float
+    seconds: float  # length
+    # before, after: largest relative standard deviation where it begins, and in the end; that of the runs in which
+    # every parameter is determined then
     before: float
     after: float
-    halvings: float
+    halvings: float  # of that, a minute of the motion
+    # turned, displaced: by which it moves the base, rad and m; the most of all runs
     turned: float
     displaced: float
 
@@ -117,31 +111,18 @@ def _median(values: Array) -> float:
 
 @dataclass(frozen=True)
 class CaseStatistics:
-    """One case over all its seeds and motions.
+    """One case over all its seeds and motions."""
 
-    Attributes
-    ----------
-    name, choices : of each group of the campaign
-    statuses : number of runs that ended with each
-    rmse : (10,) root mean square error in the order of PARAMETERS; NaN where no run determined it
-    mean_std : (10,) mean of the reported standard deviations
-    inside : (10,) share of the runs with the truth inside the reported 95 % interval
-    determined : (10,) share of the runs in which the parameter was determined
-    nees : mean over the runs of `nees`
-    nees_band : of such means
-    then : of second motions; None where there are none
-    """
-
-    name: str
-    choices: Mapping[str, str]
-    statuses: Mapping[str, int]
-    rmse: Array
-    mean_std: Array
-    inside: Array
-    determined: Array
-    nees: float
-    nees_band: tuple[float, float]
-    then: SecondMotionStatistics | None = None
+    name: str  # of each group of the campaign
+    choices: Mapping[str, str]  # of each group of the campaign
+    statuses: Mapping[str, int]  # number of runs that ended with each
+    rmse: Array  # (10,) root mean square error in the order of PARAMETERS; NaN where no run determined it
+    mean_std: Array  # (10,) mean of the reported standard deviations
+    inside: Array  # (10,) share of the runs with the truth inside the reported 95 % interval
+    determined: Array  # (10,) share of the runs in which the parameter was determined
+    nees: float  # mean over the runs of `nees`
+    nees_band: tuple[float, float]  # of such means
+    then: SecondMotionStatistics | None = None  # of second motions; None where there are none
 
 
 def statistics(results: Sequence[Result]) -> list[CaseStatistics]:
@@ -183,7 +164,7 @@ def _ten(values: Mapping[str, Any] | None) -> Array:
 
 
 def as_json(cases: Sequence[CaseStatistics], results: Sequence[Result]) -> dict[str, Any]:
-    """Return the statistics as scripts read them; None for what is not known."""
+    """Return the statistics as scripts read them; None for unknown values."""
     return {
         'runs': len(results),
         'inconsistent': _inconsistent(results),

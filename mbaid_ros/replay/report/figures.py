@@ -1,4 +1,4 @@
-"""Curves over a run: parameters, momentum, residual, identifiability, arrival; and several runs side by side."""
+"""Curves over a run: parameters, momentum, residual, identifiability; and several runs side by side."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def convergence(run: Run, truth: Truth | None, name: str) -> str:
         axis.tick_params(labelbottom=True)
     for axis in axes[-2:]:  # the lowest of each column
         axis.set_xlabel(TIME, color=Colour.INK, fontsize=8)
-    return svg(chart, f'{name} convergence', 'Course of each parameter with its 95 % band')
+    return svg(chart, f'{name} convergence', 'Estimate of each parameter over time with its 95 % band')
 
 
 def comparison(runs: Sequence[Run], truth: Array | None) -> str:
@@ -102,7 +102,7 @@ def momentum(run: Run, truth: Truth | None, name: str) -> str:
         _residual(axes[-1], time, residual, run)
     axes[-1].set_xlim(0.0, max(time[-1], _SHORTEST))
     axes[-1].set_xlabel(TIME, color=Colour.INK, fontsize=8)
-    return svg(chart, f'{name} momentum', 'Course of the total momentum and of the residual')
+    return svg(chart, f'{name} momentum', 'Total momentum and residual over time')
 
 
 def _vector(axis: Axes, time: Array, values: Array, stds: Array) -> None:
@@ -161,31 +161,6 @@ def _spans(edges: Array, flags: Array) -> list[tuple[float, float]]:
     """Return (begin, length) of the stretches in which a flag holds; flag i holds from edge i to edge i + 1."""
     steps = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(int), [0]))))
     return [(float(edges[a]), float(edges[b] - edges[a])) for a, b in steps.reshape(-1, 2)]
-
-
-def arrival(run: Run, name: str) -> str:
-    """Return the rate of each topic over time, with the gaps."""
-    topics = [topic for topic in run.topics if topic.course]
-    if not topics:
-        return ''
-    chart, (axis,) = new_axes(1, 1, 1.9)
-    for topic, (colour, line) in zip(topics, SERIES, strict=False):
-        time, rate = np.array(topic.course).T
-        axis.plot(time, rate, color=colour, linestyle=line, linewidth=1.3, label=_short(topic.topic))
-        for begin, length in topic.gaps:
-            axis.axvspan(begin, begin + length, color=colour, alpha=0.25, linewidth=0.0)
-    # Messages recorded in a burst, after a hold-up, have a rate beyond all others: it may leave the drawing.
-    rates = [np.array([rate for _, rate in topic.course]) for topic in topics]
-    axis.set_ylim(bottom=0.0, top=1.25 * max(min(float(np.max(rate)), 2.0 * float(np.median(rate))) for rate in rates))
-    entitle(axis, 'Messages a second [Hz]; shaded: gaps', 'time since the first message [s]')
-    legend(axis, 2)
-    return svg(chart, f'{name} arrival', 'Rate of each topic')
-
-
-def _short(name: str) -> str:
-    safe = ''.join(char if char.isascii() and char.isprintable() else '?' for char in name)
-    safe = safe if len(safe) <= 50 else f'{safe[:47]}...'
-    return f' {safe}'  # matplotlib hides a label that begins with an underscore
 
 
 def _mark_events(axis: Axes, run: Run, *, named: bool = True) -> None:

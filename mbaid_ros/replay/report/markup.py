@@ -44,7 +44,7 @@ _STYLE = files(__package__).joinpath('style.css').read_text('utf-8')
 
 
 def text(value: object) -> str:
-    """Return a string of any origin as HTML text on one line, control characters shown as what they are."""
+    """Return a string of any origin as HTML text on one line, control characters written out."""
     return escape(one_line(str(value)))
 
 

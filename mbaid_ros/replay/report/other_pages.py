@@ -44,7 +44,7 @@ _VIEWS = (('from above', (0, 1)), ('from the right', (0, 2)), ('from the front',
 
 
 def calibration_page(result: Calibrated) -> str:
-    """Return the page of a calibration: for each body how far the data moved it, and what momentum determines."""
+    """Return the page of a calibration: for each body how far the data moved it, and the observable combinations."""
     look = 'wrong' if result.contradicted else 'bad' if result.warnings else 'good'
     parts = [
         paragraph(', '.join(one_line(motion.bag) for motion in result.motions), 'note'),
@@ -58,12 +58,9 @@ def calibration_page(result: Calibrated) -> str:
         '<h2>Joints</h2>',
         paragraph('Beside the robot description, in the axes of each joint; the axis tilts about two normals of it.'),
         table(JOINTS_HEAD, joint_rows(result)),
-        '<h2>What momentum determines</h2>',
-        paragraph('Each of these combinations has a value of its own; a body alone does not show.'),
+        '<h2>Observable combinations</h2>',
+        paragraph('Only these combinations are observable, not each body alone.'),
         _combinations(result),
-        '<h3>What it does not distinguish</h3>',
-        paragraph('Taken from one body and given to the other, it changes no momentum: the prior alone divides it.'),
-        table(('what', 'directions'), [(each.words, str(each.directions.shape[1])) for each in result.exchanges]),
     ]
     return page(f'Calibration of {result.kernel.model.name}', parts)
 
@@ -91,7 +88,7 @@ def _combinations(result: Calibrated) -> str:
 
 
 def plan_page(plan: Plan, model: RobotModel, start: Array, made_by: Sequence[str]) -> str:
-    """Return the page of a plan: what the motion determines, how joints and base move, and what made it, a line each.
+    """Return the page of a plan: the precision it reaches, the motion of joints and base, and its origin, a line each.
 
     `start` is (n,), where the robot's joints are at the begin.
     """
@@ -103,22 +100,22 @@ def plan_page(plan: Plan, model: RobotModel, start: Array, made_by: Sequence[str
         ),
         paragraph(plan.verdict, f'verdict {"good" if plan.reached else "bad"}'),
         listed(plan.notes, 'warnings'),
-        '<h2>What it determines</h2>',
+        '<h2>Precision</h2>',
         table(('', 'now', 'after the motion', 'as the body may be', 'wanted'), _precision(plan)),
         paragraph(
             'One standard deviation: of the mass relative to it, of the centre of mass to convergence.length, of the '
             f'inertia to its moments. As the body may be: after the motion, for {len(plan.may_be)} bodies drawn from '
-            'what is known now.',
+            'the present posterior.',
             'note',
         ),
-        figure(_curves(plan), 'Predicted standard deviations, relative to what is wanted: the motion has done at 1.'),
-        '<h2>What the joints do</h2>',
+        figure(_curves(plan), 'Predicted standard deviations, relative to the wanted ones: the motion suffices at 1.'),
+        '<h2>Motion of the joints</h2>',
         figure(_joints(plan), 'Away from where they begin; the points are those of the trajectory.'),
         table(('', 'of its range', 'of its velocity', 'of its acceleration', 'of its effort'), _use(plan)),
         figure(
             _poses(plan, model, start), 'The arm at equal times, in base axes: blue at the begin, green at the end.'
         ),
-        '<h2>What it does to the base</h2>',
+        '<h2>Motion of the base</h2>',
         table(('', 'most', 'for certain below', 'limit'), _excursions(plan)),
         paragraph(
             'From where the base would be with the joints at rest; for certain is five standard deviations, and all '
@@ -167,7 +164,7 @@ def _curves(plan: Plan) -> str:
             axis.annotate(f' {name}', (time[-1], ratios[-1, index]), color=colour, fontsize=7, va='center')
     level(axis, 1.0, Colour.SECOND, '--', 1.2)
     axis.set_xlim(0.0, 1.06 * time[-1])
-    entitle(axis, 'standard deviation over the one that is wanted', TIME)
+    entitle(axis, 'standard deviation over the wanted one', TIME)
     return svg(chart, 'course', 'Predicted standard deviations over time')
 
 

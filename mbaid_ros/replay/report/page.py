@@ -72,16 +72,16 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
         listed([*run.all_warnings, problem] if problem else run.all_warnings, 'warnings'),
         '<h3>Estimate</h3>',
         _parameters(run, matching),
-        '' if run.holdout is None else paragraph(f'{run.holdout.sentence.capitalize()}.', 'told'),
+        '' if run.holdout is None else paragraph(f'{run.holdout.sentence.capitalize()}.', 'sentence'),
         '' if run.contradicted else error_budget(run.final),
-        paragraph(f'What motion would help most: {run.advice}.', 'told') if run.advice else '',
+        paragraph(f'The motion that would help most: {run.advice}.', 'sentence') if run.advice else '',
         captured_body(run),
         before_the_capture(run),
         *_curves(run, matching, name),
         '<h3>The robot in its last pose</h3>',
         _robot(run, name),
         '<h3>What arrived</h3>',
-        _data(run, name),
+        _data(run),
         noise(run.final.noise),
         '<h3>Settings</h3>',
         _settings(run),
@@ -93,7 +93,7 @@ def _causes(run: Run) -> str:
     lines = [f'{line[0].upper()}{line[1:]}' for line in likely_causes(run)]
     if not lines:
         return ''
-    words = 'What may be wrong, the likeliest first. Each is tried alone, so that several may be faces of one mistake.'
+    words = 'Candidate causes, the likeliest first. Each is tried alone, so several may have one origin.'
     return paragraph(words) + listed(lines, 'causes')
 
 
@@ -190,16 +190,9 @@ def _robot(run: Run, name: str) -> str:
     return figure(drawing(found, name), caption)
 
 
-def _data(run: Run, name: str) -> str:
-    rows = []
-    for topic in run.topics:
-        begin, length = max(topic.gaps, key=lambda gap: gap[1], default=(0.0, 0.0))
-        longest = f'{length:.3g} s at {begin:.4g} s' if topic.gaps else NO_NUMBER
-        numbers = str(topic.messages), number(topic.rate, 4), str(len(topic.gaps)), longest
-        rows.append((topic.topic, topic.type, *numbers))
-    content = table(('topic', 'type', 'messages', 'rate [Hz]', 'gaps', 'longest gap'), rows)
-    drawn = figures.arrival(run, name)
-    content += figure(drawn) if drawn else ''
+def _data(run: Run) -> str:
+    rows = [(each.topic, each.type, str(each.messages), number(each.rate, 4)) for each in run.topics]
+    content = table(('topic', 'type', 'messages', 'rate [Hz]'), rows)
     content += paragraph(
         f'{run.used} joint states have odometry around them; {run.final.samples} of them are in the estimate.'
     )

@@ -11,6 +11,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pinocchio
 from matplotlib.axes import Axes
+from scipy.spatial import ConvexHull
 
 from mbaid_ros import limits
 from mbaid_ros.core.geometry import Array, rotate
@@ -31,41 +32,24 @@ _CIRCLE = np.stack([np.cos(np.linspace(0.0, 2.0 * np.pi, 73)), np.sin(np.linspac
 
 @dataclass(frozen=True)
 class Body:
-    """The identified body, relative to the base link's origin, in odometry axes.
-
-    Attributes
-    ----------
-    ellipsoid : (3, 3) m^2, a surface x^T E^-1 x = 1 about the CoM (flat: a circle); zero where nothing is known
-    uncertainty : (3, 3) m^2, the same of the 95 % region of the CoM
-    axes : (3, 3) columns are the principal semi-axes, m; zero where not known
-    complete : False where the circle of gyration stands for the ellipsoid
-    """
+    """The identified body, relative to the base link's origin, in odometry axes."""
 
     com: Array
-    ellipsoid: Array
-    uncertainty: Array
-    axes: Array
-    complete: bool
+    ellipsoid: Array  # (3, 3) m^2, a surface x^T E^-1 x = 1 about the CoM (flat: a circle); zero where nothing is known
+    uncertainty: Array  # (3, 3) m^2, the same of the 95 % region of the CoM
+    axes: Array  # (3, 3) columns are the principal semi-axes, m; zero where not known
+    complete: bool  # False where the circle of gyration stands for the ellipsoid
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything relative to the base link's origin, in odometry axes, m.
+    """Everything relative to the base link's origin, in odometry axes, m."""
 
-    Attributes
-    ----------
-    bones : (begin, end) of straight lines along the arm
-    joints : position, and whether it slides
-    solids : (N, 3) points whose hull is a shape, and whether it belongs to the target link
-    body : None where the CoM is not known
-    skeleton : (N, 3) origins of the bodies, and the CoM
-    """
-
-    bones: list[tuple[Array, Array]]
-    joints: list[tuple[Array, bool]]
-    solids: list[tuple[Array, bool]]
-    body: Body | None
-    skeleton: Array
+    bones: list[tuple[Array, Array]]  # (begin, end) of straight lines along the arm
+    joints: list[tuple[Array, bool]]  # position, and whether it slides
+    solids: list[tuple[Array, bool]]  # (N, 3) points whose hull is a shape, and whether it belongs to the target link
+    body: Body | None  # None where the CoM is not known
+    skeleton: Array  # (N, 3) origins of the bodies, and the CoM
 
 
 def scene(run: Run) -> Scene | None:
@@ -162,23 +146,8 @@ def _numbers(element: ET.Element | None, key: str, default: str = '') -> list[fl
 
 
 def hull(points: Array) -> Array:
-    """Return the corners of the convex hull of (N, 2) points in order (Andrew's monotone chain)."""
-    ordered = sorted({(round(float(x), 9), round(float(y), 9)) for x, y in points})
-    if len(ordered) < 3:
-        return np.array(ordered)
-    return np.array(_chain(ordered)[:-1] + _chain(ordered[::-1])[:-1])
-
-
-def _chain(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    kept: list[tuple[float, float]] = []
-    for x, y in points:
-        while len(kept) > 1:
-            (x1, y1), (x2, y2) = kept[-2:]
-            if (x2 - x1) * (y - y1) - (y2 - y1) * (x - x1) > 0.0:
-                break
-            kept.pop()
-        kept.append((x, y))
-    return kept
+    """Return the corners of the convex hull of (N, 2) points in order; of a flat one those of a hardly thicker one."""
+    return points[ConvexHull(points, qhull_options='QJ').vertices]
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ _TIMES, _LITTLE = 10, 0.7
 
 
 def error_budget(final: Estimate) -> str:
-    """Return a stacked bar a parameter, the figures, and what would help; empty where there is no budget."""
+    """Return a stacked bar a parameter, the figures, and remedies; empty if there is no budget."""
     budget = final.budget
     if budget is None:
         return ''
@@ -46,11 +46,11 @@ def error_budget(final: Estimate) -> str:
     if not known.any():
         return ''
     ordered = _ordered(budget)
-    sentences = [paragraph(sentence, 'told') for sentence in _sentences(budget, final.std)]
+    sentences = [paragraph(sentence, 'sentence') for sentence in _sentences(budget, final.std)]
     if not ordered:
         return ''.join(('<h3>Error budget</h3>', paragraph('All of the variance is sensor noise.'), *sentences))
     labels, shares = _shown(budget, ordered[:_NAMED])
-    words = 'The variance of each parameter by source: sensor noise, and what of the robot is not exactly known.'
+    words = 'The variance of each parameter by source: sensor noise, and the uncertain parts of the robot.'
     parts = ['<h3>Error budget</h3>', paragraph(words), _bars(labels, shares, known), _key(labels), *sentences]
     parts.append(_figures(labels, shares, known))
     if len(ordered) > _NAMED:
@@ -121,10 +121,10 @@ def _sentences(budget: ErrorBudget, std: Array) -> list[str]:
         names = _joined(list(groups))
         shares = _joined([percent(share) for share in groups.values()])
         sentences.append(f'{names[0].upper()}{names[1:]}: {shares} of the variance is {remedy_text(cause)}.')
-    if resting := budget.resting():
+    if unobservable := budget.unobservable():
         sentences.append(
-            f'The intervals rest on what this motion cannot check: {resting}. They hold if these are as declared; if '
-            'one is not, no residual shows it.'
+            f'Unobservable with this motion: {unobservable}. The intervals hold if these are as declared; no residual '
+            'shows a wrong one.'
         )
     left = budget.left_of_std(_TIMES)
     little = [name for name, share in zip(PARAMETERS, left, strict=True) if share >= _LITTLE]
@@ -149,7 +149,8 @@ def noise(levels: SensorLevels | None) -> str:
         (name.replace('_', ' '), *('' if math.isnan(each) else f'{each:.2g}' for each in pair), unit)
         for name, *pair, unit in zip(CHANNELS, levels.declared, levels.found, CHANNEL_UNITS, strict=True)
     ]
-    return '<h3>Noise of a reading</h3>' + table(('sensor', 'declared', 'found', 'unit'), rows) + listed(levels.told())
+    head = ('sensor', 'declared', 'estimated', 'unit')
+    return '<h3>Noise of a reading</h3>' + table(head, rows) + listed(levels.differences())
 
 
 def captured_body(run: Run) -> str:
@@ -158,8 +159,8 @@ def captured_body(run: Run) -> str:
         return ''
     rows = estimates(PARAMETERS, run.debris.parameters, run.debris.std, SHOWN_UNITS)
     note = (
-        f"The captured body alone, in frame '{run.debris.frame.name}': what is identified, less what the robot "
-        f"description says of link '{run.target_link}' itself."
+        f"The captured body alone, in frame '{run.debris.frame.name}': the estimate less the <inertial> of link "
+        f"'{run.target_link}' in the robot description."
     )
     return (
         '<h3>Captured body</h3>' + table(('parameter', 'estimate', PLUS_MINUS, 'unit'), rows) + paragraph(note, 'note')
@@ -189,7 +190,7 @@ def before_the_capture(run: Run) -> str:
     if not np.all(np.isfinite(motion)):
         return content
     moved = [(name, number(value, 4), unit) for name, value, unit in zip(_MOTION, motion, _MOTION_UNITS, strict=True)]
-    note = 'Velocity of its centre of mass and its spin before the capture, from its momentum and what was identified.'
+    note = 'Velocity of its centre of mass and its spin before the capture, from its momentum and the estimate.'
     return content + table(('captured body', 'estimate', 'unit'), moved) + paragraph(note, 'note')
 
 

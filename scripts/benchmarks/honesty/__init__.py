@@ -1,1 +1,1 @@
-"""Conditions that nobody has tuned the estimator for, and whether it is ever silently wrong in them."""
+"""Conditions that the estimator was not tuned for, and whether it is ever silently wrong in them."""

@@ -144,7 +144,7 @@ def _swinging(frequency: float) -> Path:
     return paths.following(Sinusoids(np.array([0.2]), 0.5 * one, frequency * one, 0.0 * one))
 
 
-UNREAD = r'nobody reads'
+UNREAD = r'unreported'
 FLEXIBLE = r'joint4 is flexible'
 WRONG_MODELS = (
     *_steps(

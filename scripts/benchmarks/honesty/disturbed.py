@@ -150,7 +150,7 @@ DISTURBED = (
     _moved('the body slips in the grasp by 5 deg', partial(_grasp, np.deg2rad(5.0)), 'grasp'),
     _moved('the body slips in the grasp by 30 deg', partial(_grasp, np.deg2rad(30.0)), 'grasp'),
     Condition('world', 'the hand loses the body', _lost, cause='another body|lost'),
-    _moved('wheels that nobody reads spin up', _wheels, UNREAD, 'wheel0', 'wheel1', 'wheel2', 'wheel3'),
+    _moved('unreported wheels spin up', _wheels, UNREAD, 'wheel0', 'wheel1', 'wheel2', 'wheel3'),
     _moved('a flexible panel of 0.3 Hz', _panel, r'\bHz\b', 'panel'),
     _moved('fuel that sloshes at 0.1 Hz', _slosh, r'\bHz\b|fuel', 'yoke', 'fuel'),
     _moved('a flexible joint of 2 Hz', partial(_flexible, 2.0, 0.01), FLEXIBLE),

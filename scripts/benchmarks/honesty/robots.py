@@ -15,7 +15,7 @@ from benchmarks.precapture import BARE_LINK7
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import physical, standard
-from mbaid_ros.core.robot.urdf_edit import change_inertial
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
 
 Vector = Sequence[float] | Array
 LINK, BASE = 'link7', 'base_link'
@@ -31,27 +31,27 @@ def servicer() -> str:
 
 def bare(urdf: str) -> str:
     """Return servicer7 without the target."""
-    return change_inertial(urdf, LINK, BARE)
+    return replace_inertial(urdf, LINK, BARE)
 
 
 def scaled(urdf: str, link: str, factor: float) -> str:
     """Return a robot with a link that is denser by a factor."""
     body = physical(load_model(urdf).link(link).parameters)
     body[[0, 4, 5, 6, 7, 8, 9]] *= factor
-    return change_inertial(urdf, link, body)
+    return replace_inertial(urdf, link, body)
 
 
 def off_centre(urdf: str, distance: float) -> str:
     """Return a robot with its base's centre of mass displaced (m)."""
     body = physical(load_model(urdf).link(BASE).parameters)
     body[1:4] += distance * DIRECTION
-    return change_inertial(urdf, BASE, body)
+    return replace_inertial(urdf, BASE, body)
 
 
 def exchanged(urdf: str, one: str, other: str) -> str:
     """Return a robot with the inertials of two links exchanged."""
     bodies = [physical(load_model(urdf).link(link).parameters) for link in (one, other)]
-    return change_inertial(change_inertial(urdf, one, bodies[1]), other, bodies[0])
+    return replace_inertial(replace_inertial(urdf, one, bodies[1]), other, bodies[0])
 
 
 def in_millimetres(urdf: str) -> str:

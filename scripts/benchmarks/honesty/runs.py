@@ -29,7 +29,7 @@ from mbaid_ros.core.two_stage import YOUNG
 from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.campaigns.statistics import QUANTILE, nees
 from mbaid_ros.replay.run import BAG_TYPES
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.simulation import Truth
 
 PUBLISHED = ('estimating', 'converged')

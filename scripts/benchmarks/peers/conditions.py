@@ -1,4 +1,4 @@
-"""The rows of the benchmark: a robot, its sensors, and what differs; and the true motion of each."""
+"""The rows of the benchmark: a robot, its sensors, and a difference; and the true motion of each."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Condition:
     ----------
     robot : name of a URDF of config/
     level : of the sensors' noise
-    differs : what differs from a robot that is exactly its URDF, in free fall, moved by the project's simulator
+    differs : difference from a robot that is exactly its URDF, in free fall, moved by the project's simulator
     """
 
     robot: str
@@ -72,9 +72,9 @@ class Moved:
 
     Attributes
     ----------
-    nominal : the robot as its URDF says, the target link true
+    nominal : the robot of the URDF, the target link true
     truth : Truth
-    errors : zeros and mount, that the sensors know nothing of
+    errors : zeros and mount, that the sensors ignore
     momentum : (6,) total at the begin, about the odometry origin
     bound : (10,) standard deviations that no unbiased method surpasses; NaN for what the motion leaves open
     """
@@ -118,7 +118,7 @@ def _moved(condition: Condition, seconds: float) -> Moved:
     elif differs == STOPS:
         driven = Stopping(_driven(condition.robot))
         begin = make_initial_state(simulator_config(condition.robot), robot, driven)
-        plain = truth = Simulation(robot, driven, begin, 0.02).advance(instants)
+        plain = truth = Simulation(robot, driven, begin).advance(instants)
     elif differs == OTHER_ENGINE:
         begin = _begin(condition.robot)
         truth = InMuJoCo(robot, _STEP).driven(_driven(condition.robot), begin, instants, robot.joint_names)

@@ -1,4 +1,4 @@
-"""The data set: for each run a bag, a URDF, what a method may know, and the truth; a manifest with their SHA-256."""
+"""The data set: for each run a bag, a URDF, declared knowledge and the truth; a manifest with their SHA-256."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from benchmarks.peers.recording import JOINTS, ODOMETRY
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.core.robot.urdf_edit import change_inertial
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.output import shaped
 from mbaid_ros.replay.run import BAG_TYPES
@@ -60,7 +60,7 @@ def make(runs: list[Run], folder: Path) -> dict[str, dict[str, str]]:
 
 
 def _complete(folder: Path, run: Run) -> bool:
-    """Return whether a run is there, which its truth, written last, says."""
+    """Return whether a run is there: its truth is written last."""
     file = folder / TRUTH
     return file.is_file() and json.loads(file.read_text(encoding='utf-8'))['seconds'] == run.seconds
 
@@ -77,7 +77,7 @@ def _make(run: Run, folder: Path) -> None:
     folder.mkdir(parents=True)
     _write_bag(folder / BAG, motion, truth, Sensors(case.noise, seed, motion.errors))
     body = physical(motion.nominal.link(target).parameters)
-    (folder / URDF).write_text(change_inertial(motion.nominal.urdf, target, _catalogued(body, rng)), encoding='utf-8')
+    (folder / URDF).write_text(replace_inertial(motion.nominal.urdf, target, _catalogued(body, rng)), encoding='utf-8')
     momentum = _momentum(motion)
     known = {
         'target_link': target,

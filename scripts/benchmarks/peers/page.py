@@ -68,7 +68,7 @@ def row_table(methods: Sequence[Method], rows: Scores) -> str:
 
 
 def method_table(methods: Sequence[Method], whole: Mapping[str, Score]) -> str:
-    """Return what each method is, what was tuned, and why it gave no answer."""
+    """Return each method's description, tuning, and reasons for no answer."""
     lines = []
     for each in methods:
         about = re.sub(r'\.$', '', each.about)
@@ -79,7 +79,7 @@ def method_table(methods: Sequence[Method], whole: Mapping[str, Score]) -> str:
             else ''
         )
         lines.append((f'`{each.name}`', about, each.tuned, words or '-'))
-    return table(('method', 'what it is', 'tuned, without the truth', 'why no answer'), lines, words=True)
+    return table(('method', 'description', 'tuned, without the truth', 'why no answer'), lines, words=True)
 
 
 def draw(file: Path, whole: Mapping[str, Score]) -> None:

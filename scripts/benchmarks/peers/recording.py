@@ -1,4 +1,4 @@
-"""What a method is given and returns, and a recording as arrays."""
+"""Input and output of a method, and a recording as arrays."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ JOINTS, ODOMETRY = '/joint_states', '/odom'
 
 @dataclass(frozen=True)
 class Known:
-    """What a method may know beside the bag and the URDF, whose inertial of the target link is 10 % off.
+    """The knowledge of a method beside the bag and the URDF, whose inertial of the target link is 10 % off.
 
     Attributes
     ----------
     target_link : name
     noise : one standard deviation of each sensor channel
     declared : parameters of the estimator that declare how far the robot is off its URDF, and its orbit
-    momentum : (6,) true total (P, L) about the odometry origin; only for a method that says so in NEEDS
+    momentum : (6,) true total (P, L) about the odometry origin; only for a method that has it in NEEDS
     """
 
     target_link: str
@@ -38,7 +38,7 @@ class Known:
 
     @staticmethod
     def read(file: Path) -> Known:
-        """Return what known.json of a run holds."""
+        """Return the contents of known.json of a run."""
         values = json.loads(file.read_text(encoding='utf-8'))
         noise, momentum = SensorNoise(**values['noise']), np.array(values['momentum'])
         return Known(values['target_link'], noise, values['declared'], momentum)
@@ -46,7 +46,7 @@ class Known:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a method returns.
+    """The answer of a method.
 
     Attributes
     ----------

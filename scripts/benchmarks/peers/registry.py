@@ -21,7 +21,7 @@ class Method:
     Attributes
     ----------
     name : of its module
-    identify : from bag, URDF and what is known to the answer
+    identify : from bag, URDF and declared knowledge to the answer
     needs, tuned : the module's NEEDS and TUNED
     about : first line of its documentation
     seeds : most runs of a row, the module's SEEDS if it has one: for a method that takes long

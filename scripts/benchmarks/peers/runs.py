@@ -1,4 +1,4 @@
-"""Methods on runs, each in a process of its own; what is done stays in the run's folder."""
+"""Methods on runs, each in a process of its own; finished ones stay in the run's folder."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _PRELOADED = 'benchmarks.peers.ours'
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a method made of a run.
+    """The outcome of a method on a run.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ def outcomes(
 ) -> Iterator[tuple[str, str, Outcome]]:
     """Yield (method, name of the run, outcome) of all work: methods and folders of runs.
 
-    Without processes, only of what was finished before.
+    Without processes, only of runs finished before.
     """
     if processes == 0:
         for name, folder in work:
@@ -81,7 +81,7 @@ def outcomes(
 
 
 def _kept_in(name: str, folder: Path, files: dict[str, str]) -> tuple[Path, str]:
-    """Return the file of an outcome, and what it has to be made of: this bag and this method."""
+    """Return the file of an outcome, and the digests it must have: of this bag and this method."""
     module = load(name).identify.__code__.co_filename
     made_of = hashlib.sha256(json.dumps(files, sort_keys=True).encode() + Path(module).read_bytes()).hexdigest()
     return folder.parent / 'results' / folder.name / f'{name}.json', made_of
@@ -121,7 +121,7 @@ def _work(name: str, folder: str, pipe: Any) -> None:
 
 
 def outcome_of(name: str, folder: Path) -> Outcome:
-    """Return what a method makes of a run, in this process."""
+    """Return the outcome of a method on a run, in this process."""
     method, before = load(name), resident()
     urdf, known = (folder / URDF).read_text(encoding='utf-8'), Known.read(folder / KNOWN)
     parameters: Array = np.full(10, np.nan)
@@ -134,7 +134,7 @@ def outcome_of(name: str, folder: Path) -> Outcome:
         parameters, doubt = np.asarray(answer.parameters, dtype=float), answer.doubt
         if answer.covariance is not None:
             std = np.sqrt(np.diag(answer.covariance))
-    except Exception as error:  # noqa: BLE001 - whatever a method does, the others go on
+    except Exception as error:  # noqa: BLE001 - one method must not stop the others
         failure = ' '.join(f'{type(error).__name__}: {error}'.split())[:200]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
     times = (time.perf_counter() - wall, time.process_time() - processor)

@@ -1,4 +1,4 @@
-"""The score of a method: errors over the bound, intervals, answers that are silently wrong, and what it costs."""
+"""The score of a method: errors over the bound, intervals, answers that are silently wrong, and cost."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Truth:
 
     @property
     def sizes(self) -> Array:
-        """What errors are large or small against, (10,)."""
+        """Sizes that errors are compared with, (10,)."""
         mass, moment = self.parameters[0], np.mean(self.parameters[[4, 7, 9]])
         return np.concatenate(([mass], np.full(3, np.sqrt(1.5 * moment / mass)), np.full(6, moment)))
 
@@ -40,7 +40,7 @@ class Score:
     ratio: Array  # of each answer: root mean square over the parameters of error over bound
     covered: float  # share of the 95 % intervals that hold the truth
     intervals: int
-    wrong: int  # answers that are wrong and do not say so
+    wrong: int  # answers that are wrong with a small interval
     failures: tuple[str, ...]  # why there was no answer
     processor: float  # s, median
     wall: float
@@ -53,7 +53,7 @@ class Score:
 
     @property
     def holds(self) -> bool:
-        """Whether the intervals hold the truth as often as they say."""
+        """Whether the intervals hold the truth as often as claimed."""
         return bool(self.covered >= COVERED[0] and (self.covered <= COVERED[1] or self.intervals < _MANY))
 
 

@@ -121,7 +121,7 @@ def _path(recording: Recording) -> BSpline:
 
 
 def _add_servos(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
-    """Add a servo of each joint, whose rotor is so heavy that the joint follows whatever it carries.
+    """Add a servo of each joint, whose rotor is so heavy that the joint follows under any load.
 
     A rotor's inertia (armature) acts between the two links alone: the momentum of the robot has no part of it.
     """
@@ -134,7 +134,7 @@ def _add_servos(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
 
 
 def _control(path: BSpline, time: Array) -> Array:
-    """Return the servos' set points (N, n), which lead by what the servos lag."""
+    """Return the servos' set points (N, n), which lead by the servos' lag."""
     middle = np.minimum(time + 0.5 * _STEP, time[-1])  # one is held for a step
     return np.asarray(path(middle) + 2.0 / _SERVO * path(middle, 1) + path(middle, 2) / _SERVO**2)
 

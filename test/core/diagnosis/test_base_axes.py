@@ -20,7 +20,7 @@ SPACING, LENGTH = 0.05, 0.5  # s, between knots, of a window
 
 @cache
 def measured() -> Samples:
-    return observe(configured_motion('servicer7', 25.0, 100.0, 0.02), MID, 3)
+    return observe(configured_motion('servicer7', 25.0, 100.0), MID, 3)
 
 
 def windows_of(samples: Samples) -> list[Window]:

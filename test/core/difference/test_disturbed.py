@@ -19,13 +19,13 @@ from mbaid_ros.core.results.estimate import WITHHELD, Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model_errors import body_sizes
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_motion
 from mbaid_ros.simulated_run import SimulatedRun
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import MID, configured_motion, estimator, identify, kernel, nees, observe, true_body, windows
-from orbiting import AWAY, MEAN_MOTION, declared, session, simulated
+from sessions import AWAY, MEAN_MOTION, declared, session, simulated
 from simulated import CONFIG
 
 SECONDS = 16.0
@@ -47,7 +47,7 @@ def floating(robot: MomentumKernel) -> Float:
     config = build(SimulatorConfig, load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator'))
     motion = make_motion(config, robot.model)
     assert isinstance(motion, Sinusoids)
-    start = total_momentum(robot.model, configured_motion('servicer7', 0.1, 20.0, 0.05)[:1])[0]
+    start = total_momentum(robot.model, configured_motion('servicer7', 0.1, 20.0)[:1])[0]
     # Every fourth sample: 25 a second are enough.
     return lambda **disturbed: float_freely(robot, motion, start, SECONDS, **disturbed)[::4]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +13,12 @@ from linear_problems import (
     TRUE,
     UNKNOWNS,
     exact_blocks,
-    linear_blocks,
     noise_information,
     noisy_blocks,
     with_errors,
 )
 from mbaid_ros.core.difference import errors_in_variables as eiv
-from mbaid_ros.core.difference.errors_in_variables import Blocks, Sums, first_solutions
+from mbaid_ros.core.difference.errors_in_variables import Sums
 from mbaid_ros.core.geometry import Array
 
 SEEDS = range(5)
@@ -53,20 +51,6 @@ def test_the_gradient_is_half_the_derivative_of_the_cost(seed: int) -> None:
     assert linear.gradient == pytest.approx(expected, rel=1e-6, abs=1e-6 * float(np.abs(linear.gradient).max()))
     assert np.array_equal(linear.information, linear.information.T)
     assert np.linalg.eigvalsh(linear.information)[0] > 0.0
-
-
-def test_exact_coefficients_leave_the_weighted_least_squares() -> None:
-    blocks = linear_blocks(30, 1)
-    linear = eiv.maximum_likelihood(blocks, TRUE)
-    information, right_side = Sums(blocks, TRUE).weighted(compensate=False)
-    assert linear.information == pytest.approx(information, rel=1e-9, abs=1e-9 * np.abs(information).max())
-    assert TRUE - np.linalg.solve(linear.information, linear.gradient) == pytest.approx(
-        np.linalg.solve(information, right_side), rel=1e-9
-    )
-    compensated = Sums(blocks, TRUE).weighted(compensate=True)
-    assert np.array_equal(compensated[0], information)
-    assert np.array_equal(compensated[1], right_side)
-    assert not noise_information(blocks, TRUE).any()
 
 
 def test_what_noise_adds_to_the_information() -> None:
@@ -127,62 +111,8 @@ def test_the_compensated_form_is_right_on_average_wherever_its_weights_are_taken
     assert close(costs, float(np.einsum('krs,krz,ksz->', weights, own_noise, own_noise)))
 
 
-def test_uncertainty_is_measured_in_the_noise_it_adds() -> None:
-    blocks = noisy_blocks(5, 12)
-    assert eiv.uncertain_share(blocks, TRUE, np.zeros((UNKNOWNS, 1))) == 0.0
-    small = eiv.uncertain_share(blocks, TRUE, 0.1 * np.eye(UNKNOWNS))
-    assert eiv.uncertain_share(blocks, TRUE, 0.2 * np.eye(UNKNOWNS)) == pytest.approx(4.0 * small)
-    # Where no coefficient carries noise, it does not matter where x is.
-    assert eiv.uncertain_share(linear_blocks(5, 12), TRUE, 1e9 * np.eye(UNKNOWNS)) == 0.0
-
-
-def test_equations_and_unknowns_can_be_left_out() -> None:
-    blocks = noisy_blocks(9, 6)
-    rng = np.random.default_rng(7)
-    selection = rng.normal(size=(2, EQUATIONS))
-    basis = np.linalg.qr(rng.normal(size=(UNKNOWNS, 3)))[0]
-    reduced = blocks.restrict(selection, basis)
-    x = rng.normal(size=3)
-    for k in range(len(blocks)):
-        whole = blocks[k : k + 1]
-        residual = selection @ (whole.rows[0] @ basis @ x + whole.offset[0])
-        spread = selection @ (whole.noise[0] + whole.noise_rows[0] @ (basis @ x))
-        assert eiv.cost(reduced[k : k + 1], x) == pytest.approx(
-            residual @ np.linalg.solve(spread @ spread.T, residual), rel=1e-9
-        )
-        # One at a time or together: the same bits.
-        alone, own = whole.restrict(selection, basis), reduced[k : k + 1]
-        assert all(np.array_equal(value, vars(own)[name]) for name, value in vars(alone).items())
-
-
-def test_a_singular_covariance_is_told() -> None:
-    blocks = noisy_blocks(3, 9)
-    flat = replace(blocks, noise=np.zeros_like(blocks.noise))
-    zero = np.zeros(UNKNOWNS)
-    assert eiv.cost(flat, zero) == np.inf
-    spread = np.zeros((UNKNOWNS, 1))
-    with pytest.raises(FloatingPointError, match='not positive definite'):
-        eiv.compensated(flat, zero, spread)
-    with pytest.raises(FloatingPointError, match='not positive definite'):
-        eiv.uncertain_share(flat, zero, spread)
-    for function in (eiv.maximum_likelihood, noise_information):
-        with pytest.raises(FloatingPointError, match='not positive definite'):
-            function(flat, zero)
-    with pytest.raises(FloatingPointError, match='not positive definite'):
-        Sums(flat, zero).weighted(compensate=True)
-
-
 NOWHERE = np.zeros(UNKNOWNS)
 NOTHING = 1e-12 * np.eye(UNKNOWNS)
-
-
-def test_first_solutions_of_exact_coefficients() -> None:
-    """And what is known besides enters as it does there."""
-    blocks, known = linear_blocks(12, 1), np.diag([1.0, 4.0, 2.0, 3.0])
-    right_side = known @ np.array([1.0, 2.0, 3.0, 4.0])
-    information, right = Sums(blocks, TRUE).weighted(compensate=False)
-    expected = np.linalg.solve(information + known, right + right_side)
-    assert Sums(blocks, TRUE).total_least_squares(known, right_side) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize('seed', range(5))
@@ -193,22 +123,6 @@ def test_noise_in_the_coefficients_does_not_bias_it(seed: int) -> None:
     own = linear.information - noise_information(blocks, TRUE)
     # Chi-square of four unknowns: 18 is exceeded once in a thousand draws. Plain least squares is 500 and more off.
     assert float((found - TRUE) @ own @ (found - TRUE)) < 18.0
-
-
-def test_no_scale_of_the_unknowns_matters() -> None:
-    blocks, size = noisy_blocks(30, 2), np.array([1e-6, 1.0, 1e3, 1e7])
-    scaled = blocks.restrict(np.eye(blocks.offset.shape[1]), np.diag(size))
-    found = Sums(blocks, NOWHERE).total_least_squares(NOTHING, NOWHERE)
-    same = Sums(scaled, NOWHERE).total_least_squares(NOTHING * size * size[:, None], NOWHERE)
-    assert size * same == pytest.approx(found, rel=1e-6)
-
-
-def test_equations_without_noise_are_refused() -> None:
-    plain = linear_blocks(3, 1)
-    flat = Blocks(plain.rows, plain.offset, 0.0 * plain.noise, plain.noise_rows)
-    with pytest.raises(FloatingPointError):
-        Sums(flat, NOWHERE).total_least_squares(NOTHING, NOWHERE)
-    assert not first_solutions(flat, NOTHING, NOWHERE)
 
 
 def test_a_run_does_not_stay_with_a_body_that_its_data_refuse(monkeypatch: pytest.MonkeyPatch) -> None:

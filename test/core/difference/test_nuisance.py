@@ -11,7 +11,7 @@ from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.difference.window_rows import ConsiderParameters, window_rows
 from mbaid_ros.core.geometry import Array, cross, exp
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
-from mbaid_ros.core.robot.model_errors import BodyDeviations, KnownErrors, declared
+from mbaid_ros.core.robot.model_errors import KnownErrors
 from mbaid_ros.core.robot.momentum import physical, standard
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.base import odometry_mount
@@ -118,25 +118,6 @@ def test_the_share_of_a_part_is_what_knowing_it_would_take_away() -> None:
         assert shares[:, place] == pytest.approx(taken, rel=1e-5)
 
 
-def test_several_unknowns_stand_beside_each_other(spatial: Truth) -> None:
-    servicer, parts = kernel('servicer7'), windows(observe(spatial, MID))[:3]
-    servicer = servicer.with_uncertainty(
-        declared(servicer.known, 0.0, {0: BodyDeviations.relative(servicer.known[0], 0.01)})
-    )
-    bodies, given, nothing = bodies_of(servicer), np.arange(12.0).reshape(6, 2), np.zeros(10)
-    stated = Stated(np.diag([0.5, 2.0]), ('first', 'second'), given)
-    both = ConsiderParameters(servicer, [bodies, stated, time_offset(0.02)])
-    assert both.count == 12
-    assert both.labels == ['link:base_link', 'first', 'second']
-    columns = both.columns(parts, nothing)
-    assert columns[..., :10] == pytest.approx(ConsiderParameters(servicer, [bodies]).columns(parts, nothing))
-    assert columns[1, :, 10:] == pytest.approx(given * [0.5, 2.0])
-    spread = np.arange(24.0).reshape(2, 12)
-    assert both.shares(spread)[:, 1:] == pytest.approx(spread[:, 10:] ** 2)
-    # Independent parts add up to all of it.
-    assert both.shares(spread).sum(axis=1) == pytest.approx(np.sum(spread**2, axis=1))
-
-
 def test_what_is_known_of_unknowns_together_has_their_correlations(spatial: Truth) -> None:
     servicer, parts = kernel('servicer7'), windows(observe(spatial, MID))[:3]
     rng = np.random.default_rng(6)
@@ -182,10 +163,3 @@ def test_the_robot_is_taken_at_the_mean_of_what_is_known(spatial: Truth) -> None
     before = 0.5 * (samples.base_linear_velocity[1:] + samples.base_linear_velocity[:-1])
     moved = np.diff(found.base_position - samples.base_position, axis=0) / step
     assert means - before == pytest.approx(moved, abs=1e-3 * np.abs(moved).max())
-
-
-def test_nothing_uncertain_costs_nothing(spatial: Truth) -> None:
-    none = ConsiderParameters(kernel('servicer7'), [])
-    assert none.count == 0
-    assert none.columns(windows(observe(spatial, MID))[:3], np.zeros(10)).shape == (3, 6, 0)
-    assert none.shares(np.zeros((5, 0))).shape == (5, 0)

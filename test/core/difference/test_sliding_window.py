@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
-from derivatives import central_difference
 from linear_problems import (
     EQUATIONS,
     TRUE,
     UNKNOWNS,
     linear_blocks,
-    noise_information,
     noisy_blocks,
 )
 from mbaid_ros.core.difference import errors_in_variables as eiv
@@ -70,24 +65,6 @@ def test_marginalising_a_linear_problem_changes_nothing(length: int) -> None:
     assert linear.equations == both.equations
 
 
-@pytest.mark.parametrize('length', [5, 10, 20])
-def test_marginalised_windows_cost_little_accuracy(length: int) -> None:
-    blocks = noisy_blocks(80, 3, 0.2, 0.05)
-    best = maximum(blocks)
-    information = eiv.maximum_likelihood(blocks, best).information
-    assert deviations(slid(blocks, length).x - best, information) < 0.1
-
-
-def test_the_noise_of_all_windows_is_counted() -> None:
-    blocks = noisy_blocks(20, 5)
-    likelihood = slid(blocks, 50)
-    assert likelihood.noise_information == pytest.approx(noise_information(blocks, likelihood.windows.x), rel=1e-9)
-    # Marginalised windows keep what they had where they were linearised: near the same.
-    few = slid(blocks, 10)
-    whole = noise_information(blocks, few.x)
-    assert few.noise_information == pytest.approx(whole, rel=0.05, abs=0.05 * np.abs(whole).max())
-
-
 def test_an_unidentifiable_direction_stays_at_the_prior() -> None:
     blocks = noisy_blocks(30, 8)
     # The third unknown appears in no equation.
@@ -98,66 +75,8 @@ def test_an_unidentifiable_direction_stays_at_the_prior() -> None:
     assert likelihood.x[2] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_start_from_few_poor_windows_is_guarded() -> None:
-    # Noise as large as the coefficients: single windows say nothing, or anything.
-    blocks = noisy_blocks(150, 9, 1.0, 0.5)
-    likelihood = SlidingWindow(PRIOR, 40, TYPICAL)
-    for k in range(len(blocks)):
-        linear = likelihood.add(blocks[k : k + 1])
-        assert np.isfinite(likelihood.x).all()
-        assert np.isfinite(linear.cost)
-    own = linear.information - likelihood.noise_information
-    assert deviations(likelihood.x - TRUE, own) < 5.0
-
-
 NOTHING = np.zeros((UNKNOWNS, UNKNOWNS))
 FLOOR = 1e-9 * np.eye(UNKNOWNS)
-
-
-def marginalised_from(seed: int, steps: int = 6) -> MarginalisedPrior:
-    """Return a cost marginalised window by window, each linearised somewhere else."""
-    rng = np.random.default_rng(seed)
-    past = MarginalisedPrior(FLOOR)
-    for index in range(steps):
-        x = TRUE + 0.1 * rng.normal(size=UNKNOWNS)
-        blocks = noisy_blocks(3, 10 * seed + index)
-        linear, own = eiv.maximum_likelihood(blocks, x), noise_information(blocks, x)
-        past.add(replace(linear, information=linear.information - own), own, x)
-    return past
-
-
-@pytest.mark.parametrize('seed', range(3))
-def test_gradient_and_information_are_the_derivatives_of_the_cost(seed: int) -> None:
-    past = marginalised_from(seed)
-    x = np.random.default_rng(seed).normal(size=UNKNOWNS)
-    expected = 0.5 * central_difference(lambda at: np.array(past.cost(at)), x, 1e-4)
-    assert past.gradient(x) == pytest.approx(expected, rel=1e-6)
-    assert central_difference(past.gradient, x, 1e-2) == pytest.approx(past.information, rel=1e-9)
-
-
-def test_a_marginalised_linear_problem_is_the_problem() -> None:
-    blocks = linear_blocks(12, 0)
-    past = MarginalisedPrior(FLOOR)
-    rng = np.random.default_rng(1)
-    for k in range(len(blocks)):
-        x = rng.normal(size=UNKNOWNS)
-        past.add(eiv.maximum_likelihood(blocks[k : k + 1], x), NOTHING, x)
-    for _ in range(5):
-        x = 3.0 * rng.normal(size=UNKNOWNS)
-        whole = eiv.maximum_likelihood(blocks, x)
-        assert past.cost(x) == pytest.approx(whole.cost, rel=1e-9)
-        assert past.gradient(x) == pytest.approx(whole.gradient, rel=1e-8, abs=1e-8 * np.abs(whole.gradient).max())
-    assert past.equations == whole.equations
-    assert len(past) == 12
-
-
-def test_linearised_windows_have_their_cost_and_slope_where_they_were_marginalised() -> None:
-    x = TRUE + 0.05
-    linear = eiv.maximum_likelihood(noisy_blocks(4, 3), x)
-    past = MarginalisedPrior(FLOOR)
-    past.add(linear, NOTHING, x)
-    assert past.cost(x) == pytest.approx(linear.cost, rel=1e-9)
-    assert past.gradient(x) == pytest.approx(linear.gradient, rel=1e-8)
 
 
 def test_what_is_less_than_the_noise_does_not_count() -> None:
@@ -234,13 +153,6 @@ def test_a_jump_is_found_at_once_where_and_how_large_it_is() -> None:
     assert later.value == pytest.approx(3.0 * JUMP, abs=0.2)
 
 
-def test_a_small_jump_is_found_afterwards() -> None:
-    blocks = jumped(linear_blocks(70, 5), 35, 0.2 * JUMP)
-    _, test = after_tests(blocks, 100)
-    assert test.jump is not None
-    assert test.jump.time == pytest.approx(17.5, abs=2.5)
-
-
 @pytest.mark.parametrize('seed', range(10, 14))
 def test_nothing_is_found_where_nothing_is(seed: int) -> None:
     _, test = after_tests(noisy_blocks(200, seed, 0.2, 0.05), 30)
@@ -259,28 +171,3 @@ def test_innovations_that_noise_does_not_explain() -> None:
     assert test.mean == pytest.approx(4.0, abs=1.0)
     # Louder everywhere is no jump.
     assert test.jump is None
-
-
-def test_what_consider_parameters_may_do_is_no_jump() -> None:
-    """An uncertain parameter whose column is the momentum's own from half-way on."""
-    blocks = jumped(linear_blocks(60, 4), 30, JUMP)
-    after = (np.arange(60) >= 30)[:, None, None] * blocks.rows[..., MOMENTUM]
-    assert after_tests(blocks, 40)[1].jump is not None
-    assert after_tests(blocks, 40, after)[1].jump is None
-
-
-def test_the_falls_are_chi_square_whatever_the_units() -> None:
-    rng = np.random.default_rng(1)
-    falls: list[float] = []
-    for exponent in range(-4, 5):
-        size = 10.0 ** rng.uniform(-2.0, 2.0, UNKNOWNS) * 10.0**exponent
-        blocks = linear_blocks(30, exponent + 10)
-        scaled = Blocks(blocks.rows * size, blocks.offset, blocks.noise, blocks.noise_rows * size)
-        window = SlidingWindow(np.diag(1e-8 * size**2), 50, 1e3 / size)
-        for k in range(len(scaled)):
-            window.add(scaled[k : k + 1])
-        found, _ = momentum_jumps(window, MOMENTUM, noise_covariance(window.linear.information))
-        assert np.all(np.isfinite(found))
-        falls.extend(found[5:])
-    assert np.mean(falls) == pytest.approx(2.0, abs=1.0)
-    assert max(falls) < chi2.isf(1e-5, 2)

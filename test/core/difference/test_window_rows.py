@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from checked import same
 from mbaid_ros.core.difference import errors_in_variables as eiv
-from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.difference.window_rows import window_rows
 from mbaid_ros.core.geometry import Array, exp, skew
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -51,17 +48,6 @@ def test_an_exact_motion_fulfils_the_equations(spatial: Truth, drift: Array, spe
     # The integrator conserves momentum to 1e-10 of its size over this run.
     size = np.abs(blocks.offset).reshape(-1, 2, 3).max(axis=(0, 2)).repeat(3)
     assert residual / size == pytest.approx(np.zeros_like(residual), abs=1e-9)
-
-
-def test_windows_together_are_windows_one_at_a_time_to_the_last_bit(spatial: Truth) -> None:
-    servicer = kernel('servicer7')
-    samples = observe(spatial, MID, 1)[:150]
-    cuts = [0, 1, 8, 24, 57, 100, 101, 150]
-    cut = [samples[begin:end] for begin, end in pairwise(cuts)]
-    together = window_rows(servicer, cut, MID, ORIGIN)
-    assert len(together) == len(cut)
-    assert same(together, Blocks.concatenate([window_rows(servicer, [window], MID, ORIGIN) for window in cut]))
-    assert same(together[2:5], window_rows(servicer, cut[2:5], MID, ORIGIN))
 
 
 def repeated(samples: Samples, times: int) -> Samples:
@@ -121,28 +107,6 @@ def test_covariances_of_the_odometry_and_their_correlations_count(spatial: Truth
     # Twice as many samples, half the variance.
     twice = spread(repeated(given, 2))
     assert twice @ twice.T == pytest.approx(0.5 * found, rel=1e-9, abs=1e-9 * np.abs(found).max())
-
-
-def test_the_noise_of_a_mean_is_the_mean_noise_over_the_number(spatial: Truth) -> None:
-    """Also where the arm moves so fast that the equations change within a window."""
-    servicer = kernel('servicer7')
-    x = unknowns(spatial, ORIGIN)
-    samples = observe(spatial, MID)[160:170]
-
-    def covariance(parts: list[Samples]) -> Array:
-        block = window_rows(servicer, parts, MID, ORIGIN)
-        spread = block.noise + block.noise_rows @ x
-        return np.asarray(spread @ np.swapaxes(spread, 1, 2))
-
-    whole, single = covariance([samples])[0], covariance([samples[k : k + 1] for k in range(10)])
-    whitener = np.linalg.inv(np.linalg.cholesky(np.mean(single, axis=0) / 10.0))
-
-    def off(claimed: Array) -> float:
-        return float(np.abs(np.linalg.eigvalsh(whitener @ claimed @ whitener.T) - 1.0).max())
-
-    assert off(whole) < 0.03  # ten samples: the nearest ones to the two places
-    # One sample in the middle would not do.
-    assert off(single[5] / 10.0) > 3.0 * off(whole)
 
 
 def test_rates_taken_from_positions_are_as_noisy_as_the_equations_say(spatial: Truth) -> None:

@@ -13,7 +13,7 @@ from mbaid_ros.core.results.estimate import PassiveJoint
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.springs import Springs
-from mbaid_ros.simulation import springs as simulated
+from mbaid_ros.simulation import environment as simulated
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import Surroundings
 from mbaid_ros.simulation.motion import Passive
@@ -39,7 +39,7 @@ class Swinging:
     def ours(self) -> Truth:
         """Return the motion by our simulator."""
         around = Surroundings(springs=self.springs)
-        return Simulation(self.model, Passive(), self.start, 0.01, surroundings=around).advance(self.instants)
+        return Simulation(self.model, Passive(), self.start, surroundings=around).advance(self.instants)
 
     def theirs(self) -> Truth:
         """Return the motion by MuJoCo."""

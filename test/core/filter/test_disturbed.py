@@ -13,9 +13,8 @@ from scipy.stats import chi2
 from benchmarks.honesty.runs import PUBLISHED, Outcome, run
 from captured import capture
 from checked import some
-from floating import DEFAULT, errors, float_freely, follow, make, normalised, pushing, true_momentum
+from floating import DEFAULT, float_freely, follow, make, normalised, pushing, true_momentum
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import PULSE as PULSE_NAMED
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import physical
@@ -150,17 +149,6 @@ def test_joints_that_are_late(robot: MomentumKernel, servicer: Truth) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('axes', ['inertial', 'body'])
-def test_exact_data_give_the_exact_force(robot: MomentumKernel, joints: Sinusoids, momentum: Array, axes: str) -> None:
-    """The momentum that a force adds is followed so closely that the errors stay far below the noise's."""
-    truth = float_freely(robot, joints, momentum, SECONDS, push=pushing(FORCE_TORQUE, axes))
-    following = make(robot, MID, adapt=True)
-    last = following.update(windows(observe(truth, MID)), 0)[-1]
-    assert last.events[0].kind == 'ramp'
-    assert np.all(np.abs(errors(last, robot)) < 0.02 * last.std)
-
-
-@pytest.mark.long
 def test_a_force_that_only_linearisation_speaks_for_is_not_believed(plane: Truth) -> None:
     # Encoders so poor that for this draw a force that fits worse, at a body of a third of the mass, has the larger
     # likelihood: what is linearised there leaves less room for errors.
@@ -195,16 +183,6 @@ def test_what_is_in_the_grasp_then_is_never_published_as_what_was_before() -> No
     assert since
     for estimate in since:
         assert np.abs(estimate.parameters[0] - true_body(kernel('servicer7'))[0]) < 5.0 * estimate.std[0]
-
-
-@pytest.mark.long
-def test_a_push_is_a_push(monkeypatch: pytest.MonkeyPatch) -> None:
-    name = 'a thrust pulse of 1 N s, 0.5 N m s'
-    shorten(monkeypatch, name, 40.0)
-    told = run((name, 'trajectory', 0))
-    assert told.status in PUBLISHED
-    assert told.named == PULSE_NAMED
-    assert max(told.worst, told.young) < 5.0
 
 
 def gone_on(name: str, seed: int, cause: str) -> Outcome:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -13,7 +11,7 @@ from mbaid_ros.core.geometry import Array, exp, log
 from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.core.samples import Samples
 
-COUNT = 12
+COUNT = 14
 MIDDLE = 1.3  # s
 
 
@@ -48,14 +46,14 @@ def averaged(samples: Samples, start: float, spacing: float, count: int, origin:
     return averages([samples], np.array([start]), spacing, count, origin)
 
 
-def knots_of(spacing: float, samples: int, jitter: float = 0.0, interval: int = 5) -> Knots:
+def knots_of(spacing: float, samples: int, jitter: float = 0.0, interval: int = 5, late: float = 0.0) -> Knots:
     """Return knots of so many samples each, one interval of them about MIDDLE.
 
-    Sample times jitter by a part of their spacing, symmetric in each knot.
+    Sample times jitter by a part of their spacing, symmetric in each knot, and are `late` by a part of a knot.
     """
     start = MIDDLE - (interval + 1) * spacing
     inner = (np.arange(samples) + 0.5) / samples - 0.5
-    inner = inner + jitter * np.sin(7.0 * inner) / samples
+    inner = inner + late + jitter * np.sin(7.0 * inner) / samples
     time = (start + (np.arange(COUNT) + 0.5)[:, None] * spacing + inner * spacing).ravel()
     return averaged(sampled(time), start, spacing, COUNT, np.zeros(3))
 
@@ -65,11 +63,11 @@ def order(error: list[float]) -> float:
 
 
 @pytest.mark.parametrize('samples', [1, 2, 5])
-@pytest.mark.parametrize('jitter', [0.0, 0.5])
-def test_midpoints_are_of_fourth_order(samples: int, jitter: float) -> None:
+@pytest.mark.parametrize(('jitter', 'late'), [(0.0, 0.0), (0.5, 0.0), (0.0, 0.1)])
+def test_midpoints_are_of_fourth_order(samples: int, jitter: float, late: float) -> None:
     found: dict[str, list[float]] = {}
     for spacing in (0.2, 0.1):
-        inner = midpoints(knots_of(spacing, samples, jitter), spacing)[5:6]
+        inner = midpoints(knots_of(spacing, samples, jitter, late=late), spacing)[5:6]
         time = np.array([MIDDLE])
         ends = (time - spacing / 2, time + spacing / 2)
         for name, error in (
@@ -83,54 +81,17 @@ def test_midpoints_are_of_fourth_order(samples: int, jitter: float) -> None:
         ):
             found.setdefault(name, []).append(float(np.abs(error).max()))
     for name, sizes in found.items():
-        assert sizes[1] < 1e-12 or order(sizes) > 3.3, (name, sizes)
+        least = 2.7 if late and name == 'turn' else 3.3  # two rotations over the offset count as commuting
+        assert sizes[1] < 2e-7 or order(sizes) > least, (name, sizes)
         assert sizes[0] < 3e-4, name
 
 
-def test_ends_copy_their_neighbours_correction() -> None:
+def test_ends_follow_the_line_of_their_neighbours_corrections() -> None:
     error = []
     for spacing in (0.1, 0.05):
         middle = midpoints(knots_of(spacing, 5, interval=0), spacing)
         error.append(float(np.abs(middle.base_position[0] - position(np.array([MIDDLE]))[0]).max()))
-    # One order less than inside.
-    assert order(error) > 2.5
-
-
-def test_joint_rates_telescope() -> None:
-    knots = knots_of(0.05, 5)
-    noise = np.random.default_rng(0).normal(size=knots.joint_position.shape)
-    noisy = midpoints(replace(knots, joint_position=knots.joint_position + noise), 0.05)
-    change = np.sum(noisy.joint_velocity - midpoints(knots, 0.05).joint_velocity, axis=0) * 0.05
-    # What noise adds to the integral of the rates depends on the knots at both ends alone, on no knot between.
-    middle = noise.copy()
-    middle[5:7] = 0.0
-    other = midpoints(replace(knots, joint_position=knots.joint_position + middle), 0.05)
-    assert np.sum(other.joint_velocity - midpoints(knots, 0.05).joint_velocity, axis=0) * 0.05 == pytest.approx(change)
-
-
-def test_irregular_samples_count_with_their_own_times() -> None:
-    samples = sampled(np.array([0.01, 0.02, 0.09, 0.11, 0.16, 0.17, 0.18]))
-    knots = averaged(samples, 0.0, 0.1, 2, np.array([1.0, 2.0, 3.0]))
-    assert knots.joint_position == pytest.approx(
-        np.stack((samples.joint_position[:3].mean(0), samples.joint_position[3:].mean(0)))
-    )
-    assert knots.base_position[0] == pytest.approx(samples.base_position[:3].mean(axis=0) - [1.0, 2.0, 3.0])
-    times = (samples.time[:3], samples.time[3:])
-    assert knots.spread == pytest.approx([np.var(time) / 0.01 for time in times])
-
-
-def test_a_knot_without_a_sample_is_empty() -> None:
-    time = np.array([0.01, 0.02, 0.31, 0.32, 0.41])
-    assert averaged(sampled(time), 0.0, 0.1, 5, np.zeros(3)).empty.tolist() == [False, True, True, False, False]
-    assert not np.any(averaged(sampled(time), 0.0, 0.25, 2, np.zeros(3)).empty)
-
-
-def test_one_sample_is_a_knot_as_it_is() -> None:
-    samples = sampled(np.array([0.05, 0.15]))
-    knots = averaged(samples, 0.0, 0.1, 2, np.zeros(3))
-    assert np.array_equal(knots.joint_position, samples.joint_position)
-    assert knots.base_rotation == pytest.approx(samples.base_rotation, abs=1e-15)
-    assert np.array_equal(knots.spread, np.zeros(2))
+    assert order(error) > 3.3
 
 
 @pytest.mark.parametrize('place', [1, 5, COUNT - 2])
@@ -164,20 +125,3 @@ def test_a_step_is_as_long_as_changes_the_body_by_half_of_its_size() -> None:
     assert near_part(POINT, step) == pytest.approx(0.25)
     assert near_part(POINT, -step) == pytest.approx(0.25)
     assert near_part(POINT, 0.2 * step) == 1.0
-
-
-def test_momentum_and_unknowns_may_change_by_anything() -> None:
-    step = np.full_like(POINT, 1e6)
-    step[6:16] = 0.0
-    assert near_part(POINT, step) == 1.0
-
-
-def test_a_body_without_any_inertia_is_not_left() -> None:
-    point, step = np.zeros(16), np.zeros(16)
-    step[6] = 1.0
-    assert near_part(point, step) == 1.0  # without a mass there is nothing to stay near to
-    point[6] = 3.0
-    step[6] = 0.03
-    assert near_part(point, step) == 1.0
-    step[10] = 1e-9
-    assert near_part(point, step) == 0.0

@@ -108,32 +108,10 @@ def test_the_shares_are_what_each_prior_contributes() -> None:
     assert sum(shares.values()) + rest == pytest.approx(whole, rel=1e-8)
 
 
-def test_what_no_window_has_seen_keeps_its_prior_exactly() -> None:
-    unseen = slice(BODY.stop + 4, BODY.stop + 9)
-    moments = Case(windows=200, unseen=unseen).moments
-    assert np.array_equal(moments.variance[unseen], np.ones(5))
-    assert np.array_equal(moments.mean[unseen], np.zeros(5))
-    others = np.delete(moments.factor, np.arange(unseen.start, unseen.stop), axis=0)
-    assert np.array_equal(moments.factor[unseen] @ others.T, np.zeros((5, len(others))))
-
-
-def test_numbers_of_the_state_have_the_covariance_of_their_factor() -> None:
-    case = Case()
-    rows = np.array([3, 14, 30])
-    factor = case.moments.factor
-    outside = replace(case.space, basis=case.space.basis[:, :-1], scale=case.space.scale[:-1])
-    found = case.moments.covariance(rows)
-    assert found == pytest.approx((factor @ factor.T)[np.ix_(rows, rows)])
-    # What the variables leave out is as uncertain as ever.
-    last = np.array([case.layout.size - 1])
-    assert outside.outside[np.ix_(last, last)] == pytest.approx(np.ones((1, 1)))
-
-
 LINKS = ('base_link', 'link1', 'link2', 'link3')
 CAUSES = tuple(f'link:{name}' for name in LINKS for _ in range(10))
 PARTS = tuple(f'mass:{name}' if place == 0 else '' for name in LINKS for place in range(10))
 PLACE = 20  # of the mass of link2
-OTHER_LINKS = np.array(CAUSES) != 'link:link2'
 NOISE = 2.0  # of what the data say of each number, in units of its prior
 
 
@@ -146,15 +124,6 @@ def said(truth: Array, seed: int, parts: tuple[str, ...] = PARTS) -> PriorScaleF
 
 def off(place: int, far: float) -> Array:
     return np.where(np.arange(len(CAUSES)) == place, far, 0.0)
-
-
-def test_a_mass_alone_that_is_far_off_widens_what_it_contributes() -> None:
-    each = np.array([said(off(PLACE, 10.0), seed).each for seed in range(50)])
-    assert np.mean(each[:, PLACE] > 2.0) > 0.9
-    assert np.median(each, axis=0)[OTHER_LINKS].max() < 1.1
-    # One of ten numbers that is not looked at by itself is less of a surprise.
-    other = np.array([said(off(PLACE + 3, 10.0), seed).each for seed in range(50)])
-    assert np.mean(other[:, PLACE + 3]) < 0.7 * np.mean(each[:, PLACE])
 
 
 def test_masses_as_declared_are_hardly_ever_taken_for_mistaken() -> None:
@@ -259,8 +228,3 @@ def test_intervals_hold_where_much_of_what_seems_known_is_noise() -> None:
     assert np.mean(found) == pytest.approx(truth, abs=0.02)
     assert np.std(found) > 1.3 * seems
     assert np.std(found) == pytest.approx(wider * seems, rel=0.08)
-
-
-def test_what_is_all_noise_is_known_a_hundred_times_less_well() -> None:
-    times = 1.0 + InformationCorrection.of(np.array([[2.0]]), np.array([[5.0, 0.0]]), np.zeros(1)).gain[0, 0] * 2.0
-    assert times == pytest.approx(100.0)

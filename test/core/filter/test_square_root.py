@@ -104,14 +104,6 @@ def test_innovations_are_those_of_each_measurement_given_those_before(force: int
     assert np.all(np.tril(after.root[:, :-2], -1) == 0.0)
 
 
-def test_an_unmeasured_twist_is_left_out() -> None:
-    rng = np.random.default_rng(0)
-    model = window(rng)
-    white = prepare(replace(model, twist_value=np.full(6, np.nan)), variables(rng))
-    assert len(white.value) == 6
-    assert white.log_noise == pytest.approx(np.linalg.slogdet(model.pose_covariance)[1])
-
-
 def test_a_constant_force_moves_the_momentum() -> None:
     rng = np.random.default_rng(1)
     space = variables(rng)
@@ -187,23 +179,6 @@ def test_a_jump_loosens_the_momentum_and_the_pose_it_moved() -> None:
     assert added[:6, 6:12] == pytest.approx(0.5 * moved * sizes, abs=1e-9)
     assert added[:6, :6] == pytest.approx(moved @ moved.T / 3.0, abs=1e-9)
     assert added[12:] == pytest.approx(np.zeros((STATE - 12, STATE)), abs=1e-9)
-
-
-def test_covariances_stay_symmetric_and_positive() -> None:
-    rng = np.random.default_rng(5)
-    space = variables(rng)
-    models = [window(rng, 1e-4) for _ in range(20)]
-    # A chain that neither grows nor dies: what it brings along decays a little.
-    windows = [prepare(replace(model, transition=0.9 * model.transition), space) for model in models]
-    gaussian = SquareRootInformation.prior(space, 6)
-    for number in range(3000):
-        white = windows[number % len(windows)]
-        gaussian = advance(update(gaussian, white), white, space, Hypothesis('', force='inertial'))
-    factor = gaussian.factor
-    covariance = factor @ factor.T
-    assert np.array_equal(covariance, covariance.T)
-    assert np.linalg.eigvalsh(covariance).min() > 0.0
-    assert np.all(np.diag(covariance) > 0.0)
 
 
 def test_a_variance_may_shrink_by_more_than_double_precision_tells() -> None:

@@ -11,7 +11,7 @@ import pytest
 from checked import some
 from floating import make
 from mbaid_ros.core.filter.bank import HypothesisFilter
-from mbaid_ros.core.filter.batch import SLICE, BackgroundTask, BatchIteration, Work
+from mbaid_ros.core.filter.batch import BackgroundTask, BatchIteration, Work
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.initialisation import Initialisation
 from mbaid_ros.core.filter.run import Phase
@@ -57,37 +57,6 @@ def test_what_is_done_before_a_window_does_not_depend_on_the_calls(seed: int, si
     assert not at_leisure.under_way
 
 
-def test_a_slice_is_bounded_and_larger_states_take_fewer_steps() -> None:
-    done: list[int] = []
-    task = BackgroundTask[str](24)
-    task.begin(bits([1] * 500, done))
-    task.allot_steps(400)
-    task.run_slice()
-    assert len(done) == SLICE
-    larger: list[int] = []
-    task = BackgroundTask[str](140)
-    task.begin(bits([1] * 500, larger))
-    task.allot_steps(400)
-    task.run_slice()
-    assert len(larger) == SLICE // 2
-    assert task.is_due
-
-
-def test_what_fails_is_over() -> None:
-    def failing() -> Iterator[int | str]:
-        yield 1
-        raise np.linalg.LinAlgError
-
-    task = BackgroundTask[str](24)
-    task.begin(failing())
-    task.allot_steps(10)
-    with pytest.raises(np.linalg.LinAlgError):
-        task.run_slice()
-    assert not task.under_way
-    assert task.run_slice() is None
-    assert not task.is_due
-
-
 def spied(monkeypatch: pytest.MonkeyPatch, *, failing: bool) -> list[int]:
     """Return a list that the number of windows of every search goes to."""
     lengths: list[int] = []
@@ -103,18 +72,6 @@ def spied(monkeypatch: pytest.MonkeyPatch, *, failing: bool) -> list[int]:
 
     monkeypatch.setattr(MultiStart, 'search', spying)
     return lengths
-
-
-def test_searches_go_on_after_any_number_that_failed(monkeypatch: pytest.MonkeyPatch, servicer: Truth) -> None:
-    taken = windows(observe(servicer, MID, 1))
-    lengths = spied(monkeypatch, failing=True)
-    following = make(kernel('servicer7'), MID)
-    for _ in range(5):
-        for window in taken:
-            following.update([window], 0)
-    # As often in the second hundred windows as in the first, over no more than are kept.
-    assert len(lengths) > 60
-    assert max(lengths) <= following._runs._settings.kept + 1
 
 
 def test_a_run_that_is_given_up_is_searched_again_from_as_many_windows_as_the_first(
@@ -188,26 +145,11 @@ def taken_over(initialisation: Initialisation, filtered: HypothesisFilter, point
     initialisation.take_over(start, filtered)
 
 
-def ratio(shift: Array, covariance: Array) -> float:
-    return float(np.max(np.abs(shift) / np.sqrt(covariance.diagonal())))
-
-
 def test_it_is_the_step_of_the_next_pass(young: Young) -> None:
     filtered, moments = young.passed(young.far())
     _, after = young.passed(young.at(moments))
     found = returned(young.passes.displacement(in_stacks(young.windows), filtered))
     assert found.shifts[0] == pytest.approx(after.mean[BODY] - moments.mean[BODY], rel=1e-9, abs=1e-12)
-
-
-def test_passes_that_have_come_to_a_point_are_not_displaced_and_one_from_afar_is(young: Young) -> None:
-    stacks = in_stacks(young.windows)
-    afar, moments = young.passed(young.far())
-    assert returned(young.passes.displacement(stacks, afar)).anywhere
-    for _ in range(4):
-        near, moments = young.passed(young.at(moments))
-    found = returned(young.passes.displacement(stacks, near))
-    assert not found.anywhere
-    assert ratio(found.shifts[0], found.covariance) < 0.05
 
 
 def test_it_is_asked_once_the_body_is_better_known_and_kept_until_windows_are_linearised_anew(young: Young) -> None:

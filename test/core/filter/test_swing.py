@@ -20,10 +20,10 @@ from mbaid_ros.core.robot.springs import Springs
 from mbaid_ros.core.unknowns.bodies import known_bodies
 from mbaid_ros.core.unknowns.flexible import spring_errors, starting_swing, swing_noise
 from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.environment import Springs as SimulatedSprings
 from mbaid_ros.simulation.environment import Surroundings
 from mbaid_ros.simulation.motion import Passive
 from mbaid_ros.simulation.simulation import Simulation, total_momentum
-from mbaid_ros.simulation.springs import Springs as SimulatedSprings
 from observed import MID, observe, windows
 
 ROBOTS = {
@@ -49,7 +49,7 @@ class Case:
         twist = [0.001, -0.002, 0.0, 0.01, -0.015, 0.02]
         start = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), position, np.concatenate((twist, rate)))
         around = Surroundings(springs=SimulatedSprings.of(self.model, joints, frequencies, [0.01] * len(joints)))
-        truth = Simulation(self.model, Passive(), start, 0.01, surroundings=around).advance(
+        truth = Simulation(self.model, Passive(), start, surroundings=around).advance(
             np.arange(round(100.0 * SECONDS)) / 100.0
         )
         self.deflections = truth.joint_position[:, list(places)]
@@ -109,7 +109,7 @@ class Case:
         return np.concatenate(twists), np.concatenate(derivatives), np.concatenate(deflections)
 
 
-@pytest.mark.parametrize('name', ROBOTS)
+@pytest.mark.parametrize('name', ['panels', *(pytest.param(each, marks=pytest.mark.long) for each in list(ROBOTS)[1:])])
 def test_derivatives_by_the_parameters(name: str) -> None:
     case = Case(name)
     parameters = case.state[case.layout.parameters]

@@ -20,12 +20,9 @@ IN_PLANE = [0, 1, 2, 9]
 
 
 def settings(
-    form: Literal['main', 'difference'],
-    momentum: Array,
-    reference: Literal['previous', 'first'] = 'previous',
-    lag: int = 0,
+    form: Literal['main', 'difference'], momentum: Array, reference: Literal['previous', 'first'] = 'previous'
 ) -> PaperSettings:
-    return PaperSettings(form, 0.99, 1e6, reference, lag, tuple(momentum), settled=0.01, length=1.0)
+    return PaperSettings(form, 0.99, reference, tuple(momentum), settled=0.01, length=1.0)
 
 
 @pytest.fixture(scope='module', name='case')
@@ -88,19 +85,6 @@ def test_each_sample_gives_an_estimate_with_its_own_stamp(case: tuple[Truth, Arr
     assert estimates[0].status == 'not_identifiable'
 
 
-def test_a_lag_is_a_difference_to_so_many_samples_before(case: tuple[Truth, Array]) -> None:
-    truth, momentum = case
-    assert np.array_equal(
-        [x.parameters for x in run(truth, settings('difference', momentum, lag=1))],
-        [x.parameters for x in run(truth, settings('difference', momentum))],
-        equal_nan=True,
-    )
-    late = run(truth, settings('difference', momentum, lag=40))
-    # The first 40 samples have nothing to be compared with.
-    assert not any(estimate.identifiable.any() for estimate in late[:40])
-    assert (settling(late) < settling(run(truth, settings('difference', momentum)))).all()
-
-
 def test_the_main_form_needs_the_angular_momentum() -> None:
     with pytest.raises(ParameterError, match=r'paper_main needs paper\.total_angular_momentum'):
         PaperEstimator(kernel('table1'), settings('main', np.zeros(0)))
@@ -136,26 +120,6 @@ def test_step_by_step_is_the_weighted_least_squares_with_a_prior(factor: float) 
     # Condition numbers of ten, a hundred roundings.
     assert rls.estimate == pytest.approx(solution, rel=1e-12)
     assert rls.covariance == pytest.approx(np.linalg.inv(information), rel=1e-11, abs=1e-13)
-
-
-def test_what_remains_of_the_start() -> None:
-    rows, _ = problem(steps=3)
-    true = np.array([1.0, -2.0, 0.5, 3.0])
-    rls = recursion(rows, rows @ true, 0.9)
-    assert rls.estimate - true == pytest.approx(rls.remaining @ -true, rel=1e-9, abs=1e-13)
-    assert recursion(rows[:1], rows[:1] @ true, 0.9).remaining == pytest.approx(
-        np.eye(UNKNOWNS) - rows[0].T @ np.linalg.solve(rows[0] @ rows[0].T + 0.9 / PRIOR * np.eye(2), rows[0]),
-        abs=1e-12,
-    )
-
-
-def test_forgetting_follows_a_change() -> None:
-    rows, _ = problem(steps=400)
-    before, after = np.array([1.0, -2.0, 0.5, 3.0]), np.array([2.0, -1.0, 0.5, -3.0])
-    right_side = np.concatenate((rows[:200] @ before, rows[200:] @ after))
-    # 0.9^200 = 7e-10 of the past is left.
-    assert recursion(rows, right_side, 0.9).estimate == pytest.approx(after, rel=1e-8)
-    assert np.abs(recursion(rows, right_side, 1.0).estimate - after).max() > 0.1
 
 
 @pytest.mark.parametrize('excited', [0, 2])

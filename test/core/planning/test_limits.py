@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from mbaid_ros.core.errors import ModelError, ParameterError
+from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.planning.collisions import Collisions, Efforts, no_mesh
-from mbaid_ros.planning.limits import BaseLimits
+from mbaid_ros.planning.goal import BaseLimits
 from mbaid_ros.session.robot import mesh_points
 from mbaid_ros.simulation.dynamics import Dynamics, State
 from planned import Begun, planner
@@ -90,16 +88,7 @@ def test_a_mesh_that_cannot_be_read_is_left_out_and_named_with_the_reason() -> N
     )
 
 
-def test_a_shape_that_is_none_is_refused() -> None:
-    with pytest.raises(ModelError, match='a collision shape of the robot description cannot be read'):
-        Collisions(arm(hand='<sphere/>'), 0.02, np.zeros(2), no_mesh)
-
-
 BODY = np.array([90.0, 0.2, 0.1, -0.3, 20.0, 1.0, -2.0, 25.0, 0.5, 30.0])
-
-
-def weaker(model: RobotModel, effort: float) -> RobotModel:
-    return replace(model, limits=tuple(replace(limit, effort=effort) for limit in model.limits))
 
 
 @pytest.mark.parametrize('name', ['servicer7', 'ets7', 'table1'])
@@ -116,13 +105,6 @@ def test_torques_are_those_that_drive_the_simulated_robot_with_the_estimated_bod
     for index, torque in enumerate(found):
         state = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), place[index], np.append(twist[index], rate[index]))
         assert torque == pytest.approx(driven.torque(state, bend[index]), rel=1e-9, abs=1e-9)
-
-
-def test_limits_are_those_of_the_urdf() -> None:
-    model = robot('servicer7')
-    bodies = model.body_parameters()
-    assert Efforts(model, bodies).limits == pytest.approx([80.0, 80.0, 80.0, 60.0, 40.0, 40.0, 40.0])
-    assert not Efforts(weaker(model, np.inf), bodies).limited
 
 
 def test_a_motion_keeps_the_effort_limits_and_names_them_where_they_bind(identified: Begun) -> None:

@@ -7,9 +7,9 @@ import pytest
 
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.planning.limits import BaseLimits, JointLimits, joint_limits
+from mbaid_ros.planning.goal import BaseLimits, JointLimits, joint_limits
+from mbaid_ros.planning.motions import SIMPLE, simple_motion
 from mbaid_ros.planning.splines import Splines
-from mbaid_ros.planning.unplanned import SIMPLE, simple_motion
 from mbaid_ros.simulation.steered import Followed
 from planned import FASTEST, Begun, planner
 from simulated import robot
@@ -33,19 +33,6 @@ def test_what_is_known_at_the_points_gives_the_polynomial_that_ros2_controllers_
     trajectory, curve = of_polynomial(degree, orders)
     for found, expected in zip(trajectory.at(INSIDE), (curve, curve.deriv(), curve.deriv(2)), strict=True):
         assert found[:, 0] == pytest.approx(expected(INSIDE), abs=1e-9)
-
-
-def test_joints_rest_before_the_first_point_and_after_the_last() -> None:
-    trajectory, curve = of_polynomial(5, 3)
-    position, velocity, acceleration = trajectory.at(np.array([-1.0, 3.0]))
-    assert position[:, 0] == pytest.approx([curve(0.0), curve(2.5)])
-    assert not velocity.any()
-    assert not acceleration.any()
-
-
-def test_a_single_point_is_a_place_to_stay() -> None:
-    trajectory = JointTrajectory(('a', 'b'), np.array([1.0]), np.array([[0.1, 0.2]]), NOTHING, NOTHING)
-    assert trajectory.at(np.array([0.0, 9.0]))[0] == pytest.approx(np.array([[0.1, 0.2], [0.1, 0.2]]))
 
 
 @pytest.mark.parametrize(
@@ -99,20 +86,6 @@ def test_motions_rest_at_both_ends_and_go_at_the_speeds_between() -> None:
     assert SPLINES.basis(ends[1:]) @ np.ones(10) == pytest.approx(10.0)  # a speed acts for a piece
 
 
-def test_rates_and_accelerations_are_those_of_the_positions() -> None:
-    step = 1e-4
-    for order in (0, 1):
-        ahead, behind = (SPLINES.basis(TWELVE[1:-1] + side * step, order) for side in (0.5, -0.5))
-        assert (ahead - behind) / step == pytest.approx(SPLINES.basis(TWELVE[1:-1], order + 1), abs=1e-3)
-
-
-def test_the_points_of_a_trajectory_make_the_very_same_motion() -> None:
-    trajectory = SPLINES.trajectory(DRAWN[0], START, ('a', 'b', 'c'))
-    for order, found in enumerate(trajectory.at(TWELVE)):
-        expected = SPLINES.basis(TWELVE, order) @ DRAWN[0]
-        assert found == pytest.approx(expected + (START if order == 0 else 0.0), abs=1e-9)
-
-
 def test_motions_are_cut_off_at_the_limits_of_velocity_and_acceleration() -> None:
     moved = SPLINES.within(DRAWN, START, LIMITS)
     assert np.max(SPLINES.use(moved, START, LIMITS)) <= 1.0
@@ -122,15 +95,6 @@ def test_motions_are_cut_off_at_the_limits_of_velocity_and_acceleration() -> Non
     assert np.abs(SPLINES.basis(TWELVE, 2) @ moved).max() <= 0.1
     assert not moved[:, :, 2].any()  # a joint that must not be moved
     assert SPLINES.within(moved, START, LIMITS) == pytest.approx(moved)
-
-
-def test_a_joint_goes_at_full_speed_but_for_its_ramps() -> None:
-    there_and_back = 9.0 * np.repeat([1.0, -1.0], 5)[:, None] * np.ones(3)
-    rate = np.abs(SPLINES.basis(TWELVE, 1) @ SPLINES.within(there_and_back, START, LIMITS))[:, 1]
-    # Of 0.2 rad/s at 0.1 rad/s^2: 2 s to come from rest, as long to go back to it, twice that to turn.
-    assert np.mean(rate > 0.99 * 0.2) > 0.15
-    gentle = SPLINES.within(there_and_back, START, LIMITS, np.array([0.5, 0.5, 0.5]))
-    assert SPLINES.use(gentle, START, LIMITS)[2, 1] == pytest.approx(0.5, abs=0.01)
 
 
 def test_the_largest_motion_of_a_form_is_at_one_limit_of_each_joint() -> None:
@@ -180,20 +144,3 @@ def test_simple_motions_keep_the_limits_and_come_close_to_one(identified: Begun,
     turned = motions.excursion_along(held, motions.floating)[0]
     assert 0.85 * TURN < turned < 1.01 * TURN
     assert motions.excursion_along(free, motions.floating)[0] > turned
-
-
-@pytest.mark.parametrize('kind', SIMPLE)
-def test_simple_motions_may_be_short(identified: Begun, kind: str) -> None:
-    motion = simple_motion(kind, planner(identified, duration=0.4).motions, BaseLimits(), 0)
-    position, rate, _ = motion.at(np.linspace(0.0, 0.4, 101))
-    assert np.any(position != position[0])
-    assert rate[[0, -1]] == pytest.approx(0.0, abs=1e-12)
-
-
-def test_the_seed_decides(identified: Begun) -> None:
-    motions = planner(identified, duration=10.0).motions
-    drawn = [simple_motion('trapezoids', motions, BaseLimits(), seed).position for seed in (0, 0, 1)]
-    assert np.array_equal(drawn[0], drawn[1])
-    assert not np.allclose(drawn[0], drawn[2])
-    alone = simple_motion('one_by_one', motions, BaseLimits(), 0).at(np.linspace(0.0, 10.0, 400))[1]
-    assert np.all(np.sort(np.abs(alone), axis=1)[:, :-1] < 5e-3)

@@ -66,27 +66,6 @@ def test_the_projection_is_the_nearest_of_all_real_bodies(seed: int, size: float
 
 
 @pytest.mark.parametrize('seed', SEEDS)
-def test_a_real_body_is_left_as_it_is(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    body = random_body(rng)
-    found, far = project(body, random_covariance(rng, 0.1), SCALE)
-    assert found is body
-    assert far == 0.0
-
-
-def test_an_open_direction_is_filled_in() -> None:
-    """Where the data say nothing about a parameter, any value will do that makes a body."""
-    estimate = standard(np.array([100.0, 0.1, 0.2, 0.3, 20.0, 1.0, 2.0, 30.0, 3.0, -500.0]))
-    covariance = np.diag((1e-3 * SCALE) ** 2)
-    covariance[9, 9] = (1e5 * SCALE[9]) ** 2
-    body, far = project(estimate, covariance, SCALE)
-    assert is_physical(body)
-    # What is known has not moved.
-    assert far < 1e-2
-    assert body[:9] == pytest.approx(estimate[:9], abs=1e-3 * SCALE[0])
-
-
-@pytest.mark.parametrize('seed', SEEDS)
 def test_a_covariance_that_rounding_has_spoilt(seed: int) -> None:
     rng = np.random.default_rng(seed)
     estimate, covariance = random_estimate(seed)
@@ -164,28 +143,6 @@ def drawn_covariance(rng: np.random.Generator, size: float) -> Array:
     return root @ root.T
 
 
-def test_parameters_are_exact() -> None:
-    found = some(debris(estimated(np.eye(10)), LINK, SAME))
-    assert found.parameters == pytest.approx(BODY, rel=1e-12)
-
-
-def test_two_point_masses() -> None:
-    # A link of 1 kg at x = 0 and a body of 3 kg at x = 1: together 4 kg at 0.75 with m1 m2 / (m1 + m2) = 0.75 kg m^2.
-    together = np.array([4.0, 0.75, 0.0, 0.0, *vec(np.diag([0.0, 0.75, 0.75]))])
-    link = standard(np.array([1.0, *(0.0,) * 9]))
-    found = some(debris(replace(estimated(np.eye(10)), parameters=together), link, SAME))
-    assert found.parameters == pytest.approx(np.array([3.0, 1.0, *(0.0,) * 8]), abs=1e-12)
-
-
-def test_a_link_without_mass_leaves_everything_as_it_is() -> None:
-    covariance = drawn_covariance(np.random.default_rng(0), 1e-3)
-    estimate = estimated(covariance)
-    found = some(debris(estimate, np.zeros(10), SAME))
-    assert found.parameters == pytest.approx(estimate.parameters)
-    assert found.covariance == pytest.approx(covariance)
-    assert found.std == pytest.approx(estimate.std)
-
-
 @pytest.mark.parametrize('frame', [SAME, GRASP], ids=['link', 'grasp'])
 def test_the_covariance_is_that_of_a_monte_carlo(frame: Frame) -> None:
     rng = np.random.default_rng(1)
@@ -244,9 +201,3 @@ def test_nothing_where_a_parameter_is_not_determined(missing: int) -> None:
     identifiable = estimate.identifiable.copy()
     identifiable[missing] = False
     assert debris(replace(estimate, identifiable=identifiable), LINK, SAME) is None
-
-
-def test_nothing_without_a_covariance_or_a_mass_left() -> None:
-    assert debris(estimated(np.diag([90.0**2, *(1.0,) * 9])), LINK, SAME) is None
-    assert debris(estimated(np.full((10, 10), np.nan)), LINK, SAME) is None
-    assert debris(estimated(np.eye(10)), standard(BODY) + LINK, SAME) is None

@@ -7,17 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from checked import same, some
+from checked import some
 from made_runs import BODY as MADE_BODY
-from made_runs import STD, estimate, planar
+from made_runs import estimate, planar
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.linear_algebra import inverses
-from mbaid_ros.core.results.estimate import Estimate, Event
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.results.published_inertia import (
-    Debris,
-    DebrisPublication,
-    Frame,
     InertiaPublication,
     is_complete,
     is_usable,
@@ -25,7 +21,7 @@ from mbaid_ros.core.results.published_inertia import (
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.results.status import IntervalConsistency
 from mbaid_ros.core.robot.kinematics import Plane
-from mbaid_ros.core.robot.momentum import physical, physical_jacobian, standard
+from mbaid_ros.core.robot.momentum import physical_jacobian, standard
 
 BODY = np.array([120.0, 0.3, -0.2, 0.7, 28.0, -3.0, 1.3, 37.0, -1.0, 30.0])
 MOMENTUM = np.array([1.0, -2.0, 3.0, 40.0, 50.0, -60.0])
@@ -168,14 +164,6 @@ def test_the_momentum_is_given_about_the_origin_of_the_odometry() -> None:
     assert estimate.momentum_covariance[3, 3] == pytest.approx(4.0 + 30.0**2 * 2.0 + 20.0**2 * 3.0)
 
 
-def test_warnings_say_what_is_wrong() -> None:
-    estimate = report(solution(0.01, cost=600.0 * 9.0, restarted=True))
-    assert estimate.warnings == (
-        'residuals are 3.0 times what the noise parameters explain',
-        'the motion turned out not to be planar: what was learnt before was given up',
-    )
-
-
 def test_in_a_plane_four_parameters_are_published() -> None:
     relative = np.full(10, 1e6)
     relative[[0, 1, 2, 9]] = 0.02
@@ -183,40 +171,6 @@ def test_in_a_plane_four_parameters_are_published() -> None:
     assert np.flatnonzero(estimate.identifiable).tolist() == [0, 1, 2, 9]
     assert estimate.parameters[[0, 1, 2, 9]] == pytest.approx(BODY[[0, 1, 2, 9]])
     assert estimate.warnings[0].startswith('planar motion')
-
-
-def test_a_solution_without_mass_determines_nothing() -> None:
-    x = np.concatenate((np.zeros(10), MOMENTUM))
-    estimate = report(replace(solution(0.01), x=x))
-    assert estimate.status == 'not_identifiable'
-    assert np.isnan(estimate.parameters).all()
-
-
-def test_what_is_reported_does_not_depend_on_what_is_reported_with_it() -> None:
-    impossible = BODY.copy()
-    impossible[4] = -20.0
-    made = [solution(0.002), solution(0.03, impossible), solution(10.0), solution(0.05)]
-    instants = [Instant(time=float(k), stamp=k, samples=10 * k) for k in range(4)]
-    together = REPORTING.estimates('difference', made, instants)
-    assert together[1].consistency_correction > 0.0
-    for one, instant, beside in zip(made, instants, together, strict=True):
-        alone = REPORTING.estimates('difference', [one], [instant])[0]
-        assert same(alone, beside)
-
-
-def test_the_inverse_tells_directions_without_information() -> None:
-    reference = np.diag([4.0, 9.0])
-    matrices = np.array([np.diag([2.0, -1.0]), np.diag([2.0, 3.0]), np.diag([2.0, 1e-15])])
-    found = inverses(np.array([reference] * 3), matrices)
-    assert found[:, 0, 0] == pytest.approx(0.5)
-    assert found[:, 1, 1] == pytest.approx([1e12 / 9.0, 1.0 / 3.0, 1e12 / 9.0])
-    # Whichever are beside each other, to the last bit.
-    for k in range(3):
-        assert np.array_equal(inverses(reference[None], matrices[k : k + 1]), found[k : k + 1])
-    factor = np.random.default_rng(0).normal(size=(5, 5))
-    matrix = factor @ factor.T
-    assert inverses(matrix[None], matrix[None])[0] == pytest.approx(np.linalg.inv(matrix), rel=1e-9)
-    assert physical(standard(BODY)) == pytest.approx(BODY)
 
 
 NEGATIVE = estimate(parameters=np.concatenate(([-3.0], MADE_BODY[1:])))
@@ -243,18 +197,6 @@ def test_a_link_is_complete_with_all_ten_numbers_alone() -> None:
     assert not is_complete(CONTRADICTED)
 
 
-def test_the_loss_of_the_captured_body_is_told_once() -> None:
-    course = DebrisPublication()
-    assert course.follow(None) is None
-    body = Debris(Frame('grasp', np.eye(3), np.zeros(3)), MADE_BODY, np.diag(STD**2))
-    assert course.follow(body) is body
-    lost = some(course.follow(None))
-    assert lost.frame is body.frame
-    assert np.all(np.isnan(lost.parameters))
-    assert np.all(np.isnan(lost.covariance))
-    assert course.follow(None) is None
-
-
 def moved(time: float, by: float) -> Estimate:
     """Return an estimate whose mass is so many of its standard deviations further on."""
     made = estimate()
@@ -278,18 +220,3 @@ def test_it_is_so_for_some_seconds() -> None:
     steadiness.judged(moved(20.0, 0.0), early=False)
     found = [steadiness.judged(moved(time, 8.0), early=False).status for time in (25.0, 29.0, 31.0)]
     assert found == ['inconsistent', 'inconsistent', estimate().status]
-
-
-def test_first_estimates_and_those_of_another_target_are_not_compared() -> None:
-    steadiness = IntervalConsistency()
-    steadiness.judged(moved(3.0, 0.0), early=True)
-    assert steadiness.judged(moved(5.0, 8.0), early=False).status == estimate().status
-    changed = Event(5.5, 'target_changed', np.zeros(3), np.zeros(3), 'another body')
-    other = replace(moved(6.0, 0.0), events=(changed,))
-    assert steadiness.judged(other, early=False).status == estimate().status
-
-
-def test_what_was_inconsistent_anyway_is_no_measure() -> None:
-    steadiness = IntervalConsistency()
-    steadiness.judged(replace(moved(20.0, 0.0), status='inconsistent'), early=False)
-    assert steadiness.judged(moved(21.0, 8.0), early=False).status == estimate().status

@@ -12,7 +12,7 @@ import pytest
 from mbaid_ros.core import geometry
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.model import RobotModel, express, load_model, parse
+from mbaid_ros.core.robot.model import RobotModel, load_model, parse
 from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.core.robot.urdf import Mimic, transmission
 from random_robots import random_inertial, random_urdf
@@ -57,24 +57,6 @@ def test_joints_are_those_of_pinocchio(seed: int) -> None:
     assert np.linalg.norm(model.axes, axis=1) == pytest.approx(np.ones(model.joints), abs=1e-15)
 
 
-@pytest.mark.parametrize('seed', SEEDS)
-def test_without_a_link_its_own_parameters_are_missing(seed: int) -> None:
-    model = random_tree(seed)
-    for link in model.links:
-        missing = model.body_parameters() - model.body_parameters(without=link.name)
-        expected = np.zeros_like(missing)
-        expected[link.body] = express(link.parameters, link.rotation, link.position)
-        assert missing == pytest.approx(expected, abs=ROUNDING * float(np.abs(model.body_parameters()).max()))
-
-
-def test_an_unknown_link_is_refused_with_those_there_are() -> None:
-    model = robot('table1')
-    with pytest.raises(
-        ModelError, match=r"link 'link9' is not in the robot description; links: base_link, link1, .*4$"
-    ):
-        model.link('link9')
-
-
 def test_a_link_on_a_fixed_joint_belongs_to_the_body_that_carries_it() -> None:
     rng = np.random.default_rng(1)
     urdf = (
@@ -106,14 +88,6 @@ def test_the_last_link_is_the_furthest_with_a_mass(name: str, last: str) -> None
     tip = f'<link name="tip"/><joint name="t" type="fixed"><parent link="{last}"/><child link="tip"/></joint></robot>'
     urdf = (CONFIG / f'{name}.urdf').read_text(encoding='utf-8').replace('</robot>', tip)
     assert load_model(urdf).last_link == last
-
-
-def test_a_robot_without_joints_is_a_model_too() -> None:
-    model = load_model('<robot name="r"><link name="base"/></robot>')
-    assert (model.joints, model.last_link) == (0, 'base')
-    assert model.axes.shape == model.positions.shape == (0, 3)
-    assert model.rotations.shape == (0, 3, 3)
-    assert not model.body_parameters().any()
 
 
 @pytest.mark.parametrize(
@@ -154,11 +128,6 @@ def test_followers_are_where_their_driver_puts_them() -> None:
     assert not moved.direct
 
 
-def test_joints_that_follow_none_stay_the_very_same() -> None:
-    values = np.array([0.1, 0.2])
-    assert transmission(('a', 'b'), {}).positions(values) is values
-
-
 @pytest.mark.parametrize(
     ('mimics', 'named'),
     [
@@ -169,27 +138,3 @@ def test_joints_that_follow_none_stay_the_very_same() -> None:
 def test_what_moves_nothing_is_refused(mimics: dict[str, Mimic], named: str) -> None:
     with pytest.raises(ModelError, match=named):
         transmission(JOINTS, mimics)
-
-
-def test_positions_by_name_need_the_drivers_only() -> None:
-    urdf = random_urdf(np.random.default_rng(3), joints=4, chain=True)
-    free = load_model(urdf)
-    first, last = free.joint_names[0], free.joint_names[-1]
-    place = urdf.index('</joint>', urdf.index(f'<joint name="{last}"'))
-    model = load_model(f'{urdf[:place]}<mimic joint="{first}" multiplier="0.5"/>{urdf[place:]}')
-    known = {name: 0.2 * index for index, name in enumerate(model.independent_joints, start=1)}
-    found = model.positions_from({**known, last: 9.0})  # what a follower says of itself does not count
-    assert found[-1] == 0.5 * known[first]
-    del known[first]
-    assert np.isnan(model.positions_from(known)[[0, -1]]).all()
-
-
-@pytest.mark.parametrize('name', ['root_joint', 'universe', 'base_link', 'link3', 'link7', 'a b', 'j.1/2'])
-def test_any_name_of_a_joint_is_a_name(name: str) -> None:
-    text = (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8')
-    plain, named = load_model(text), load_model(text.replace('"joint4"', f'"{name}"'))
-    assert named.joint_names == tuple(name if each == 'joint4' else each for each in plain.joint_names)
-    assert [link.name for link in named.links] == [link.name for link in plain.links]
-    for one, other in zip(named.links, plain.links, strict=True):
-        assert one.body == other.body
-        assert np.array_equal(one.parameters, other.parameters)

@@ -11,7 +11,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import express, load_model
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
-from mbaid_ros.core.robot.sensitivity import force_cross, motion_cross, sensitivity, sensitivity_to_joints
+from mbaid_ros.core.robot.sensitivity import sensitivity
 from peer import Motion, Peer
 from random_robots import random_state, random_storage, random_urdf
 
@@ -68,25 +68,6 @@ def test_known_bodies_and_target_together_have_the_momentum_of_the_robot(seed: i
         expected[index] = peer.momentum()
     # Relative 1e-12: sums of nine bodies with levers of several metres.
     assert (total - expected) / size_of(expected) == pytest.approx(np.zeros((COUNT, 6)), abs=1e-12)
-
-
-@pytest.mark.parametrize('seed', SEEDS)
-def test_the_hinge_moves_as_its_position_changes(seed: int) -> None:
-    kernel, motion = random_case(seed)
-    states = kernel.states_of(motion.base_rotation, motion.joint_position, motion.joint_velocity, motion.base_twist)
-    step = 1e-6
-    places = []
-    for sign in (-1.0, 1.0):
-        turn = geometry.exp(sign * step * motion.base_twist[:, 3:])
-        moved = kernel.states_of(
-            turn @ motion.base_rotation,
-            motion.joint_position + sign * step * motion.joint_velocity,
-            motion.joint_velocity,
-            motion.base_twist,
-        )
-        places.append(moved.position + sign * step * motion.base_twist[:, :3])
-    # Central differences: an error of the order step^2 = 1e-12, and 1e-16 / step of rounding.
-    assert (places[1] - places[0]) / (2.0 * step) == pytest.approx(states.hinge_velocity, abs=1e-8)
 
 
 @pytest.mark.parametrize('seed', SEEDS)
@@ -160,23 +141,3 @@ def test_sensitivities_are_derivatives_of_known_momentum_and_regressors(seed: in
     unknown = np.swapaxes(central_difference(regressors, zero, STEP), 1, 2)  # (6, z, 10 k)
     for value, expected in ((found.known[0], known), (found.target[0], unknown)):
         assert value == pytest.approx(expected, abs=TOLERANCE * np.abs(expected).max())
-
-
-def test_products_of_twists_and_momenta() -> None:
-    rng = np.random.default_rng(0)
-    left, right, momentum = (rng.normal(size=(20, 6)) for _ in range(3))
-    assert motion_cross(left, right) == pytest.approx(-motion_cross(right, left), abs=1e-14)
-    assert motion_cross(left, left) == pytest.approx(np.zeros((20, 6)), abs=1e-14)
-    # Power does not depend on the frame: (S x V) . h + V . (S x* h) = 0.
-    power = np.sum(motion_cross(left, right) * momentum, axis=1) + np.sum(right * force_cross(left, momentum), axis=1)
-    assert power == pytest.approx(np.zeros(20), abs=1e-13)
-
-
-@pytest.mark.parametrize('seed', SEEDS)
-def test_the_joints_alone_are_as_among_all(seed: int) -> None:
-    measured = Measured(seed)
-    states = measured.states(np.zeros(measured.sources))
-    known = sensitivity(measured.kernel, states).known
-    positions, velocities = sensitivity_to_joints(measured.kernel, states)
-    assert positions == pytest.approx(known[..., : measured.joints], rel=1e-10, abs=1e-10)
-    assert velocities == pytest.approx(known[..., measured.joints : 2 * measured.joints], rel=1e-10, abs=1e-10)

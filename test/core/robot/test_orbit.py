@@ -13,46 +13,23 @@ from scipy.integrate import solve_ivp
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotate, rotation_from_quaternion, skew, vec
+from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel, momentum_rows
-from mbaid_ros.core.robot.kinematics import Configuration
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.orbit import Orbit, Turning, about, brought, momentum_rates, of_bodies, of_link
+from mbaid_ros.core.robot.orbit import Orbit, Turning, about, brought, of_bodies, of_link
 from mbaid_ros.core.samples import BaseStream
 from mbaid_ros.core.sensors.external_momentum import FallingFrame
-from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.simulation import Truth, seen_from_orbit, total_momentum
 from observed import MID, configured_motion, observe
-from orbiting import MEAN_MOTION, NADIR, NORMAL, declared, orbit
 from random_robots import random_state, random_urdf
+from sessions import MEAN_MOTION, NADIR, NORMAL, declared, orbit
 from simulated import CONFIG, robot
 
 SECOND = 1_000_000_000
 EPOCH = 1_700_000_000 * SECOND
 FRAMES: tuple[Turning, ...] = ('lvlh', 'hill')
-
-
-def random_orbit(seed: int) -> Orbit:
-    rng = np.random.default_rng(seed)
-    normal = rng.normal(size=3)
-    return Orbit.inertial(float(rng.uniform(1e-4, 1e-1)), np.cross(normal, rng.normal(size=3)), normal)
-
-
-@pytest.mark.parametrize('seed', range(4))
-def test_gravity_pulls_apart_upwards_and_together_across(seed: int) -> None:
-    around, time = random_orbit(seed), np.array([0.0, 3.0, 700.0])
-    gradient, up, square = around.gradient(time), around.upward(time), around.mean_motion**2
-    assert np.trace(gradient, axis1=1, axis2=2) == pytest.approx(np.zeros(3), abs=1e-12 * square)
-    assert rotate(gradient, up) == pytest.approx(2.0 * square * up, rel=1e-12, abs=1e-15 * square)
-    assert rotate(gradient, np.broadcast_to(around.normal, (3, 3))) == pytest.approx(
-        np.broadcast_to(-square * around.normal, (3, 3)), rel=1e-9, abs=1e-12 * square
-    )
-    assert np.linalg.norm(up, axis=1) == pytest.approx(np.ones(3))
-    # Up turns with the frame that turns.
-    assert up == pytest.approx(rotate(around.turned(time), np.broadcast_to(around.up, (3, 3))), abs=1e-12)
-    assert around.later(3.0).upward(np.array([697.0])) == pytest.approx(up[2:], abs=1e-9)
 
 
 @pytest.mark.parametrize('eccentricity', [0.001, 0.3, 0.9])
@@ -154,59 +131,12 @@ def test_the_first_measurement_is_the_epoch_where_none_is_given() -> None:
     assert later.rotation == pytest.approx(exp(0.05 * around.normal) @ measured.rotation[1:], abs=1e-12)
 
 
-def test_a_twist_that_is_not_measured_stays_so() -> None:
-    around = Orbit.turning_with(0.05, 'hill')
-    measured = odometry(moving(0, np.array([0.0, 1.0])))
-    nothing = np.full((2, 3), np.nan)
-    falling = FallingFrame(around, robot('ets7'), relative_twist=True)
-    found = falling.falling(replace(measured, linear_velocity=nothing, angular_velocity=nothing))
-    assert np.all(np.isnan(found.linear_velocity))
-    assert np.all(np.isfinite(found.position))
-
-
-def test_a_frame_that_falls_along_is_left_alone() -> None:
-    measured = odometry(moving(0, np.array([0.0, 1.0])))
-    assert FallingFrame(orbit(), robot('ets7'), relative_twist=True).falling(measured) is measured
-
-
-POSE = ('position', 'rotation', 'linear_velocity', 'angular_velocity')
-
-
 @st.composite
 def orbits(draw: st.DrawFn) -> Orbit:
     """Return an orbit of minutes to days, from a circle to a comet's."""
     frame: Turning = draw(st.sampled_from(('lvlh', 'hill')))
     around = Orbit.turning_with(10.0 ** draw(st.floats(-5.0, -1.0)), frame)
     return around.eccentric(draw(st.sampled_from((0.0, 0.001, 0.3, 0.9))), draw(st.floats(-np.pi, np.pi)))
-
-
-@st.composite
-def motions(draw: st.DrawFn) -> Truth:
-    """Return poses and twists at instants before and after the epoch; they need not be those of one motion."""
-    time = np.array(sorted(draw(st.lists(st.integers(-4_000_000, 4_000_000), min_size=1, max_size=5)))) * 1e-3
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    values, orientation = rng.normal(size=(3, len(time), 3)), rng.normal(size=(len(time), 4))
-    return truth_of(time, 30.0 * values[0], quaternions.normalised(orientation), *values[1:])
-
-
-def as_truth(stream: BaseStream) -> Truth:
-    """Return what a stream says as a motion, its twist in the axes of the base."""
-    orientation = quaternion_from_rotation(stream.rotation)
-    back = quaternions.conjugate(orientation)
-    twist = (quaternions.rotate(back, each) for each in (stream.linear_velocity, stream.angular_velocity))
-    return truth_of(stream.stamp / SECOND, stream.position, orientation, *twist)
-
-
-@settings(max_examples=100, deadline=None)
-@given(orbits(), motions(), st.booleans())
-def test_there_and_back_and_back_and_there(around: Orbit, motion: Truth, relative: bool) -> None:
-    falling = FallingFrame(around, robot('ets7'), relative_twist=relative, epoch=0).falling
-    once = falling(odometry(seen_from_orbit(around, motion, relative_twist=relative), 0))
-    other = odometry(seen_from_orbit(around, as_truth(falling(odometry(motion, 0))), relative_twist=relative), 0)
-    for name in POSE:
-        expected = getattr(odometry(motion, 0), name)
-        assert getattr(once, name) == pytest.approx(expected, abs=1e-9), name
-        assert getattr(other, name) == pytest.approx(expected, abs=1e-9), name
 
 
 def clohessy_wiltshire(n: float, time: Array, start: Array) -> Array:
@@ -246,34 +176,12 @@ def test_what_falls_freely_moves_as_clohessy_and_wiltshire_say(rate: float, begi
 
 
 @pytest.mark.parametrize('seed', range(4))
-def test_columns_are_those_of_points(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    around, time = orbit(0.03), rng.uniform(0.0, 100.0, 2)
-    points, masses = rng.normal(size=(2, 9, 3)), rng.uniform(0.5, 3.0, (2, 9))
-    bodies = []
-    for at, mass in zip(points, masses, strict=True):
-        moments = np.einsum('k,ki,kj->ij', mass, at, at)
-        bodies.append(np.concatenate(([mass.sum()], mass @ at, vec(np.trace(moments) * np.eye(3) - moments))))
-    rotation, position = exp(rng.normal(size=(2, 2, 3))), rng.normal(size=(2, 2, 3))
-    base = rng.normal(size=(2, 3))
-    rates = momentum_rates(around, time, Configuration(rotation, position, np.zeros((2, 1, 6))), base)
-    found = of_bodies(rates, np.array(bodies))
-    for instant, up in enumerate(around.upward(time)):
-        expected: Array = np.zeros(6)
-        for body in range(2):
-            at = base[instant] + position[instant, body] + points[body] @ rotation[instant, body].T
-            pulls = 0.03**2 * masses[body][:, None] * (3.0 * (at @ up)[:, None] * up - at)
-            expected += np.concatenate((pulls.sum(axis=0), np.cross(at, pulls).sum(axis=0)))
-        assert found[instant] == pytest.approx(expected, rel=1e-11, abs=1e-14)
-
-
-@pytest.mark.parametrize('seed', range(4))
 def test_the_rows_lack_what_the_orbit_has_brought(seed: int) -> None:
     """The same for the fast rows and the states of single bodies, the unknown links' columns in their own frames."""
     rng = np.random.default_rng(seed)
     model = load_model(random_urdf(rng, joints=6))
     kernel = MomentumKernel(model, model.last_link, model.links[1].name)
-    truth = configured_motion('servicer7', 1.0, 20.0, 0.05)
+    truth = configured_motion('servicer7', 1.0, 20.0)
     positions, rates, rotation, twist = random_state(rng, model.joints, len(truth))
     samples = replace(
         observe(truth, MID),
@@ -300,24 +208,11 @@ def test_the_rows_lack_what_the_orbit_has_brought(seed: int) -> None:
     assert parts == pytest.approx(whole, rel=1e-10, abs=1e-12)
 
 
-@pytest.mark.parametrize('size', [1, 7, 40])
-def test_windows_one_at_a_time_have_the_same_to_the_last_bit(size: int) -> None:
-    samples = observe(configured_motion('ets7', 2.0, 20.0, 0.05), MID)
-
-    def through(parts: list[int]) -> Array:
-        falling, cutter, found = FallingFrame(orbit(), robot('ets7'), relative_twist=True), Windows(0.5), []
-        for begin in parts:
-            found += [falling.applied(window, 0).tide for window in cutter.push(samples[begin : begin + parts[1]])]
-        return np.concatenate(found)
-
-    assert np.array_equal(through(list(range(0, 40, size)) if size < 40 else [0, 40]), through([0, 20]))
-
-
 @pytest.mark.parametrize('name', ['ets7', pytest.param('servicer7', marks=pytest.mark.long)])
 def test_what_is_left_of_a_simulated_robot_is_constant(name: str) -> None:
     """The simulator's bodies, the estimator's columns: P and L less what the orbit has brought, over a minute."""
     values = load_parameter_file(CONFIG / f'{name}_simulator.yaml', 'simulator')
-    values |= {**declared(mean_motion=0.02), 'initial.base_position': [8.0, -4.0, 6.0], 'step': 0.05}
+    values |= {**declared(mean_motion=0.02), 'initial.base_position': [8.0, -4.0, 6.0]}
     model = robot(name)
     truth = make_simulation(build(SimulatorConfig, values), model).advance(np.arange(1200) * 0.05)
     samples = FallingFrame(orbit(0.02), model, relative_twist=True).applied(observe(truth, MID), 0)

@@ -16,8 +16,11 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model, parse
 from mbaid_ros.core.robot.passive import PassiveMotion, spring_constants
 from mbaid_ros.core.robot.springs import Springs
-from mbaid_ros.simulation import springs as simulated
+from mbaid_ros.simulation import environment as simulated
 from mbaid_ros.simulation.dynamics import Dynamics, State
+from mbaid_ros.simulation.environment import Surroundings
+from mbaid_ros.simulation.motion import Passive
+from mbaid_ros.simulation.simulation import Simulation
 from random_robots import random_urdf
 
 SEEDS = range(6)
@@ -90,18 +93,21 @@ def test_momenta_along_the_joints_change_as_in_the_simulator(seed: int) -> None:
     ours = simulated.Springs.of(case.model, names, (springs.rate / (2.0 * np.pi)).tolist(), springs.ratio.tolist())
     assert ours.stiffness == pytest.approx(stiffness, rel=1e-12)
     assert ours.damping == pytest.approx(damping, rel=1e-12)
-    dynamics = Dynamics(case.model, springs=ours)
     start = case.state()
 
-    def law(_: float, state: State) -> Array:
-        return dynamics.spring_torque(state)
-
     def after(length: float) -> Array:
-        torque = dynamics.acceleration(start, law(0.0, start))
-        return case.momenta(dynamics.step(0.0, start, torque, length, law))[6:][case.joints]
+        around = Surroundings(springs=ours)
+        truth = Simulation(case.model, Passive(), start, surroundings=around).advance(np.array([length]))
+        velocity = np.concatenate(
+            (truth.base_linear_velocity, truth.base_angular_velocity, truth.joint_velocity), axis=1
+        )
+        there = State(truth.base_position[0], truth.base_orientation[0], truth.joint_position[0], velocity[0])
+        return case.momenta(there)[6:][case.joints]
 
     found, _ = case.moving(start, case.momenta(start)[6:][case.joints])
-    change = (8.0 * (after(1e-3) - after(-1e-3)) - (after(2e-3) - after(-2e-3))) / 12e-3
+    change = (
+        -25.0 * after(0.0) + 48.0 * after(1e-3) - 36.0 * after(2e-3) + 16.0 * after(3e-3) - 3.0 * after(4e-3)
+    ) / 12e-3
     assert found.forces[0] == pytest.approx(change, rel=1e-6, abs=1e-6 * float(np.abs(change).max()))
 
 

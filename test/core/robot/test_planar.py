@@ -10,7 +10,6 @@ import pytest
 from checked import some
 from mbaid_ros.core.difference.window_rows import subspace, window_rows
 from mbaid_ros.core.geometry import Array, exp, rotate, unvec
-from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.samples import Samples
@@ -128,13 +127,6 @@ def test_turning_out_of_the_plane_is_spatial_for_good(axis: Array) -> None:
     assert np.array_equal(detector.rows(), np.eye(6))
 
 
-def test_a_rate_that_is_not_measured_says_nothing() -> None:
-    samples = turning_about(Z)
-    detector = PlaneDetector(robot('table1'))
-    detector.update(replace(samples, base_angular_velocity=np.full((25, 3), np.nan)))
-    assert detector.planar
-
-
 def test_the_unknowns_of_a_plane(planar: Truth) -> None:
     servicer = kernel('table1')
     part = windows(observe(planar, MID))[:3]
@@ -153,16 +145,3 @@ def test_the_unknowns_of_a_plane(planar: Truth) -> None:
     covariance = chosen.lift(np.diag(np.arange(1.0, 8.0)), np.full(16, 1e6))
     assert chosen.basis.T @ covariance @ chosen.basis == pytest.approx(np.diag(np.arange(1.0, 8.0)))
     assert outside @ covariance @ outside == pytest.approx(1e6 * outside)
-
-
-def test_in_space_everything_is_unknown(spatial: Truth) -> None:
-    servicer = MomentumKernel(robot('servicer7'), 'link7')
-    part = windows(observe(spatial, MID))[:1]
-    detector = PlaneDetector(servicer.model)
-    detector.update(part[0])
-    chosen = subspace(detector, servicer)
-    blocks = window_rows(servicer, part, MID, np.zeros(3))
-    assert not chosen.planar
-    assert chosen.of(blocks) is blocks
-    covariance = np.diag(np.arange(16.0))
-    assert chosen.lift(covariance, np.ones(16)) is covariance

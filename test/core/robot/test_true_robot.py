@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
-
 import numpy as np
 import pytest
 
-import observed
-from checked import same, some
-from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.results.physical_consistency import are_physical, is_physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.model_errors import ModelErrors, changing_link, declared, displaced, with_bodies
-from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.core.robot.model_errors import declared, displaced, with_bodies
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
 from random_robots import random_urdf
 from simulated import drawn, robot
@@ -42,14 +35,6 @@ def test_the_document_says_what_the_arrays_say(seed: int) -> None:
     assert np.array_equal(true.link(model.last_link).parameters, model.link(model.last_link).parameters)
 
 
-def test_zeros_and_mount_are_no_part_of_the_robot() -> None:
-    model = load_model(random_urdf(np.random.default_rng(3)))
-    errors, true = drawn(model, zero_std=0.1, mount_position_std=0.1, mount_orientation_std=0.1)
-    assert not errors.exact
-    assert true is model
-    assert ModelErrors.none(model.joints).exact
-
-
 INERTIA = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
 CORNER = f"""<?xml version="1.0" encoding="UTF-8"?>
 <robot name="corner" xmlns:xacro="http://ros.org/wiki/xacro">
@@ -69,62 +54,11 @@ def test_a_joint_without_origin_and_one_whose_angles_are_singular() -> None:
     assert np.any(true.positions[0] != 0.0)
 
 
-def test_the_heaviest_link_of_a_body_takes_the_change() -> None:
-    bracket = f'<link name="bracket"><inertial><mass value="1e-3"/>{INERTIA}'.replace('="1"', '="1e-6"')
-    fixed = '<joint name="fix" type="fixed"><parent link="base"/><child link="bracket"/>'
-    text = CORNER.replace('  <link name="base">', f'{bracket}<link name="base">')
-    text = text.replace('</robot>', f'{fixed}<origin xyz="1 2 3" rpy="1 1 1"/></joint></robot>')
-    model = load_model(text)
-    link = some(changing_link(model, 0))
-    assert link.name == 'base'
-    assert changing_link(model, 2, ('hand',)) is None
-    errors, true = drawn(model, links_relative_std=0.1)
-    assert np.array_equal(true.link('bracket').parameters, model.link('bracket').parameters)
-    assert true.body_parameters() - model.body_parameters() == pytest.approx(errors.bodies, abs=1e-12)
-
-
 SIZES = ErrorSizes(0.01, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3)
 BLOCK = {
     'links_relative_std': 'bodies', 'zero_std': 'zeros', 'origin_std': 'origins', 'axis_std': 'tilts',
     'mount_position_std': 'mount', 'mount_orientation_std': 'mount',
 }  # fmt: skip
-
-
-def test_a_seed_gives_one_robot() -> None:
-    model = robot('servicer7')
-    errors, true = drawn(model, 5, **vars(SIZES))
-    again, too = drawn(model, 5, **vars(SIZES))
-    assert same(errors, again)
-    assert true.urdf == too.urdf
-    assert not same(errors, drawn(model, 6, **vars(SIZES))[0])
-
-
-def test_a_robot_shares_no_number_with_the_noise_of_its_seed() -> None:
-    zeros = drawn(robot('ets7'), 3, zero_std=1.0)[0].zeros
-    truth = observed.configured_motion('ets7', 0.1, 10.0, 0.02)
-    noise = Sensors(SensorNoise(*(1.0,) * 6), 3)
-    joints, base = noise.joints(truth), noise.base(truth)
-    given = [joints.position - truth.joint_position, joints.velocity - truth.joint_velocity]
-    given += [base.position - truth.base_position, base.linear_velocity - truth.base_linear_velocity]
-    assert not np.any(np.abs(np.concatenate([part.ravel() for part in given])[:, None] - zeros) < 1e-9)
-
-
-@pytest.mark.parametrize('name', BLOCK)
-def test_a_size_changes_what_it_scales_and_nothing_else(name: str) -> None:
-    model = robot('servicer7')
-    whole = drawn(model, 1, **vars(SIZES))[0]
-    alone = drawn(model, 1, **{name: vars(SIZES)[name]})[0]
-    half = drawn(model, 1, **vars(replace(SIZES, **{name: 0.5 * vars(SIZES)[name]})))[0]
-    for block in (field.name for field in fields(ModelErrors)):
-        full, only, less = (getattr(errors, block) for errors in (whole, alone, half))
-        if block == BLOCK[name]:
-            part = {'mount_position_std': np.s_[3:], 'mount_orientation_std': np.s_[:3]}.get(name, np.s_[:])
-            assert np.array_equal(only[part], full[part])
-            assert less[part] == pytest.approx(0.5 * full[part], rel=1e-12)
-            assert only[part].any()
-        else:
-            assert not only.any()
-            assert np.array_equal(less, full)
 
 
 def test_the_spread_is_that_of_the_sizes() -> None:
@@ -165,15 +99,3 @@ def test_bodies_that_cannot_exist_are_drawn_again() -> None:
     prior = declared(known, 0.4).factor
     plain = prior @ np.random.default_rng(0).standard_normal((len(prior), 50))
     assert np.mean(are_physical((plain.T.reshape(50, -1, 10) + known[:7]).reshape(-1, 10))) < 0.7
-
-
-def test_a_body_that_hardly_exists_is_told() -> None:
-    flat = (
-        '<robot name="flat"><link name="sheet"><inertial><mass value="5"/>'
-        '<inertia ixx="1" ixy="0" ixz="0" iyy="0" iyz="0" izz="1"/></inertial></link>'
-        '<link name="arm"><inertial><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
-        '</inertial></link><joint name="hinge" type="continuous"><parent link="sheet"/><child link="arm"/>'
-        '<axis xyz="0 0 1"/></joint></robot>'
-    )
-    with pytest.raises(ModelError, match="of link 'sheet' none is a body that can exist; accepted: a smaller"):
-        drawn(load_model(flat.replace('iyy="0"', 'iyy="-1"')), links_relative_std=0.01)

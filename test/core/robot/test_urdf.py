@@ -9,7 +9,6 @@ from mbaid_ros.core.errors import MbaidError, ModelError
 from mbaid_ros.core.robot.model import load_model, parse
 from mbaid_ros.core.robot.urdf import read_description
 from mbaid_ros.limits import LINKS, URDF_CHARACTERS
-from simulated import CONFIG
 
 MASS = '<mass value="2"/>'
 INERTIA = '<inertia ixx="1" ixy="0.1" ixz="0.2" iyy="1.5" iyz="0.3" izz="1.2"/>'
@@ -144,14 +143,6 @@ def test_an_unusable_description_is_refused_in_one_line(urdf: str, named: str) -
     assert isinstance(caught.value, MbaidError)
 
 
-def test_the_parser_itself_says_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    for urdf, _ in BAD.values():
-        with pytest.raises(ModelError):
-            load_model(urdf)
-    # pinocchio's parser writes to the streams of the process, past sys.stderr.
-    assert capfd.readouterr() == ('', '')
-
-
 @pytest.mark.parametrize('kind', ['revolute', 'continuous', 'prismatic', 'fixed'])
 def test_the_supported_joints_are_accepted(kind: str) -> None:
     assert load_model(pair(kind=kind)).joints == int(kind != 'fixed')
@@ -201,13 +192,6 @@ def test_the_ground_is_left_out_and_named(kind: str) -> None:
     assert model.urdf == urdf
 
 
-def test_any_root_without_mass_is_floated_over() -> None:
-    urdf = robot(link('map', ''), link('base'), joint('anchor', 'map', 'base', 'floating'))
-    assert load_model(urdf).base_link == 'base'
-    with pytest.raises(ModelError, match="let parameter base_link be 'base'"):
-        load_model(urdf.replace('<link name="map">', f'<link name="map">{INERTIAL}'))
-
-
 def test_what_is_above_the_base_link_goes() -> None:
     urdf = robot(
         link('cart'),
@@ -222,22 +206,3 @@ def test_what_is_above_the_base_link_goes() -> None:
     assert 'cart, lamp' in model.dropped[0]
     with pytest.raises(ModelError, match="parameter 'base_link' is 'trolley', which is no link; links: cart, base"):
         load_model(urdf, 'trolley')
-
-
-def test_a_mimic_on_a_fixed_joint_means_nothing() -> None:
-    assert load_model(pair('<mimic joint="nothing"/>', 'fixed')).joints == 0
-
-
-@pytest.mark.parametrize('written', ['joi\nnt', 'joi\tnt', 'joi\r\nnt', 'joi\rnt', 'joi nt'])
-def test_a_line_break_in_a_name_is_a_space_as_xml_says(written: str) -> None:
-    text = (CONFIG / 'table1.urdf').read_text(encoding='utf-8').replace('"joint3"', f'"{written}"')
-    assert load_model(text).joint_names == ('joint1', 'joint2', 'joi nt', 'joint4')
-
-
-def test_a_default_namespace_changes_nothing() -> None:
-    text = (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8')
-    named = text.replace('<robot ', '<robot xmlns="http://www.ros.org" ', 1)
-    plain, spaced = load_model(text), load_model(named)
-    assert spaced.joint_names == plain.joint_names
-    for one, other in zip(spaced.links, plain.links, strict=True):
-        assert np.array_equal(one.parameters, other.parameters)

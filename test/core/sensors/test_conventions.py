@@ -21,7 +21,7 @@ from observed import MID, configured_motion, observe, windows
 
 @cache
 def motion(robot: str, seconds: float) -> Truth:
-    return configured_motion(robot, seconds, 100.0, 0.02)
+    return configured_motion(robot, seconds, 100.0)
 
 
 def verdict(declared: str, samples: Samples) -> TwistFrame:
@@ -73,37 +73,6 @@ def test_a_resting_base_decides_nothing(seed: int) -> None:
     assert verdict('child', misread(still, 'child')).contradiction == ''
 
 
-def test_poses_without_a_twist_decide_nothing() -> None:
-    samples = observe(motion('servicer7', 20.0)[:500], MID, 1)
-    silent = replace(samples, base_linear_velocity=samples.base_linear_velocity * np.nan)
-    assert verdict('child', silent).share == (0.0, np.inf)
-
-
-@pytest.mark.parametrize('seed', range(3))
-def test_windows_at_once_say_what_they_say_one_by_one(seed: int) -> None:
-    samples = misread(observe(motion('servicer7', 20.0), MID, seed + 1), 'child')
-    random = np.random.default_rng(seed)
-    # Unequal lengths, and five samples so close together that no polynomial of degree 4 can be fitted to.
-    kept = np.flatnonzero(random.random(len(samples)) > 0.02)
-    samples = Samples.concatenate([samples[place : place + 1] for place in kept])
-    cut = [*windows(samples), replace(samples[-6:], time=30.0 + np.array([0.0, 1e-9, 2e-9, 3e-9, 4e-9, 1.0]))]
-    singly, together, in_parts, at_leisure = (TwistFrame('child') for _ in range(4))
-    told = [singly.update([window])[0] for window in cut]
-    assert together.update(cut) == told
-    assert in_parts.update(cut[:7]) + in_parts.update([]) + in_parts.update(cut[7:]) == told
-    for window, expected in zip(cut, told, strict=True):
-        assert at_leisure.update([window]) == [expected]
-        at_leisure.run_slice()
-    judges = (singly, together, in_parts, at_leisure)
-    for judge in judges:
-        judge.run_slice()
-    assert len({judge.share for judge in judges}) == 1
-    assert [contradiction for contradiction, _ in told[:2]] == ['', '']
-    contradiction, gain = told[-1]
-    assert contradiction
-    assert gain > 0.0
-
-
 SPACING, COUNT = 0.05, 10  # s, of knots, and how many there are in a window
 READINGS: dict[str, Callable[[Array, Array, Array], tuple[Array, Array]]] = {
     'degrees a second': lambda _turn, v, w: (v, np.rad2deg(w)),
@@ -117,7 +86,7 @@ READINGS: dict[str, Callable[[Array, Array, Array], tuple[Array, Array]]] = {
 
 @cache
 def moved(robot: str) -> Truth:
-    return configured_motion(robot, 20.0, 100.0, 0.02)
+    return configured_motion(robot, 20.0, 100.0)
 
 
 def seen(robot: str = 'servicer7', seed: int = 1) -> Samples:

@@ -27,49 +27,8 @@ def even(times: Array) -> Array:
     return np.array([0.3, -0.2, 0.1]) + 1e-3 * times[:, None] * np.array([0.5, 0.4, -0.6])
 
 
-def integral(times: Array) -> Array:
-    seconds = 1e-3 * times[:, None]
-    return seconds * np.array([0.3, -0.2, 0.1]) + 0.5 * seconds**2 * np.array([0.5, 0.4, -0.6])
-
-
 def at(times: Array) -> Stamps:
     return np.round(times * MILLISECOND).astype(np.int64)
-
-
-def test_it_is_exact_where_the_rate_changes_evenly() -> None:
-    rng = np.random.default_rng(0)
-    times = np.sort(rng.choice(2000, 400, replace=False)).astype(float)
-    gyro = Gyro(GAP)
-    gyro.push(stream(times, even(times)))
-    asked = np.linspace(times[0], times[-1], 777)
-    expected = integral(asked) - integral(times[:1])
-    assert gyro.sampled(at(asked)) == pytest.approx(expected, abs=1e-8)
-
-
-@pytest.mark.parametrize('size', [1, 7, 64])
-def test_how_the_stream_is_cut_makes_no_difference(size: int) -> None:
-    rng = np.random.default_rng(1)
-    times = np.cumsum(rng.choice([4.0, 5.0, 6.0, 130.0], 500, p=[0.3, 0.37, 0.3, 0.03]))
-    rate = rng.normal(size=(500, 3))
-    rate[120:150, 1] = 1.7  # stuck
-    whole, pieces = Gyro(GAP), Gyro(GAP)
-    whole.push(stream(times, rate))
-    asked = np.arange(0.0, times[-1], 10.0)
-    found = []
-    begin = 0
-    for place in range(0, 500, size):
-        pieces.push(stream(times[place : place + size], rate[place : place + size]))
-        end = int(np.searchsorted(asked, times[min(place + size, 500) - 1], side='right'))
-        found.append(pieces.sampled(at(asked[begin:end])))
-        if end > begin:
-            pieces.forget_before(int(at(asked)[end - 1]))
-        begin = end
-    expected = whole.sampled(at(asked))
-    assert np.array_equal(np.concatenate(found), expected[:begin], equal_nan=True)
-    assert np.isnan(expected).any()
-    assert np.isfinite(expected).any()
-    assert pieces.dropped == whole.dropped
-    assert whole.dropped[SATURATED] == 23  # of thirty alike, seven have to be seen first
 
 
 def test_nothing_is_known_in_a_gap_nor_across_one() -> None:

@@ -142,7 +142,8 @@ def test_a_window_has_what_was_found_where_that_is_asked_for(estimate: bool) -> 
     )
     assert sizes == pytest.approx(np.repeat(used[2:], 3))
     assert any(
-        'base orientation: your noise value, 0.0001 rad, is 2.5 times too small' in line for line in levels.told()
+        'base orientation: your noise value, 0.0001 rad, is 2.5 times too small' in line
+        for line in levels.differences()
     )
 
 
@@ -182,7 +183,7 @@ def test_what_nobody_declares_is_found_until_a_message_declares_it() -> None:
     assert np.isnan(first.declared).tolist() == undeclared.tolist()
     assert later.used.tolist() == [True, False, False, False, True, False]
     assert later.declared[2:4] == pytest.approx(DECLARED[2:4])
-    assert first.told()[-1].startswith('nobody has declared that of joint position (0.0002')
+    assert first.differences()[-1].startswith('no noise is declared for joint position (0.0002')
 
 
 @pytest.mark.parametrize(('spacing', 'times'), [(0.05, 100.0), (0.5, 1.0)])
@@ -198,7 +199,7 @@ def test_an_undeclared_base_hardly_counts_before_its_poses_can_tell(spacing: flo
     assert not levels.used.any()
     assert levels.assumed[2:4] == pytest.approx(times * DECLARED[2:4])
     assert np.isnan(levels.assumed[[1, 4, 5]]).all()
-    assert levels.told()[-1].endswith('nor do readings tell it; so much is assumed')
+    assert levels.differences()[-1].endswith('and the data do not determine it: assumed')
 
 
 def test_declared_noise_stands_until_readings_tell() -> None:
@@ -207,7 +208,7 @@ def test_declared_noise_stands_until_readings_tell() -> None:
     noise = SensorNoise(*(2.0 * DECLARED).tolist())
     changed, levels = FoundNoise(noise, joints.position.shape[1], estimate=True).applied(window(joints, base), BEGIN)
     assert noise.found_in(changed) == noise
-    assert levels.told() == []
+    assert levels.differences() == []
 
 
 @pytest.mark.parametrize(('declared', 'warned'), [(5e-4, False), (3e-2, True)])

@@ -7,8 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from mbaid_ros.core.geometry import Flags, exp
 from mbaid_ros.core.samples import BaseStream, Stamps
@@ -114,18 +112,6 @@ def test_a_motion_without_noise_that_begins_and_ends_has_none() -> None:
     assert passed(moving)[1] == 0
 
 
-@given(
-    seed=st.integers(0, 30), share=st.sampled_from([0.02, 0.1, 0.5]), cuts=st.lists(st.integers(0, 300), max_size=12)
-)
-@settings(max_examples=40, deadline=None, derandomize=True)
-def test_pieces_do_not_matter(seed: int, share: float, cuts: list[int]) -> None:
-    base = thrown(noisy(300, seed), hits(share, 300, seed), seed)
-    whole, dropped = passed(base)
-    pieces, dropped_of_pieces = passed(base, cuts)
-    np.testing.assert_array_equal(pieces, whole)
-    assert dropped_of_pieces == dropped
-
-
 SECOND = 1_000_000_000
 
 
@@ -147,42 +133,9 @@ def without_repeats(base: BaseStream, cuts: list[int]) -> tuple[Stamps, int]:
     return np.concatenate([np.zeros(0, dtype=np.int64), *stamps]), repeats.dropped[REPEATED_POSE]
 
 
-def test_only_the_first_of_equal_poses_counts() -> None:
-    base, first = told_again([1, 5, 3, 1, 1, 7, 1])
-    stamps, dropped = without_repeats(base, [])
-    np.testing.assert_array_equal(stamps, base.stamp[first])
-    assert dropped == len(base.stamp) - len(first)
-
-
 def test_a_base_that_stands_still_goes_on() -> None:
     base, _ = told_again([5, 101, 3])
     stamps, dropped = without_repeats(base, [])
     # The one of five and the one of three, and the second at rest from its begin on.
     np.testing.assert_array_equal(stamps, base.stamp[[0, *range(5, 107)]])
     assert dropped == 4  # the last two are not known yet to be repeated or at rest
-
-
-def test_a_pose_that_lasts_nearly_a_second_is_repeated() -> None:
-    base, first = told_again([100, 100, 1])
-    stamps, _ = without_repeats(base, [])
-    np.testing.assert_array_equal(stamps, base.stamp[first])
-
-
-@pytest.mark.parametrize('name', ['position', 'rotation'])
-def test_a_change_of_either_part_is_another_pose(name: str) -> None:
-    base, _ = told_again([4])
-    getattr(base, name)[2:] += 1e-9
-    np.testing.assert_array_equal(without_repeats(base, [])[0], base.stamp[[0, 2]])
-
-
-@given(
-    plateaus=st.lists(st.integers(1, 60), min_size=1, max_size=8),
-    cuts=st.lists(st.integers(0, 200), max_size=12),
-)
-@settings(max_examples=100, deadline=None, derandomize=True)
-def test_repeats_do_not_depend_on_the_pieces(plateaus: list[int], cuts: list[int]) -> None:
-    base, _ = told_again(plateaus, step=40_000_000)
-    whole, dropped = without_repeats(base, [])
-    pieces, dropped_of_pieces = without_repeats(base, [min(cut, len(base.stamp)) for cut in cuts])
-    np.testing.assert_array_equal(pieces, whole)
-    assert dropped_of_pieces == dropped

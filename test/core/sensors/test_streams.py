@@ -13,7 +13,7 @@ from checked import some
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import JointStream
 from mbaid_ros.core.sensors.joints import NO_PARTNER, OFTEN, PARTNER_GAP, REDUNDANT, JointMerge, Joints
-from mbaid_ros.core.sensors.streams import JUMPED_BACK, LATE, REPEATED, STRAY_STAMP, ZERO_STAMP, Gate, Reorder
+from mbaid_ros.core.sensors.streams import STRAY_STAMP, ZERO_STAMP, Gate, Reorder
 
 SECOND = 1_000_000_000
 
@@ -48,11 +48,6 @@ def passed(stamps: list[float], *, ignore: bool = False) -> tuple[list[float], l
 )
 def test_what_passes(stamps: list[float], kept: list[float], jumps: list[float], dropped: dict[str, int]) -> None:
     assert passed(stamps) == (kept, jumps, dropped)
-
-
-def test_jumps_back_can_be_waited_out() -> None:
-    stamps = [5.0, 1.0, 1.5, 2.0, 2.5, 5.5, 6.0]
-    assert passed(stamps, ignore=True) == ([5.0, 5.5, 6.0], [], {JUMPED_BACK: 4})
 
 
 @pytest.mark.parametrize('begin', [[], [5.0], [5.0, 9.0], [5.0, 4.9]])
@@ -116,27 +111,6 @@ def test_the_result_is_increasing_and_the_same_however_it_is_cut(stamps: list[in
     assert released(stamps, cuts) == (whole, dropped, hold)
 
 
-def test_in_order_nothing_waits() -> None:
-    assert released([10, 20, 30], [1, 2]) == ([10, 20, 30], {}, 0)
-
-
-def test_after_the_first_late_one_others_as_late_are_waited_for() -> None:
-    stamps = [10, 20, 30, 15, 40, 50, 60, 70, 55, 80, 90, 100, 92, 110, 120, 130, 140]
-    result, dropped, hold = released(stamps, [])
-    assert dropped == {LATE: 1}
-    assert hold == round(1.5 * 15)
-    assert result == [stamp for stamp in sorted(stamps) if stamp != 15 and stamp <= 140 - hold]
-
-
-def test_what_is_too_late_makes_nothing_wait() -> None:
-    assert released([100, 200, 130, 210], []) == ([100, 200, 210], {LATE: 1}, 0)
-
-
-@pytest.mark.parametrize('cuts', [[], [1], [1, 2, 3, 4]])
-def test_repeated_stamps_count_once(cuts: list[int]) -> None:
-    assert released([10, 10, 20, 20, 30], cuts) == ([10, 20, 30], {REPEATED: 2}, 0)
-
-
 GAP = SECOND // 10
 
 
@@ -172,23 +146,6 @@ def test_halves_make_a_whole_at_the_stamps_of_the_first(rates: bool, error: floa
         assert np.all(np.isnan(merged.velocity))
     assert len(merged.stamp) == len(TIME) - 1
     assert merger.dropped == {NO_PARTNER: 1}
-
-
-@pytest.mark.parametrize('at_once', [1, 3, 50])
-def test_the_result_is_the_same_however_the_streams_are_cut(at_once: int) -> None:
-    jitter = np.random.default_rng(0).uniform(0.0, 0.009, len(TIME))
-    streams = dict([part((0, 2), TIME), part((1, 3), np.sort(TIME + jitter))])
-    whole = merge().push(streams)
-    merger, pieces = merge(), []
-    for begin in range(0, len(TIME), at_once):
-        index = slice(begin, begin + at_once)
-        cut = {key: JointStream(s.stamp[index], s.position[index], s.velocity[index]) for key, s in streams.items()}
-        piece = merger.push(cut)
-        if piece is not None:
-            pieces.append(piece)
-    assert whole is not None
-    for name in ('stamp', 'position', 'velocity'):
-        assert np.array_equal(np.concatenate([getattr(piece, name) for piece in pieces]), getattr(whole, name))
 
 
 def test_a_slower_partner_sets_the_rate() -> None:
@@ -231,12 +188,6 @@ def test_angles_are_unwrapped_the_same_however_they_are_cut(at_once: int) -> Non
         piece = some(merger.push({(0, 1): JointStream(stamp[index], wrapped[index], wrapped[index])}))
         pieces.append(piece.position)
     assert np.concatenate(pieces) == pytest.approx(turns, abs=1e-12)
-
-
-def test_sliding_joints_do_not_wrap() -> None:
-    position = np.array([[0.0], [10.0], [20.0]])
-    merged = some(JointMerge(np.array([False]), GAP, 0).push({(0,): JointStream(np.arange(3), position, position)}))
-    assert np.array_equal(merged.position, position)
 
 
 def test_what_is_no_joint_neither_sets_the_stamps_nor_costs_samples() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -62,32 +62,6 @@ def test_pieces_do_not_matter(seed: int, cuts: int) -> None:
     assert pieces.origin == whole.origin
 
 
-def test_equal_stamps_pass_through_bit_by_bit() -> None:
-    stamps = every(10.0, 50)
-    joints, base = joint_stream(stamps), base_stream(stamps)
-    samples = synchronise(joints, base)
-    for name in ('position', 'rotation', 'linear_velocity', 'angular_velocity'):
-        assert np.array_equal(getattr(samples, f'base_{name}'), getattr(base, name)), name
-    for name in ('pose_covariance', 'twist_covariance'):
-        assert np.array_equal(getattr(samples, name), getattr(base, name)), name
-    for name in ('position', 'velocity'):
-        assert np.array_equal(getattr(samples, f'joint_{name}'), getattr(joints, name)), name
-    assert np.array_equal(samples.time, (stamps - START) * 1e-9)
-
-
-def test_equal_stamps_give_the_same_beside_others() -> None:
-    """With a stamp between two of the odometry, all are interpolated; those that are equal come out as they went in."""
-    stamps = every(10.0, 50)
-    base = base_stream(stamps)
-    alone = synchronise(joint_stream(stamps), base)
-    between = np.sort(np.append(stamps, stamps[20] + 3_000_000))
-    together = synchronise(joint_stream(between), base)
-    kept = np.flatnonzero(np.isin(between, stamps))
-    for item in fields(Samples):
-        if item.name.startswith('base_'):
-            assert np.array_equal(getattr(together, item.name)[kept], getattr(alone, item.name))
-
-
 def interpolation_errors(spacing: float) -> Array:
     """Return the largest errors of position, orientation, linear and angular velocity between readings (ms) apart."""
     times = every(spacing, round(2000.0 / spacing) + 1)
@@ -128,17 +102,6 @@ def test_poses_alone_are_interpolated_to_third_order() -> None:
     assert pose_errors_without_a_twist(100.0) / pose_errors_without_a_twist(50.0) == pytest.approx([8.0, 8.0], rel=0.2)
 
 
-def test_a_gap_before_an_interval_says_nothing_of_it() -> None:
-    """Poses alone, after a gap: a straight line, as at the very begin."""
-    stamps = np.concatenate((every(50.0, 2), every(50.0, 2, first=500.0)))
-    base = base_stream(stamps)
-    nothing = np.full_like(base.linear_velocity, np.nan)
-    base = replace(base, linear_velocity=nothing, angular_velocity=nothing)
-    samples = synchronise(joint_stream(every(25.0, 23)), base, gap=0.1)
-    middle = samples.base_position[np.isclose(samples.time, 0.525)][0]
-    np.testing.assert_allclose(middle, 0.5 * (base.position[2] + base.position[3]), atol=1e-14)
-
-
 def test_a_gap_is_not_bridged() -> None:
     base = base_stream(np.concatenate((every(20.0, 10), every(20.0, 10, first=500.0))))
     samples = Synchroniser(0.1)
@@ -149,13 +112,6 @@ def test_a_gap_is_not_bridged() -> None:
     assert np.isclose(found.time, 0.18).any()
     assert np.isclose(found.time, 0.5).any()
     assert samples.dropped[ODOMETRY_GAP] == 31
-
-
-def test_a_gap_of_exactly_the_limit_is_bridged() -> None:
-    samples = Synchroniser(0.1)
-    found = some(samples.push(joint_stream(every(10.0, 31)), base_stream(every(100.0, 4))))
-    assert len(found) == 31
-    assert not samples.dropped[ODOMETRY_GAP]
 
 
 @pytest.mark.parametrize('repeated', [True, False])
@@ -175,23 +131,6 @@ def test_a_stamp_that_is_not_later_is_dropped_and_counted(repeated: bool) -> Non
     assert both.dropped[OUT_OF_ORDER] == 1
 
 
-def test_nothing_comes_out_without_odometry() -> None:
-    samples = Synchroniser(1.0)
-    assert samples.push(joint_stream(every(10.0, 20)), None) is None
-    assert samples.push(None, None) is None
-    # The first odometry is later than all but the last five: those before it have no neighbour.
-    assert samples.push(None, base_stream(every(10.0, 1, first=150.0))) is not None
-    assert samples.dropped[NO_ODOMETRY] == 15
-
-
-def test_joints_wait_for_the_odometry_after_them() -> None:
-    samples = Synchroniser(1.0)
-    assert samples.push(joint_stream(every(10.0, 3, first=5.0)), base_stream(every(10.0, 1))) is None
-    found = some(samples.push(None, base_stream(every(10.0, 1, first=20.0))))
-    assert found.time == pytest.approx([0.0, 0.01], abs=1e-12)
-    assert samples.origin == START + 5_000_000
-
-
 def test_joints_that_arrive_long_after_their_odometry_are_used() -> None:
     samples = Synchroniser(1.0)
     joints, base = joint_stream(every(10.0, 100)), base_stream(every(10.0, 130))
@@ -200,13 +139,6 @@ def test_joints_that_arrive_long_after_their_odometry_are_used() -> None:
     found = some(samples.push(piece(joints, 10, 100), None))
     assert len(found) == 90
     assert not +samples.dropped
-
-
-def test_a_late_stamp_is_told_by_those_that_were_used_up() -> None:
-    samples = Synchroniser(1.0)
-    samples.push(joint_stream(every(10.0, 20)), base_stream(every(10.0, 40)))
-    assert samples.push(joint_stream(every(10.0, 3, first=100.0)), None) is None
-    assert samples.dropped[OUT_OF_ORDER] == 3
 
 
 def test_what_waits_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -259,23 +191,6 @@ def samples_at(time: Array) -> Samples:
     )
 
 
-@given(
-    steps=st.lists(st.floats(0.001, 0.9), min_size=1, max_size=60),
-    cuts=st.lists(st.integers(1, 60), max_size=20),
-)
-@settings(max_examples=80, deadline=None, derandomize=True)
-def test_windows_do_not_depend_on_the_pieces(steps: list[float], cuts: list[int]) -> None:
-    samples = samples_at(np.cumsum(steps) - steps[0])
-    whole, pieces = Windows(0.5), Windows(0.5)
-    expected = [*whole.push(samples), *whole.flush()]
-    found = []
-    for part in np.split(np.arange(len(samples)), sorted({cut for cut in cuts if cut < len(samples)})):
-        found += pieces.push(samples[part])
-    found += pieces.flush()
-    assert same(found, expected)
-    assert same(Samples.concatenate(expected), samples)
-
-
 @pytest.mark.parametrize('length', [0.5, 0.1, 0.7])
 def test_a_sample_at_a_limit_opens_the_next_window(length: float) -> None:
     # Multiples of the period in ns, as stamps give them: they round either way.
@@ -285,19 +200,3 @@ def test_a_sample_at_a_limit_opens_the_next_window(length: float) -> None:
     per_window = round(length / 0.1)
     assert [len(window) for window in cut] == [per_window] * (140 // per_window)
     assert [round(window.time[0] / length, 6) for window in cut] == list(range(len(cut)))
-
-
-def test_a_window_is_released_by_the_first_sample_after_it() -> None:
-    cutter = Windows(1.0)
-    assert cutter.push(samples_at(np.array([0.0, 0.4, 0.9]))) == []
-    closed = cutter.push(samples_at(np.array([1.0])))
-    assert [window.time.tolist() for window in closed] == [[0.0, 0.4, 0.9]]
-    assert cutter.push(samples_at(np.array([1.5]))) == []
-
-
-def test_empty_windows_are_left_out() -> None:
-    cutter = Windows(0.5)
-    closed = cutter.push(samples_at(np.array([0.0, 0.1, 7.3, 9.9])))
-    assert [window.time.tolist() for window in closed] == [[0.0, 0.1], [7.3]]
-    assert [window.time.tolist() for window in cutter.flush()] == [[9.9]]
-    assert cutter.flush() == []

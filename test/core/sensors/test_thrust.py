@@ -58,11 +58,6 @@ def make_pulsed(frame: str = 'base_link') -> Thrust:
     return thrust
 
 
-def test_windows_make_no_difference() -> None:
-    parts, whole = windows(samples()), [samples()]
-    assert impulses(make_pulsed('link3'), parts) == pytest.approx(impulses(make_pulsed('link3'), whole), abs=1e-13)
-
-
 def test_the_odometry_frame_is_fixed() -> None:
     found = impulses(make_pulsed('odom'), [samples()])
     assert found[-1] == pytest.approx((OFF - ON) * FORCE_TORQUE)
@@ -110,13 +105,6 @@ def test_late_commands_count_from_then_on() -> None:
     assert not in_time.late
 
 
-def test_a_command_for_samples_to_come_is_not_late() -> None:
-    thrust = make()
-    impulses(thrust, windows(samples())[:2])
-    thrust.command('base_link', ns(1.1), FORCE_TORQUE, ns(1.0))
-    assert not thrust.late
-
-
 def test_commands_that_cannot_be_used_are_counted() -> None:
     thrust = make()
     thrust.command('base_link', ns(1.0), np.full(6, np.nan), ns(1.0))
@@ -129,26 +117,3 @@ def test_commands_that_cannot_be_used_are_counted() -> None:
     unknown.odometry_frame = 'odom'
     assert np.all(impulses(unknown, [samples()]) == 0.0)
     assert unknown.dropped == {UNKNOWN_FRAME: 1}
-
-
-def test_only_news_are_news() -> None:
-    thrust = make()
-    assert not thrust.changes('odom', ns(1.0), ZERO, ns(1.0))
-    assert thrust.changes('odom', ns(1.0), FORCE_TORQUE, ns(1.0))
-    thrust.command('odom', ns(1.0), FORCE_TORQUE, ns(1.0))
-    assert not thrust.changes('odom', ns(1.1), FORCE_TORQUE, ns(1.1))
-    assert thrust.changes('odom', ns(2.1), FORCE_TORQUE, ns(2.1))  # it had run out
-    assert thrust.changes('odom', ns(0.9), FORCE_TORQUE, ns(1.1))
-    assert thrust.changes('odom', ns(1.1), ZERO, ns(1.1))
-
-
-def test_memory_is_bounded() -> None:
-    thrust, stamps = make(), np.arange(0.0, 16.0, 0.01)
-    part = samples()
-    for time in stamps.tolist():
-        thrust.command('odom', ns(time), ZERO, None)
-    impulses(thrust, windows(part))
-    assert len(thrust._commands['odom']) == len(stamps)
-    later = Samples(**{**vars(part), 'time': part.time + 100.0})
-    impulses(thrust, windows(later))
-    assert len(thrust._commands['odom']) == 1

@@ -29,7 +29,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import Surroundings
 from mbaid_ros.simulation.sensors import Sensors
@@ -111,7 +111,7 @@ def test_the_simulator_moves_as_basilisk_does(nearer: float) -> None:
     )
     velocity = np.concatenate((truth.base_linear_velocity[0], truth.base_angular_velocity[0], course[1][0]))
     start = State(truth.base_position[0], truth.base_orientation[0], course[0][0], velocity)
-    found = Simulation(model, motion, start, STEP, surroundings=Surroundings(orbit=orbit_of(run))).advance(truth.time)
+    found = Simulation(model, motion, start, surroundings=Surroundings(orbit=orbit_of(run))).advance(truth.time)
     rotation, expected = (rotation_from_quaternion(each.base_orientation) for each in (found, truth))
     turned = np.linalg.norm(expected - expected[0], axis=(1, 2)).max()
     moved = farthest(truth.base_position - truth.base_position[0])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import InitialConfig, MotionConfig, SimulatorConfig
+from mbaid_ros.config.simulator import MotionConfig, SimulatorConfig
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
@@ -17,7 +17,7 @@ from mbaid_ros.core.robot.urdf import Limit
 from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.simulated_robot import make_initial_state, make_motion, make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
-from mbaid_ros.simulation.motion import Sinusoids, followed, random_sinusoids, within_limits
+from mbaid_ros.simulation.motion import Sinusoids, random_sinusoids, within_limits
 from mbaid_ros.simulation.steered import Steered, made_to_follow
 from simulated import CONFIG, robot
 
@@ -67,7 +67,7 @@ def test_a_trajectory_of_other_joints_or_another_place_is_refused() -> None:
 def test_a_run_is_told_to_follow_on_the_way() -> None:
     path = str(CONFIG / 'servicer7.urdf')
     config = SimulatorConfig(
-        robot_description_file=path, joint_rate=10.0, odometry_rate=10.0, step=0.05, motion=MotionConfig(kind='random')
+        robot_description_file=path, joint_rate=10.0, odometry_rate=10.0, motion=MotionConfig(kind='random')
     )
     run = SimulatedRun(config, SERVICER.urdf, BAG_TYPES)
     before = [timed.message for timed in run.read(1.0) if timed.topic == 'joint_states']
@@ -77,13 +77,6 @@ def test_a_run_is_told_to_follow_on_the_way() -> None:
     after = [timed.message for timed in run.read(4.0) if timed.topic == 'joint_states']
     assert after[-1].position[2] == pytest.approx(place + 0.1, abs=2e-3)
     assert np.abs(after[-1].velocity).max() < 0.02
-
-
-def test_joints_that_nothing_drives_follow_nothing() -> None:
-    initial = InitialConfig()
-    run = SimulatedRun(SimulatorConfig(initial=initial), SERVICER.urdf, BAG_TYPES)
-    with pytest.raises(DataError, match=r"motion.kind is 'passive'"):
-        run.follow(to(0.1))
 
 
 TIME = np.linspace(0.0, 400.0, 20_001)
@@ -123,26 +116,6 @@ def test_every_joint_stays_within_its_limits(limits: tuple[float, float, float],
     assert np.all((used > 0.6) | np.all(motion.amplitude == drawn.amplitude, axis=1))
 
 
-def test_a_motion_that_fits_stays_as_it_is() -> None:
-    model = limited(robot('servicer7'), -3.0, 3.0, 2.0)
-    drawn = random_sinusoids(np.linspace(-0.5, 0.5, model.joints), 1, 2, 0.5, 10.0, 40.0)
-    for given in (True, False):
-        kept = within_limits(drawn, model, start_given=given)
-        assert all(
-            np.array_equal(ours, theirs) for ours, theirs in zip(vars(kept).values(), vars(drawn).values(), strict=True)
-        )
-
-
-def test_a_start_that_is_given_stays() -> None:
-    model = limited(robot('servicer7'), -0.1, 0.2, np.inf)
-    start = np.full(model.joints, 0.15)
-    drawn = random_sinusoids(start, 2, 2, 0.5, 10.0, 40.0)
-    motion = within_limits(drawn, model, start_given=True)
-    position, _ = course(motion)
-    assert np.array_equal(motion.start, start)
-    assert -0.1 <= position.min() < position.max() <= 0.2
-
-
 def test_a_start_beyond_the_limits_is_refused() -> None:
     model = limited(robot('servicer7'), -0.1, 0.2, np.inf)
     with pytest.raises(ParameterError, match=r"has 0\.3 for 'joint1'; accepted: its limits, -0\.1 to 0\.2"):
@@ -163,15 +136,6 @@ def test_fingers_move_together_and_no_further_than_either_may() -> None:
     truth = make_simulation(config, model).advance(np.arange(0.0, 20.0, 0.5))
     assert truth.joint_position[:, 1] == pytest.approx(-2.0 * truth.joint_position[:, 0], abs=1e-9)
     assert truth.joint_position.min(axis=0)[0] >= 0.0
-
-
-def test_limits_may_be_set_aside() -> None:
-    model = load_model(GRIPPER)
-    values = {'motion.kind': 'random', 'motion.within_limits': False}
-    motion = make_motion(build(SimulatorConfig, values), model)
-    assert isinstance(motion, Sinusoids)
-    drawn = random_sinusoids(np.zeros(1), 0, 2, 0.5, 10.0, 40.0)
-    assert np.array_equal(motion.amplitude, followed(drawn, model.transmission).amplitude)
 
 
 def test_joints_that_follow_others_cannot_be_passive() -> None:

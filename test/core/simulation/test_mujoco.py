@@ -21,8 +21,8 @@ from mbaid_ros.simulation.motion import Passive
 from mbaid_ros.simulation.simulation import Simulation, Truth
 from mbaid_ros.simulation.true_robot import misread
 from observed import MID, observe
-from orbiting import orbit
 from random_robots import random_urdf
+from sessions import orbit
 from simulated import drawn, relative_drift, robot, state, table1
 
 BLOCKS = {
@@ -38,7 +38,7 @@ def far(ours: Array, theirs: Array) -> float:
 def test_the_papers_case() -> None:
     model, start = table1()
     instants = np.arange(61.0)
-    truth = Simulation(model, Passive(), start, 0.02).advance(instants)
+    truth = Simulation(model, Passive(), start).advance(instants)
     other = InMuJoCo(model, 0.002).measured(start, instants)
     assert far(truth.joint_position, other['joints']) < 1e-9
     assert far(truth.base_angular_velocity, other['twist'][:, :3]) < 1e-9
@@ -54,14 +54,14 @@ def test_mujoco_moves_and_measures_the_true_robot_alike(name: str, rate: float) 
     start = state(np.full(model.joints, 0.4), rate * np.cos(np.arange(model.joints)), (0.01, -0.01, 0.02), 0.05)
     start = replace(start, base_position=np.array([1.0, 2.0, 3.0]), base_orientation=np.array([0.5, 0.5, -0.5, 0.5]))
     instants = np.arange(0.0, 21.0, 2.0)
-    ours = misread(Simulation(true, Passive(), start, 0.02).advance(instants), errors)
+    ours = misread(Simulation(true, Passive(), start).advance(instants), errors)
     theirs = InMuJoCo(model, 0.002, errors).measured(start, instants)
     assert far(ours.joint_position, theirs['joints']) < 1e-8
     assert far(ours.base_position, theirs['position']) < 1e-8
     assert far(rotation_from_quaternion(ours.base_orientation), theirs['rotation']) < 1e-8
     assert far(np.hstack((ours.base_angular_velocity, ours.base_linear_velocity)), theirs['twist']) < 1e-8
     # The same robot without its errors is another one by far more than that.
-    exact = Simulation(model, Passive(), start, 0.02).advance(instants)
+    exact = Simulation(model, Passive(), start).advance(instants)
     assert far(exact.joint_position, theirs['joints']) > 1e-3
 
 
@@ -72,8 +72,8 @@ def test_a_robot_in_orbit_moves_as_in_mujoco(name: str) -> None:
     start = state(np.full(model.joints, 0.4), 0.01 * np.cos(np.arange(model.joints)), (0.01, -0.01, 0.02), 0.02)
     start = State(np.array([2.0, -1.0, 3.0]), np.array([0.5, 0.5, -0.5, 0.5]), start.joint_position, start.velocity)
     instants = np.arange(0.0, 21.0, 2.0)
-    truth = Simulation(model, Passive(), start, 0.02, surroundings=Surroundings(orbit=around)).advance(instants)
-    free = Simulation(model, Passive(), start, 0.02).advance(instants)
+    truth = Simulation(model, Passive(), start, surroundings=Surroundings(orbit=around)).advance(instants)
+    free = Simulation(model, Passive(), start).advance(instants)
     other = InMuJoCo(model, 0.005, around=around).measured(start, instants)
     moved = far(truth.base_position, free.base_position)
     assert moved > 1.0
@@ -119,7 +119,7 @@ def tumbling(model: RobotModel, seed: int) -> Truth:
     """Return five seconds of a robot without torques."""
     rng = np.random.default_rng(seed)
     start = state(rng.normal(size=model.joints), 0.3 * rng.normal(size=model.joints), (0.1, 0.2, -0.1), 0.2)
-    return Simulation(model, Passive(), start, 0.01).advance(np.linspace(0.0, 5.0, 101))
+    return Simulation(model, Passive(), start).advance(np.linspace(0.0, 5.0, 101))
 
 
 @pytest.mark.parametrize('seed', range(2))
@@ -138,7 +138,7 @@ def test_a_measured_twist_is_the_rate_of_the_measured_pose() -> None:
     errors, true = drawn(model, 4, **BLOCKS)
     step = 1e-4
     start = state(np.full(6, 0.3), np.full(6, 0.1), (0.05, -0.1, 0.08), 0.1)
-    measured = misread(Simulation(true, Passive(), start, 0.02).advance(np.arange(0.0, 0.02, step)), errors)
+    measured = misread(Simulation(true, Passive(), start).advance(np.arange(0.0, 0.02, step)), errors)
     rotation = rotation_from_quaternion(measured.base_orientation)
     middle = slice(1, -1)
 

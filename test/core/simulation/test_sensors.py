@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from benchmarks.precapture import free_model
 from captured import LINK, alone, servicer_motion
-from checked import same
-from mbaid_ros.core.errors import DataError
-from mbaid_ros.core.geometry import Array, log, rotate_back, rotation_from_quaternion
+from mbaid_ros.core.geometry import Array, log, rotation_from_quaternion
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.sensors.external_momentum import Thrust
-from mbaid_ros.simulation.capture import CaptureSimulation, Target
+from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, Target, ThrustSimulation
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Motion, Passive
-from mbaid_ros.simulation.sensors import BaseReadings, JointReadings, SensedSimulation, Sensors
+from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
-from mbaid_ros.simulation.thrust import Pulse, ThrustSimulation
 from observed import LOW, observe
-from simulated import robot, state, table1
+from simulated import robot, state
 
 NOISE = SensorNoise(1e-4, 2e-3, 3e-3, 4e-4, 5e-3, 6e-4)
-NONE = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 COUNT = 20000
 
 
@@ -35,11 +31,6 @@ def still(count: int = COUNT) -> Truth:
     orientation = np.tile(quaternion / np.linalg.norm(quaternion), (count, 1))
     three, four = np.ones((count, 3)), np.ones((count, 4))
     return Truth(np.linspace(0.0, 1.0, count), four, four, four, three, orientation, three, three)
-
-
-def run(seed: int = 0, noise: SensorNoise = NOISE, rates: tuple[float, float] = (100.0, 30.0)) -> SensedSimulation:
-    model, start = table1()
-    return SensedSimulation(Simulation(model, Passive(), start, 0.02), Sensors(noise, seed), *rates)
 
 
 def test_every_channel_has_its_own_deviation() -> None:
@@ -72,49 +63,7 @@ def test_the_covariances_are_those_of_the_noise() -> None:
     assert np.diag(base.twist_covariance) == pytest.approx([25e-6] * 3 + [36e-8] * 3)
 
 
-def test_without_noise_the_readings_are_the_truth() -> None:
-    truth, sensors = still(10), Sensors(NONE, 1)
-    assert np.array_equal(sensors.joints(truth).position, truth.joint_position)
-    base = sensors.base(truth)
-    assert np.array_equal(base.orientation, truth.base_orientation)
-    assert np.array_equal(base.linear_velocity, truth.base_linear_velocity)
-    assert not base.pose_covariance.any()
-
-
-def test_the_noise_is_that_of_its_seed() -> None:
-    first, again, other = (run(seed).read(1.0)[:2] for seed in (3, 3, 4))
-    for kind in (0, 1):
-        assert np.array_equal(first[kind].position, again[kind].position)
-        assert not np.array_equal(first[kind].position, other[kind].position)
-
-
-def test_the_readings_do_not_depend_on_the_batches() -> None:
-    whole = run().read(2.0)[:2]
-    pieces = run()
-    parts = [pieces.read(until)[:2] for until in (0.0, 0.001, 0.5, 0.5, 1.234, 2.0)]
-    for kind, (expected, columns) in enumerate(zip(whole, (JointReadings, BaseReadings), strict=True)):
-        for field in fields(columns):
-            if not field.name.endswith('covariance'):
-                joined = np.concatenate([getattr(part[kind], field.name) for part in parts])
-                assert np.array_equal(joined, getattr(expected, field.name)), field.name
-
-
-def test_each_sensor_has_its_rate() -> None:
-    joints, base = run(rates=(100.0, 30.0)).read(2.0)[:2]
-    assert joints.time == pytest.approx(np.arange(201) / 100.0)
-    assert base.time == pytest.approx(np.arange(61) / 30.0)
-
-
-def test_sensors_of_different_rates_see_one_motion() -> None:
-    joints, base = run(noise=NONE, rates=(50.0, 200.0)).read(1.0)[:2]
-    both, alone = run(noise=NONE, rates=(200.0, 200.0)).read(1.0)[:2]
-    assert np.array_equal(joints.position, both.position[::4])
-    velocity = rotate_back(rotation_from_quaternion(base.orientation), base.linear_velocity)
-    assert np.array_equal(velocity, rotate_back(rotation_from_quaternion(alone.orientation), alone.linear_velocity))
-
-
-TIME = 3.33  # s, between two steps
-STEP = 0.05
+TIME = 3.33  # s
 TARGET = Target(TIME, LINK, physical(alone()), np.array([0.004, -0.006, 0.003]), np.array([0.02, -0.03, 0.015]))
 INSTANTS = np.concatenate((np.arange(0.0, TIME, 0.1), [TIME - 1e-6, TIME], np.arange(TIME + 0.1, 8.0, 0.1)))
 
@@ -122,7 +71,7 @@ INSTANTS = np.concatenate((np.arange(0.0, TIME, 0.1), [TIME - 1e-6, TIME], np.ar
 def capturing() -> CaptureSimulation:
     motion = servicer_motion()
     start = state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02))
-    return CaptureSimulation(free_model(), motion, start, STEP, TARGET)
+    return CaptureSimulation(free_model(), motion, start, TARGET)
 
 
 @pytest.fixture(scope='module', name='truth')
@@ -155,14 +104,6 @@ def test_what_is_brought_is_the_target_s_own(truth: Truth) -> None:
     assert capturing().brought == pytest.approx(expected, abs=1e-9)
 
 
-def test_poses_and_joint_rates_go_on_and_the_base_s_twist_jumps(truth: Truth) -> None:
-    before, after = (truth[np.flatnonzero(time == INSTANTS)] for time in (TIME - 1e-6, TIME))
-    for name in ('base_position', 'base_orientation', 'joint_position', 'joint_velocity'):
-        assert getattr(after, name) == pytest.approx(getattr(before, name), abs=1e-6)
-    jump = after.base_linear_velocity - before.base_linear_velocity
-    assert float(np.linalg.norm(jump)) > 1e-3
-
-
 def test_after_it_both_move_as_one(truth: Truth) -> None:
     after = truth[INSTANTS >= TIME]
     joined = capturing().joined
@@ -171,24 +112,15 @@ def test_after_it_both_move_as_one(truth: Truth) -> None:
     start = state(after.joint_position[0], after.joint_velocity[0])
     values = {**vars(start), 'base_position': after.base_position[0], 'base_orientation': after.base_orientation[0]}
     values['velocity'] = velocity[0]
-    again = Simulation(joined, servicer_motion().later(TIME), type(start)(**values), 0.02)
+    again = Simulation(joined, servicer_motion().later(TIME), type(start)(**values))
     expected = again.advance(after.time - TIME)
     assert after.base_position == pytest.approx(expected.base_position, abs=1e-8)
     assert after.joint_position == pytest.approx(expected.joint_position, abs=1e-8)
 
 
-def test_batches_make_no_difference(truth: Truth) -> None:
-    simulation = capturing()
-    parts = [simulation.advance(part) for part in np.array_split(INSTANTS, 7)]
-    assert same(Truth.concatenate(parts), truth)
-    assert len(simulation.advance(np.zeros(0))) == 0
-    with pytest.raises(DataError, match='past instant'):
-        simulation.advance(np.array([1.0]))
-
-
 WRENCH = np.array([6.0, -6.0, 5.0, 3.0, 2.7, -3.0])
 ODOM = 'odom'
-BEGIN, END = 1.013, 1.527  # s, between steps
+BEGIN, END = 1.013, 1.527  # s
 TIMES = np.arange(0.0, 3.0, 0.01)
 
 
@@ -200,7 +132,7 @@ def start() -> State:
 
 def thrusting(frame: str = 'base_link', motion: Motion | None = None, wrench: Array = WRENCH) -> ThrustSimulation:
     pulse = Pulse(BEGIN, END, None if frame == ODOM else robot('servicer7').link(frame), wrench)
-    return ThrustSimulation(robot('servicer7'), motion or servicer_motion(), start(), 0.05, pulse)
+    return ThrustSimulation(robot('servicer7'), motion or servicer_motion(), start(), pulse)
 
 
 @pytest.mark.parametrize('frame', ['base_link', 'link4', ODOM])
@@ -217,15 +149,3 @@ def test_the_momentum_changes_by_the_impulse(frame: str, passive: bool) -> None:
     assert np.linalg.norm(expected[-1, :3]) == pytest.approx((END - BEGIN) * np.linalg.norm(WRENCH[:3]), rel=1e-3)
     # Between two samples it takes the mean of both poses.
     assert momentum - momentum[0] == pytest.approx(expected, abs=3e-4)
-
-
-def test_batches_of_a_thrust_make_no_difference() -> None:
-    whole, simulation = thrusting().advance(TIMES), thrusting()
-    parts = [simulation.advance(part) for part in np.array_split(TIMES, 9)]
-    assert len(simulation.advance(np.zeros(0))) == 0
-    assert same(Truth.concatenate(parts), whole)
-
-
-def test_no_force_is_no_thrust() -> None:
-    free = Simulation(robot('servicer7'), servicer_motion(), start(), 0.05).advance(TIMES)
-    assert thrusting(wrench=np.zeros(6)).advance(TIMES).base_position == pytest.approx(free.base_position, abs=1e-9)

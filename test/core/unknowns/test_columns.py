@@ -14,7 +14,7 @@ from mbaid_ros.core.geometry import Array, exp, log, rotate
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import RobotModel, express, load_model
-from mbaid_ros.core.robot.model_errors import KnownErrors, declared, displaced
+from mbaid_ros.core.robot.model_errors import declared, displaced
 from mbaid_ros.core.robot.orbit import Orbit, momentum_rates, of_bodies
 from mbaid_ros.core.samples import BaseStream
 from mbaid_ros.core.sensors.external_momentum import FallingFrame
@@ -23,8 +23,8 @@ from mbaid_ros.core.unknowns.declaration import Reading, Unknown
 from mbaid_ros.core.unknowns.environment import Circle, OrbitShape, gravity, orbit_shape, rate_of
 from mbaid_ros.core.unknowns.joints import JointPlacements, joint_placements
 from observed import kernel
-from orbiting import orbit
 from random_robots import random_state, random_storage, random_urdf
+from sessions import orbit
 
 SEEDS = range(6)
 STEP = 1e-5
@@ -130,21 +130,6 @@ def test_known_bodies(make: Robots, seed: int) -> None:
 
     found = unknown.momentum_columns(case.kernel, case.states(case.kernel))
     close(found, central_difference(other_momentum, np.zeros(10 * len(unknown.bodies)), 1e-2))
-
-
-@pytest.mark.parametrize('seed', SEEDS)
-def test_the_first_number_of_a_known_body_is_its_mass(seed: int) -> None:
-    for own, in_plane in ((Case(spatial(seed), seed).kernel, False), (Case(planar(seed), seed).kernel, True)):
-        unknown: Unknown = known_bodies(own.model, own.errors)
-        unknown = unknown.in_plane(PlaneDetector(own.model)) if in_plane else unknown
-        assert [part for part in unknown.parts if part] == [
-            f'mass:{label.partition(":")[2]}' for label in dict.fromkeys(unknown.labels)
-        ]
-        first = [place for place, part in enumerate(unknown.parts) if part]
-        mass = unknown.factor[::10]
-        assert np.all(np.delete(mass, first, axis=1) == 0.0)
-        dense = KnownErrors(own.errors.bodies, own.errors.factor @ np.full((own.errors.count,) * 2, 0.1))
-        assert not any(known_bodies(own.model, dense).parts)
 
 
 @pytest.mark.parametrize('seed', [1, 3, 5])

@@ -12,18 +12,16 @@ from scipy.stats import chi2
 from checked import some
 from floating import float_freely, make, normalised
 from mbaid_ros.core.filter.square_root import _wandered
-from mbaid_ros.core.filter.state import BODY, Layout, layout_of
-from mbaid_ros.core.filter.variables import Variables, variables
+from mbaid_ros.core.filter.state import BODY, Layout
+from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import parse
-from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.declaration import JointMotion
 from mbaid_ros.core.unknowns.joints import (
     FlexibleJoints,
-    JointTracking,
     flexible_joints,
     joint_placements,
     joint_tracking,
@@ -98,12 +96,6 @@ def test_joints_that_lag_and_swing_leave_nothing_in_a_window(
     assert len(state(servicer7, start, nothing)) == layout.size == BODY.stop + 4 * servicer7.model.joints
 
 
-def test_a_part_is_one_joint() -> None:
-    part = flexible_joints(('elbow', 'wrist')).part('flexible:wrist')
-    assert part.count == 4
-    assert set(part.causes) == {'flexible:wrist'}
-
-
 WANDER, TIME = 1e-3, 2.0  # rad, s
 LONG = 25.0
 CERTAIN = Uncertainty(time_offset=0.02)
@@ -140,14 +132,6 @@ def test_the_momentum_changes_as_by_the_zeros(servicer7: MomentumKernel, joints:
     states = servicer7.states(observe(float_freely(servicer7, joints, start, 0.1), MID))
     zeros = joint_placements(servicer7, [WANDER] * 7, [0.0] * 7, [0.0] * 7).momentum_columns(servicer7, states)
     assert np.allclose(unknown.momentum_columns(servicer7, states), zeros[..., ::6], rtol=1e-12, atol=0.0)
-
-
-def test_where_nothing_wanders_nothing_is_added(servicer7: MomentumKernel) -> None:
-    zero = replace(SERVICER, tracking=(0.0,) * 7)
-    assert not any(isinstance(each, JointTracking) for each in catalogue(servicer7, zero))
-    detector = PlaneDetector(servicer7.model)
-    space = variables(layout_of(servicer7, zero, detector), detector, zero)
-    assert space.times.size == 0
 
 
 def test_what_wanders_takes_the_pose_along() -> None:

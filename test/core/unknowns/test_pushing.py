@@ -22,9 +22,8 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.orbit import Orbit
-from mbaid_ros.core.unknowns.catalogue import deviation_text
 from mbaid_ros.core.unknowns.environment import Pushing, external
-from mbaid_ros.session import Session
+from mbaid_ros.session.session import Session
 from simulated import robot
 
 TURNED = exp(np.array([[0.3, -0.2, 0.9]]))
@@ -54,13 +53,6 @@ def test_axes_of_the_orbit_turn_with_it() -> None:
     np.testing.assert_allclose(np.linalg.det(first), 1.0)
     turned = exp(np.array([[0.0, 0.5 * np.pi, 0.0]]))[0]
     np.testing.assert_allclose(later, turned @ first, atol=1e-12)
-
-
-def test_words_say_with_what_time_it_varies() -> None:
-    varying, constant = external(Pushing(0.5, 900.0), Pushing(0.5))
-    value = np.array([0.0, 0.3, 0.4])
-    assert 'a torque of 0.5 N m from outside varies with 900 s' in deviation_text(varying.labels[0], value)
-    assert 'a force of 0.5 N acts from outside' in deviation_text(constant.labels[0], value)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from floating import float_freely, make, normalised
-from mbaid_ros.core.filter.state import BODY, Layout
+from mbaid_ros.core.filter.state import BODY
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -19,7 +19,6 @@ from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.simulation.motion import Sinusoids
 from observed import MID, configured_motion, identify, kernel, observe, true_body, windows
-from windowed import residuals, window_model, window_of
 from wrong_robots import DECLARED, LINKS, Wrong
 
 SECONDS = 25.0
@@ -134,64 +133,9 @@ def test_of_bodies_that_are_off_as_a_whole_the_target_is_found_within_what_is_re
     """No motion tells a factor on all bodies: the target is as far off as they are, and its interval has to say so."""
     robot = kernel('ets7')
     errors = replace(ModelErrors.none(robot.model.joints), bodies=share * robot.known)
-    truth = configured_motion('ets7', 30.0, 20.0, 0.05, errors)
+    truth = configured_motion('ets7', 30.0, 20.0, errors)
     last = identify(robot, truth, MID, 1, method='trajectory', known_links__relative_std=0.01)[-1]
     away = (last.parameters - true_body(robot)) / last.std
     assert last.identifiable.all()
     assert last.parameters[0] / true_body(robot)[0] - 1.0 == pytest.approx(-share, abs=0.005)
     assert np.abs(away).max() < 2.5
-
-
-SPACING = 0.05  # s
-SHORT = 6.0
-
-
-class OneWindow:
-    """One window of a robot with some numbers of its unknowns, read without noise."""
-
-    def __init__(self, robot: MomentumKernel, joints: Sinusoids, start: Array, size: float) -> None:
-        # Not those whose readings are linear: windows stay where they are.
-        unknowns = catalogue(robot, replace(DECLARED, clock_drift=0.0, odometry_scale=0.0, twist_bias=0.0))
-        rng = np.random.default_rng(11)
-        numbers = tuple(size * rng.normal(size=unknown.count) for unknown in unknowns)
-        wrong = Wrong.by(unknowns, numbers, robot.model.joints)
-        self.layout = Layout.of(robot, unknowns)
-        body = np.concatenate((np.zeros(6), start, robot.target.parameters))
-        # The catalogue's order is that of the state: what is only read comes last in both.
-        self.known = np.concatenate((body, *numbers))
-        self.nominal = np.concatenate((body, np.zeros(self.layout.size - BODY.stop)))
-        read = wrong.read(float_freely(wrong.robot(robot), joints, start, SHORT))
-        self.window = window_of(observe(read, MID), SPACING)
-
-    def residuals(self, at: Array) -> Array:
-        """Return what the true state leaves of pose, twist and the pose error that follows, linearised at a state."""
-        model = window_model(self.layout, self.window, self.layout.point(at))
-        return np.concatenate(residuals(model, self.known))
-
-    def twist(self, at: Array, x: Array) -> Array:
-        """Return what a state leaves of the twist, linearised at another one, with the pose error that it asks for."""
-        model = window_model(self.layout, self.window, self.layout.point(at))
-        x = x.copy()
-        x[:6] = np.linalg.solve(model.pose_rows[:, :6], residuals(model, x)[0])
-        return residuals(model, x)[1]
-
-
-def test_nothing_is_left_where_a_robot_is_linearised_at_what_it_is(
-    servicer7: MomentumKernel, joints: Sinusoids, start: Array
-) -> None:
-    exact, off = (OneWindow(servicer7, joints, start, size) for size in (0.0, 1.0))
-    least = np.abs(exact.residuals(exact.known)).max()
-    assert least < 1e-8
-    assert np.abs(off.residuals(off.known)).max() < 3.0 * least
-    # At the URDF the readings are off by millimetres and milliradians.
-    assert np.abs(off.residuals(off.nominal)).max() > 1e-3
-
-
-def test_what_is_left_of_the_twist_is_of_second_order(
-    servicer7: MomentumKernel, joints: Sinusoids, start: Array
-) -> None:
-    whole, half = (OneWindow(servicer7, joints, start, size) for size in (1.0, 0.5))
-    unexplained = np.abs(whole.twist(whole.nominal, whole.nominal)).max()
-    left = np.abs(whole.twist(whole.nominal, whole.known)).max()
-    assert left < 0.02 * unexplained
-    assert np.abs(half.twist(half.nominal, half.known)).max() == pytest.approx(0.25 * left, rel=0.1)

@@ -1,1 +1,1 @@
-"""One method a module: `identify`, what it needs to know beside the URDF, and what was tuned."""
+"""One method a module: `identify`, its needs beside the URDF, and its tuning."""

@@ -1,4 +1,6 @@
-"""Where the numbers stand in the bytes of a message: after its strings and lengths, which mostly repeat.
+"""Messages as their bytes: plain little-endian CDR (DDSI-RTPS 2.5, 10.2), many messages of one layout at a time.
+
+Numbers stand after the strings and lengths, which mostly repeat.
 
 Alignment counts from the byte after the four of the encapsulation header. Bytes are not trusted: a layout exists only
 after every length has been checked against the bytes that there are.
@@ -8,7 +10,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import ClassVar, Protocol
+from typing import ClassVar, Generic, Protocol, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +26,7 @@ _BODY = 4  # where the message begins
 _HEADER = 12  # where the message goes on after its stamp
 _SPARE = 3  # bytes that may follow a message: it is padded to a multiple of four
 _MOST_NAMES = 10_000
-_LONGEST_HEAD = 100_000  # bytes: layouts are kept, with what is constant in them
+_LONGEST_HEAD = 100_000  # bytes: layouts are kept, with their constant parts
 _POSE, _TWIST = slice(0, 7), slice(43, 49)  # in the numbers of an Odometry: pose, covariance, twist, covariance
 _POSE_COVARIANCE, _TWIST_COVARIANCE = slice(7, 43), slice(49, 85)
 _NUMBERS = 85
@@ -104,7 +106,7 @@ class Cursor:
         return _BODY + (self._place - _BODY + size - 1) // size * size
 
     def _note(self, begin: int, end: int) -> None:
-        """Go on to an end; what is between must be the same in other messages. Padding, which is not, is left out."""
+        """Go on to an end; the bytes between must be the same in other messages. Padding, which varies, is left out."""
         if self.constant[-1][1] == begin:
             begin = self.constant.pop()[0]
         self.constant.append((begin, end))
@@ -196,3 +198,93 @@ class OdometryLayout(_Layout):
         given = records['numbers'].astype(float, 'C')
         numbers = np.concatenate((given[:, _POSE], given[:, _TWIST]), axis=1)
         return stamp, numbers, given[:, _POSE_COVARIANCE], given[:, _TWIST_COVARIANCE]
+
+
+_MOST_LAYOUTS = 64  # that are remembered of a topic
+
+_stamp = struct.Struct('<4xiI').unpack_from
+
+Layout = TypeVar('Layout', JointStateLayout, OdometryLayout)
+
+
+class Packet(Generic[Layout]):
+    """A message as its bytes (CDR with its encapsulation header), with its checked layout and its stamp, ns."""
+
+    __slots__ = ('data', 'layout', 'stamp')
+
+    def __init__(self, data: bytes, layout: Layout, stamp: int) -> None:
+        self.data = data
+        self.layout: Layout = layout
+        self.stamp = stamp
+
+
+class Packets(Sequence[Packet[Layout]]):
+    """N messages of one checked layout as their bytes, one after the other, with their stamps (N,), ns."""
+
+    __slots__ = ('data', 'layout', 'stamps')
+
+    def __init__(self, data: bytes, layout: Layout, stamps: Stamps) -> None:
+        self.data = data
+        self.layout: Layout = layout
+        self.stamps = stamps
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    @overload
+    def __getitem__(self, place: int) -> Packet[Layout]: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> Packets[Layout]: ...
+
+    def __getitem__(self, place: int | slice) -> Packet[Layout] | Packets[Layout]:
+        chosen = np.frombuffer(self.data, f'V{self.layout.size}')[place].tobytes()
+        if isinstance(place, slice):
+            return Packets(chosen, self.layout, self.stamps[place])
+        return Packet(chosen, self.layout, int(self.stamps[place]))
+
+
+class Packer(Generic[Layout]):
+    """Makes packets of the messages of a topic, whose type has a kind of layout."""
+
+    def __init__(self, kind: type[Layout]) -> None:
+        self._kind: type[Layout] = kind
+        self._known: dict[int, list[Layout]] = {}  # by the size of the messages
+        self._count = 0
+
+    def __call__(self, data: bytes) -> Packet[Layout] | None:
+        """Return a message as a packet, None where its bytes are not understood: a general deserialiser is to try."""
+        for layout in self._known.get(len(data), ()):
+            if layout.fits(data):
+                return _packet(data, layout)
+        try:
+            learnt: Layout = self._kind(data)
+        except MisfitError:
+            return None
+        if self._count == _MOST_LAYOUTS:
+            self._known.clear()
+            self._count = 0
+        self._known.setdefault(len(data), []).append(learnt)
+        self._count += 1
+        return _packet(data, learnt)
+
+    def many(self, given: Sequence[bytes]) -> Packets[Layout] | None:
+        """Return messages together, None where not all are laid out as the first: then look at them one by one."""
+        first = self(given[0]) if given else None
+        if first is None:
+            return None
+        data = b''.join(given)
+        stamps = first.layout.stamps(data) if set(map(len, given)) == {first.layout.size} else None
+        return None if stamps is None else Packets(data, first.layout, stamps)
+
+
+def _packet(data: bytes, layout: Layout) -> Packet[Layout]:
+    second, nanosecond = _stamp(data)
+    return Packet(data, layout, second * 1_000_000_000 + nanosecond)
+
+
+def packer(type_name: str) -> Packer[JointStateLayout] | Packer[OdometryLayout] | None:
+    """Return the maker of packets for messages of a type, None if its layout is not known."""
+    if type_name == JOINT_STATE_TYPE:
+        return Packer(JointStateLayout)
+    return Packer(OdometryLayout) if type_name == ODOMETRY_TYPE else None

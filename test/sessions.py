@@ -1,6 +1,8 @@
-"""The servicer in orbit, for the tests of what gravity leaves in a frame that falls along."""
+"""Noisy runs of the simulated servicer through a session, for the tests of orbits, wheels, thrusters and springs."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -13,21 +15,16 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.replay.run import BAG_TYPES
-from mbaid_ros.session import Session
-from mbaid_ros.simulated_run import SimulatedRun
+from mbaid_ros.session.session import Session
+from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
+from observed import MID
 from simulated import CONFIG
 
+URDF = (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8')
+NOISE = {f'noise.{channel}': size for channel, size in vars(MID).items() if channel != 'base_correlation_time'}
 MEAN_MOTION = 1.1308e-3  # rad/s, at 400 km
 NADIR, NORMAL = np.array([0.6, 0.0, 0.8]), np.array([0.8, 0.0, -0.6])
 AWAY = [12.0, -10.0, 13.0]  # m: 20 m from the origin
-NOISE: dict[str, object] = {
-    'noise.joint_position': 1e-4,
-    'noise.joint_velocity': 1e-3,
-    'noise.base_position': 1e-3,
-    'noise.base_orientation': 1e-4,
-    'noise.base_linear_velocity': 1e-3,
-    'noise.base_angular_velocity': 1e-4,
-}
 
 
 def orbit(mean_motion: float = MEAN_MOTION) -> Orbit:
@@ -41,30 +38,38 @@ def declared(frame: str = 'inertial', mean_motion: float = MEAN_MOTION) -> dict[
     return {'orbit.mean_motion': mean_motion, 'orbit.frame': frame, **directions}
 
 
-def urdf() -> str:
-    """Return the servicer's description."""
-    return (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8')
+def _dotted(parameters: dict[str, object]) -> dict[str, object]:
+    return {name.replace('__', '.'): value for name, value in parameters.items()}
 
 
 def simulated(seconds: float, **parameters: object) -> SimulatedRun:
     """Return a noisy run at 20 Hz; in names of parameters, two underlines are a dot."""
     values = load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator')
-    values |= {'duration': seconds, 'joint_rate': 20.0, 'odometry_rate': 20.0, 'step': 0.05, **NOISE}
-    values |= {name.replace('__', '.'): value for name, value in parameters.items()}
-    return SimulatedRun(build(SimulatorConfig, values), urdf(), BAG_TYPES)
+    values |= {'duration': seconds, 'joint_rate': 20.0, 'odometry_rate': 20.0, **NOISE}
+    return SimulatedRun(build(SimulatorConfig, {**values, **_dotted(parameters)}), URDF, BAG_TYPES)
 
 
 def session(**parameters: object) -> Session:
     """Return a session of an estimator that takes the robot as exact."""
-    given = {name.replace('__', '.'): value for name, value in parameters.items()}
-    return Session(build(EstimatorConfig, {**EXACT, **NOISE, 'target_link': 'link7', **given}), urdf())
+    return Session(build(EstimatorConfig, {**EXACT, **NOISE, 'target_link': 'link7', **_dotted(parameters)}), URDF)
+
+
+def feed(messages: Iterable[TimedMessage], into: Session) -> list[Estimate]:
+    """Return all estimates of messages."""
+    take = {
+        'joint_states': into.add_joint_state,
+        'odom': into.add_odometry,
+        'stored_momentum': into.add_stored_momentum,
+        'thrust': into.add_thrust,
+    }
+    for timed in messages:
+        take[timed.topic](timed.message)
+    return into.process()
 
 
 def history(run: SimulatedRun, into: Session) -> list[Estimate]:
     """Return all estimates of a run."""
-    for timed in run.read(run.config.duration):
-        (into.add_joint_state if timed.topic == 'joint_states' else into.add_odometry)(timed.message)
-    return into.process()
+    return feed(run.read(run.config.duration), into)
 
 
 def identify(run: SimulatedRun, into: Session) -> Estimate:

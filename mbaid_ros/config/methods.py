@@ -1,3 +1,0 @@
-"""The methods of identification by name."""
-
-METHODS = ('trajectory', 'difference', 'paper_difference', 'paper_main')
