@@ -41,6 +41,7 @@ def argument(module: Any, name: str, key: str, parameters: dict[str, object]) ->
     [
         ('maximum_gap', 0.3, {}, session, 'Identifier', 'maximum_gap', 0.3),
         ('noise.estimate', True, {}, session, 'FoundNoise', 'estimate', True),
+        ('noise.trust_declared', True, {}, session, 'FoundNoise', 'trusted', True),
         ('thrust.hold', 3.0, {}, session, 'Thrust', 'hold', 3_000_000_000),
         ('thrust.frames', ['link2'], {}, session, 'Thrust', 'uncertain', ('link2',)),
         ('reorder_time', 0.2, {}, reading, 'JointMerge', 'reorder_limit', 200_000_000),

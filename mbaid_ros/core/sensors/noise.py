@@ -293,10 +293,11 @@ class NoiseLevels:
         growth = np.where(counts[..., 1] > 0, base[..., 1] / np.maximum(base[..., 0], 1e-300), 0.0).min(axis=1)
         # What was clear once stays, where motion hides the errors later.
         hidden = np.isnan(factor) & enough & np.isfinite(before.factor)
+        few = np.isnan(factor[2:]) & ~hidden[2:] & (counts[..., 0].ravel() > 0)
         return Levels(
             np.where(hidden, before.factor, factor),
             np.where(hidden, before.used, used),
             np.where(hidden, before.contradicted, contradicted),
             np.where(hidden[2::2], before.times, times),
-            clear=not (np.any(np.isnan(factor) & enough & ~hidden) or np.any((times == 0.0) & (growth > _GROWS))),
+            clear=not (np.any(few) or np.any((times == 0.0) & (growth > _GROWS))),
         )
