@@ -76,8 +76,8 @@ def _followed(model: RobotModel, robot: mujoco.MjModel, data: mujoco.MjData) -> 
     rows = []
     for _ in range(round(SECONDS / STEP / EVERY)):
         turn = data.xmat[base].reshape(3, 3).copy()
-        at = (data.qpos[place], data.qvel[rate], data.qpos[:3].copy())
-        rows.append((*at, turn, turn.T @ data.qvel[:3], data.qvel[3:6].copy()))
+        motion = turn, turn.T @ data.qvel[:3], data.qvel[3:6].copy()
+        rows.append((data.qpos[place], data.qvel[rate], data.qpos[:3].copy(), *motion))
         mujoco.mj_step(robot, data, nstep=EVERY)
         mujoco.mj_forward(robot, data)
     joints, rates, position, turns, linear, angular = (np.array(part) for part in zip(*rows, strict=True))
