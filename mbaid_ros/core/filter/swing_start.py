@@ -20,7 +20,8 @@ from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.robot.springs import Springs
 from mbaid_ros.core.unknowns.flexible import FREQUENCY, SpringErrors, StartingSwing, resolved
 
-_FAST = 0.6  # Hz, from which joints are held first: an iteration follows the three periods of the first 5 s, not more
+# Natural frequency (Hz) from which joints are held first: an iteration follows the three periods of the first 5 s only.
+_FAST = 0.6
 _SWEEPS = 2  # over all joints: each spectrum needs the other frequencies
 _WIDE, _PHASE = 2.5, 1.5  # deviations of the prior on either side; rad between frequencies, at the windows' end
 
