@@ -37,9 +37,9 @@ def write(folder: Path, *, scale: float = 1.0, drift: float = 0.0) -> Array:
     acting = rotate(rotation, np.tile(TORQUE, (SECONDS, 1)))
     gone[1:] = np.cumsum(0.5 * (acting[1:] + acting[:-1]), axis=0)
     momentum = MOMENTUM - gone
-    position: Array = RADIUS * np.column_stack((np.cos(angle), np.sin(angle), 0.0 * angle))
-    velocity: Array = MOTION * RADIUS * np.column_stack((-np.sin(angle), np.cos(angle), 0.0 * angle))
-    position, velocity = (rotate(exp(time[:, None] * [drift, 0.0, 0.0]), each) for each in (position, velocity))
+    position = RADIUS * np.column_stack((np.cos(angle), np.sin(angle), 0.0 * angle))
+    velocity = MOTION * RADIUS * np.column_stack((-np.sin(angle), np.cos(angle), 0.0 * angle))
+    turned = exp(time[:, None] * [drift, 0.0, 0.0])
     rates = np.degrees(np.array([0.0, -MOTION, 0.0]) + rotate_back(rotation, np.tile(axis, (SECONDS, 1))))
     channels = {
         **{f'USLAB{6 + axis:06d}': np.full(SECONDS, TORQUE[axis]) for axis in range(3)},
@@ -48,8 +48,8 @@ def write(folder: Path, *, scale: float = 1.0, drift: float = 0.0) -> Array:
             f'USLAB{18 + part:06d}': np.full(SECONDS, (np.cos(0.05), 0.0, np.sin(0.05), 0.0)[part]) for part in range(4)
         },
         **{f'USLAB{25 + axis:06d}': rates[:, axis] for axis in range(3)},
-        **{f'USLAB{32 + axis:06d}': 1e-3 * position[:, axis] for axis in range(3)},
-        **{f'USLAB{35 + axis:06d}': velocity[:, axis] for axis in range(3)},
+        **{f'USLAB{32 + axis:06d}': 1e-3 * rotate(turned, position)[:, axis] for axis in range(3)},
+        **{f'USLAB{35 + axis:06d}': rotate(turned, velocity)[:, axis] for axis in range(3)},
         'S0000003': (350.0 - 0.06 * np.minimum(time, 600.0)) % 360.0,
         'S0000004': (350.0 + 0.06 * np.minimum(time, 600.0)) % 360.0,
     }

@@ -61,6 +61,7 @@ class Initialisation:
         self.windows: list[Window] = []
         self.accepted = self._confirmed = False  # confirmed by the search after it
         self.linearised_until = -np.inf
+        self._explained = True  # whether the latest search explains its windows
         self._due = first  # number of windows at which the next search begins
         self._searched = 0  # windows in the latest search
         self._search = BackgroundTask[Start](batch.layout.size)
@@ -95,14 +96,14 @@ class Initialisation:
     ) -> None:
         """Add a window, and begin a search where one is due; none as long as no joint has moved.
 
-        A search is due, too, where a target with a prior has been lost: the solution no longer explains the windows.
+        A search is due, too, where the solution of a target with a prior explains the windows no more.
         """
         self.windows.append(window)
         if self._search.under_way:
             return
         if not moved:
             self.windows = self.windows[-_AT_REST:]
-        elif len(self.windows) >= self._due or (lost and self._batch.variables.described):
+        elif len(self.windows) >= self._due or (lost and self._explained and self._batch.variables.described):
             self._searched = len(self.windows)
             self._search.begin(self._multi_start.search(self.windows, points))
         elif not self.converged and len(self.windows) > self._kept:
@@ -149,6 +150,7 @@ class Initialisation:
     def take_over(self, start: Start, filtered: HypothesisFilter) -> None:
         """Go on from the outcome of a search, of which this hypothesis is the best."""
         anew = not self.converged
+        self._explained = filtered.gaussian.nis < LARGEST_NIS * filtered.gaussian.measured
         self.accepted, self._confirmed = start.accepted, start.accepted and not anew
         self.linearised_until = self.windows[self._searched - 1].start
         self._due = self._next_search(self._searched, filtered.gaussian)
