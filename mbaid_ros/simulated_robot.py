@@ -59,13 +59,7 @@ def make_motion(config: SimulatorConfig, model: RobotModel) -> Motion:
     """
     motion, moved, driven = config.motion, model.transmission, driven_joints(config, model)
     start = _joint_values('initial.joint_positions', config.initial.joint_positions, model, driven)
-    if motion.kind == 'passive':
-        if not moved.direct:
-            followers = [name for name in model.joint_names if name not in model.independent_joints]
-            raise ParameterError(
-                f"parameter 'motion.kind' is 'passive', but {listing(followers)} of '{model.name}' mimic other joints; "
-                'accepted: sinusoids, random'
-            )
+    if motion.kind == 'passive' and moved.direct:
         return Passive()
     if motion.kind == 'sinusoids':
         given = (np.array(values) for values in (motion.amplitudes, motion.frequencies, motion.phases))

@@ -235,24 +235,35 @@ def thrown(share: float, seed: int) -> Defect:
     return apply
 
 
-def correlated(name: str, seconds: float, constant: float, seed: int) -> Defect:
-    """Return the defect that gives the poses of a robot's run noise as large as before, with a time constant (s)."""
+def correlated(name: str, seconds: float, constant: float, seed: int, declared: float = 0.0) -> Defect:
+    """Return the defect that gives the poses of a robot's run noise as large as before, with a time constant (s).
+
+    With `declared` as a navigation filter does: the twist has such noise, too, and the covariances declare so many
+    times its size.
+    """
     truth, generator = fine_motion(name, seconds), np.random.default_rng(seed)
 
     def apply(messages: list[Arrival]) -> list[Arrival]:
         keep = np.exp(-0.01 / constant)  # from one pose to the next, every 10 ms
-        error = generator.normal(size=6)
+        error = generator.normal(size=12 if declared else 6)
 
         def change(message: Any) -> None:
             nonlocal error
-            error = keep * error + np.sqrt(1.0 - keep**2) * generator.normal(size=6)
+            error = keep * error + np.sqrt(1.0 - keep**2) * generator.normal(size=len(error))
             stamp = message.header.stamp
             place = round((int(stamp.sec) - EPOCH // 1_000_000_000 + stamp.nanosec * 1e-9) * FINE)
             position = truth.base_position[place] + MID.base_position * error[:3]
-            turn = quaternions.exp(MID.base_orientation * error[3:])
+            turn = quaternions.exp(MID.base_orientation * error[3:6])
             orientation = quaternions.product(turn, truth.base_orientation[place])
             pose = SimpleNamespace(position=_fields('xyz', position), orientation=_fields('xyzw', orientation))
             message.pose = SimpleNamespace(pose=pose, covariance=message.pose.covariance)
+            if declared:
+                linear = truth.base_linear_velocity[place] + MID.base_linear_velocity * error[6:9]
+                angular = truth.base_angular_velocity[place] + MID.base_angular_velocity * error[9:]
+                twist = SimpleNamespace(linear=_fields('xyz', linear), angular=_fields('xyz', angular))
+                for part, of_it in (('pose', pose), ('twist', twist)):
+                    covariance = declared**2 * np.asarray(getattr(message, part).covariance)
+                    setattr(message, part, SimpleNamespace(**{part: of_it, 'covariance': covariance}))
 
         return changed(ODOMETRY, change)(messages)
 

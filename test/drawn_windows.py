@@ -54,6 +54,7 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
         length=np.array(0.5),
         rotation=np.eye(3),
         position=rng.normal(size=3),
+        centre=rng.normal(size=3),
         brought=np.zeros((6, STATE)),
         stepped=np.zeros((6, 0)),
         body=rng.normal(size=10),

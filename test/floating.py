@@ -36,12 +36,16 @@ def still(_time: float, _rotation: Array, _position: Array) -> Array:
 
 
 def pushing(wrench: Array, axes: str) -> Push:
-    """Return a constant force and torque: on the base's origin in its axes, or inertial ones where it was at first."""
+    """Return a constant force and torque: on the base's origin in its axes or inertial ones, or where it was at first.
+
+    The last are inertial ones, which act at the common centre of mass if that does not move.
+    """
 
     def push(_time: float, rotation: Array, position: Array) -> Array:
         if axes == 'inertial':
             return wrench
-        force, torque = rotation @ wrench[:3], rotation @ wrench[3:]
+        turn = rotation if axes == 'body' else np.eye(3)
+        force, torque = turn @ wrench[:3], turn @ wrench[3:]
         return np.concatenate((force, np.cross(position, force) + torque))
 
     return push

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.filter.averaging import KnotAveraging
-from mbaid_ros.core.filter.batch import is_converged
+from mbaid_ros.core.filter.batch import is_converged, turns_back
 from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, new_motion, pose_reset, update
 from mbaid_ros.core.filter.start import angular_momentum
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, Point, layout_of, near_part
@@ -33,7 +33,6 @@ _FEW = 60  # windows of the first iterations, which take most of the way for a p
 _PARTS, _FEWEST = (8, 4, 2), 3
 _SWINGING = 8  # windows that iterations begin with where joints swing: a few periods at most
 _HALVINGS = 20  # of a step that would leave a body no mass
-_BACK = -0.5  # cosine of the angle between two steps, of which the second goes back: the first was too long
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +155,7 @@ def _iterate(motions: Sequence[Motion], common: Array, momenta: Array) -> Conver
         part = min(_massive(layout, common, step), near)
         sizes = np.array([np.sqrt(np.sum(factor**2, axis=1)) for factor in passed.momentum_factors])
         stays = is_converged(step, deviation) and is_converged(passed.momenta - momenta, sizes) and part == 1.0
-        pace = 0.5 * pace if _turns_back(step, before, deviation) else min(1.0, 1.5 * pace)
+        pace = 0.5 * pace if turns_back(step, before, deviation) else min(1.0, 1.5 * pace)
         part *= pace
         common, momenta, before = common + part * step, momenta + part * (passed.momenta - momenta), step
         result = Converged(passed, stays, common, momenta)
@@ -164,12 +163,6 @@ def _iterate(motions: Sequence[Motion], common: Array, momenta: Array) -> Conver
             break
     assert result is not None, 'there was a pass'
     return result
-
-
-def _turns_back(step: Array, before: Array, deviation: Array) -> bool:
-    """Return whether a step reverses the one before, which was too long."""
-    scaled, last = (each / np.where(deviation > 0.0, deviation, np.inf) for each in (step, before))
-    return bool(scaled @ last < _BACK * np.linalg.norm(scaled) * np.linalg.norm(last))
 
 
 def _step(shared: Variables, passed: CalibrationIteration, common: Array) -> tuple[Array, Array]:

@@ -28,8 +28,8 @@ class DisturbanceConfig:
     """External forces and torques."""
 
     constant: str = parameter('none', choices=CONSTANT_FORCES)
-    """Axes of a constant external force and torque that trajectory estimates: body, on the base link, or inertial, as
-    on a tilted table; none: estimated only if the data show one."""
+    """Axes of a constant external force and torque that trajectory estimates: body, on the base link, or inertial, on
+    the base or at the common centre of mass as the data show; none: estimated only if the data show one."""
     torque_std: float = parameter(0.0, 'N m', minimum=0.0)
     """Standard deviation of an external torque about each axis, different in every motion, as from air on a thrown
     body; 0: none."""

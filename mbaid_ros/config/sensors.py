@@ -36,11 +36,15 @@ class NoiseConfig:
     estimated from the readings, 0.0001 where these do not determine it."""
     base_correlation_time: float = parameter(0.0, 's', minimum=0.0)
     """Time in which the correlation of errors of the base pose falls to 1/e, for poses of a filter or of visual
-    odometry. 0: estimated if poses vary less than their covariance; otherwise errors are independent."""
+    odometry. 0: estimated from the readings, as that of the base twist is."""
 
     estimate: bool = parameter(default=False)
     """Use the noise estimated from the readings of every sensor, in place of the declared one. The estimated noise is
     reported in any case."""
+
+    trust_declared: bool = parameter(default=False)
+    """Keep the declared noise of the base where the readings contradict it; otherwise the estimated noise replaces it,
+    with a warning."""
 
     @property
     def declared(self) -> SensorNoise:

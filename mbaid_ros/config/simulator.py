@@ -37,8 +37,8 @@ class MotionConfig:
     """The motion of the joints."""
 
     kind: str = parameter('passive', choices=MOTIONS)
-    """Motion of the joints: passive (no torque), sinusoids (those given), random (drawn ones) or trajectory (a
-    file)."""
+    """Motion of the joints: passive (no torque; random for a robot with joints that mimic others), sinusoids (those
+    given), random (drawn ones) or trajectory (a file)."""
     amplitudes: tuple[float, ...] = parameter((), 'rad')
     """Sinusoids: amplitudes, as many for each joint: q(t) = q(0) + sum of a (sin(2 pi f t + p) - sin p)."""
     frequencies: tuple[float, ...] = parameter((), 'Hz')

@@ -161,7 +161,7 @@ class Identifier:
         if self._falling is not None:
             windows = [self._falling.applied(window, self.origin) for window in windows]
         if self._noise is not None:
-            each = [self._noise.applied(window, self.origin) for window in windows]
+            each = self._noise.released(windows, self.origin)
             windows = [window for window, _ in each]
             self._levels = {float(window.time[-1]): levels for window, levels in each}
         windows = self._checks.applied(windows)
@@ -190,7 +190,7 @@ class Identifier:
     def _reasons(self, time: float) -> list[Reason]:
         """Return the notes on the data up to the end of a window, s: none of later windows in the same call."""
         levels = self._levels.get(time)
-        texts = [levels.warning] if levels is not None and levels.warning else []
+        texts = [] if levels is None else levels.warnings
         reasons = notes([*texts, *(text for text, since in self._notes.items() if since <= time)])
         return [*reasons, *self._checks.reasons(time, with_gyro=self._estimator.method == 'trajectory')]
 

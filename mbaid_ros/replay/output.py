@@ -151,6 +151,7 @@ def _noise(levels: SensorLevels) -> dict[str, Any]:
     return {
         **{channel: dict(zip(names, plain(row), strict=True)) for channel, row in zip(CHANNELS, rows, strict=True)},
         'base_correlation_time': levels.correlation_time,
+        'base_twist_correlation_time': levels.twist_correlation_time,
         'found_is_used': bool(np.any(levels.used)),
     }
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.identifier import RATE_MISSING
 from mbaid_ros.core.sensors.external_momentum import FAR_THRUST, OTHER_MOMENTUM_FRAME, UNKNOWN_FRAME
+from mbaid_ros.core.sensors.joints import PARTNER_GAP
 from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, JOINTS_HELD, OUTLIER, REPEATED_POSE
 from mbaid_ros.core.sensors.streams import LATE, OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.sensors.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
@@ -51,6 +52,7 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
         OUTLIER: _outliers(session),
         JOINT_OUTLIER: _outlying_joint(session),
         JOINTS_HELD: f'new only every {session.synchroniser.joint_interval:.2g} s',
+        PARTNER_GAP: _slow_joints(session),
         RATE_MISSING: 'a window needs two samples',
         UNKNOWN_FRAME: f"accepted: a link of the robot, or the odometry frame '{session.intake.odometry_reader.frame}'",
         OTHER_MOMENTUM_FRAME: (
@@ -134,6 +136,12 @@ def _lacking(session: Session) -> str:
     if not missing:
         return ''
     return f'the joint states lack {listing(missing)}; they hold {listing(session.intake.joint_reader.unknown)}'
+
+
+def _slow_joints(session: Session) -> str:
+    """Return the joints whose messages are too far apart for joints that move."""
+    names = listing(session.robot.readings[joint] for joint in session.intake.merge.slow)
+    return f'those with {names} are too far apart for joints that move: send them more often, or raise maximum_gap'
 
 
 def _outliers(session: Session) -> str:

@@ -121,6 +121,11 @@ def _difference(config: EstimatorConfig, known: KnownRobot, reporting: Reporting
             "parameters 'disturbance.torque_time' and '.force_time' are set with method difference, which assumes both "
             'constant in a motion; accepted: 0, or method trajectory'
         )
+    if config.method == 'difference' and isinstance(known.uncertainty.target, KnownTarget):
+        raise ParameterError(
+            f"parameter 'known_links.{known.kernel.target.name[:60]}' is of the link that is identified, with method "
+            'difference, which takes nothing of the target for known; accepted: none, or method trajectory'
+        )
     if config.method == 'difference' and config.target_prior.mass_std > 0.0:
         raise ParameterError(
             f"parameter 'target_prior.mass_std' is {config.target_prior.mass_std:g} kg with method difference, which "

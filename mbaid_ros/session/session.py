@@ -290,6 +290,7 @@ class _Segment:
                 described.model.joints,
                 noise.undeclared,
                 estimate=noise.estimate,
+                trusted=noise.trust_declared,
                 passive=described.springs.joints,
             ),
             falling=falling_frame(config.orbit, model, located=not config.imu.alone),

@@ -1,11 +1,11 @@
-"""Faults of joint states and poses as robots really publish them, put into the messages of the shipped bag."""
+"""Faults of joint states and poses as robots really publish them, put into the messages of shipped bags."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import deepcopy
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,17 +13,50 @@ from scipy.spatial.transform import Rotation
 from mbaid_ros.bags import BagReader, BagWriter
 
 ROOT = Path(__file__).resolve().parents[2]
-BAG, ROBOT = ROOT / 'bags' / 'servicer7_mid', ROOT / 'config' / 'servicer7.urdf'
 JOINTS, ODOM = '/joint_states', '/odom'
 
+
+class Source(NamedTuple):
+    """A shipped bag of a robot in config/ that holds a mass (kg)."""
+
+    bag: str
+    robot: str
+    mass: float
+
+    @property
+    def folder(self) -> Path:
+        """Of the bag."""
+        return ROOT / 'bags' / self.bag
+
+    @property
+    def urdf(self) -> Path:
+        """Its robot description."""
+        return ROOT / 'config' / f'{self.robot}.urdf'
+
+    @property
+    def parameters(self) -> Path:
+        """Those of the estimator."""
+        return ROOT / 'config' / f'{self.robot}_estimator.yaml'
+
+
+SERVICER7 = Source('servicer7_mid', 'servicer7', 162.0)
+ETS7 = Source('ets7_pose_only', 'ets7', 428.1)
+
 Timed = tuple[str, Any, int]
+Change = Callable[[Any, int, float], None]  # of a message, its number, and its time in s
+Make = Callable[[Path, Source], tuple[Path, Path]]  # a bag and a robot description in a folder
 RANDOM = np.random.default_rng(7)
+EVERY = slice(None)
 
 
-def messages() -> list[Timed]:
+def messages(source: Source) -> list[Timed]:
     """Return joint states and odometry of the bag."""
-    with BagReader(BAG) as bag:
-        return list(bag.read([JOINTS, ODOM]))
+    with BagReader(source.folder) as bag:
+        given = list(bag.read([JOINTS, ODOM]))
+    for topic, message, _ in given:
+        if topic == JOINTS:
+            message.position, message.velocity = np.array(message.position), np.array(message.velocity)
+    return given
 
 
 def write(path: Path, given: Sequence[Timed]) -> Path:
@@ -42,18 +75,28 @@ def stamp(message: Any, nanoseconds: int) -> None:
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(nanoseconds, 10**9)
 
 
-def changed(of_joints: Callable[..., None] | None = None, of_base: Callable[..., None] | None = None) -> Any:
-    """Return a maker of a bag whose messages are changed in place, by their number and time (s)."""
+def changed(of_joints: Change | None = None, of_base: Change | None = None) -> Make:
+    """Return what makes a bag of messages that are changed in place, by their number and time (s)."""
 
-    def make(folder: Path) -> tuple[Path, Path]:
-        given = messages()
+    def make(folder: Path, source: Source) -> tuple[Path, Path]:
+        given = messages(source)
         for topic, change in ((JOINTS, of_joints), (ODOM, of_base)):
             for number, (_, message, time) in enumerate(each for each in given if each[0] == topic):
-                if topic == JOINTS:
-                    message.position, message.velocity = np.array(message.position), np.array(message.velocity)
                 if change is not None:
                     change(message, number, 1e-9 * time)
-        return write(folder / 'bag', given), ROBOT
+        return write(folder / 'bag', given), source.urdf
+
+    return make
+
+
+def parted(parts: Callable[[Any, int], Iterable[tuple[Any, int]]]) -> Make:
+    """Return what makes a bag with other messages (and times) in place of each joint state."""
+
+    def make(folder: Path, source: Source) -> tuple[Path, Path]:
+        given: list[Timed] = []
+        for topic, message, time in messages(source):
+            given += [(topic, *each) for each in (parts(message, time) if topic == JOINTS else [(message, time)])]
+        return write(folder / 'bag', sorted(given, key=lambda each: each[2])), source.urdf
 
     return make
 
@@ -65,138 +108,222 @@ def pose_of(message: Any, position: Any, quaternion: Any) -> None:
     pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w = map(float, quaternion)
 
 
+def read_pose(message: Any) -> tuple[np.ndarray[Any, Any], Rotation]:
+    """Return position and orientation of an Odometry."""
+    place, turn = message.pose.pose.position, message.pose.pose.orientation
+    return np.array([place.x, place.y, place.z]), Rotation.from_quat([turn.x, turn.y, turn.z, turn.w])
+
+
 def untwisted(message: Any) -> None:
     """Take the twist out of an Odometry."""
     for part in (message.twist.twist.linear, message.twist.twist.angular):
         part.x = part.y = part.z = np.nan
 
 
-def zeros(message: Any, number: int, _time: float) -> None:
-    """Let the joints read zero once in 300 messages."""
-    if number % 300 == 150:
-        message.position[:] = 0.0
+def dropouts(every: int, joints: Any = EVERY, value: float = 0.0) -> Change:
+    """Let joints read a value once in so many messages."""
+
+    def change(message: Any, number: int, _time: float) -> None:
+        if number % every == every // 2:
+            message.position[joints] = value
+
+    return change
 
 
-def ticks(message: Any, _number: int, _time: float) -> None:
-    """Publish ticks of an encoder, without velocities."""
-    message.position[:] = np.round(message.position * 4096.0 / (2.0 * np.pi) + 2048.0)
-    message.velocity = np.zeros(0)
+def units(factor: float, offset: float = 0.0, joints: Any = EVERY, *, whole: bool = False) -> Change:
+    """Publish joint positions in other units, without velocities."""
+
+    def change(message: Any, _number: int, _time: float) -> None:
+        message.position[joints] = factor * message.position[joints] + offset
+        if whole:
+            message.position[joints] = np.round(message.position[joints])
+        message.velocity = np.zeros(0)
+
+    return change
 
 
-def nan_joint(message: Any, _number: int, _time: float) -> None:
-    """Let joint4 read NaN."""
-    message.position[3] = np.nan
+def nan_joint(joint: int, field: str = 'position') -> Change:
+    """Let a joint read NaN."""
+
+    def change(message: Any, _number: int, _time: float) -> None:
+        getattr(message, field)[joint] = np.nan
+
+    return change
 
 
-def no_velocity(message: Any, _number: int, _time: float) -> None:
-    """Publish velocities of zero."""
-    message.velocity[:] = 0.0
+def velocities(of: Callable[[Any, Any], Any], joints: Any = EVERY) -> Change:
+    """Publish other velocities, a function of positions and velocities."""
+
+    def change(message: Any, _number: int, _time: float) -> None:
+        message.velocity[joints] = of(message.position[joints], message.velocity[joints])
+
+    return change
 
 
-def lost(message: Any, _number: int, time: float) -> None:
-    """Lose the base for three seconds."""
-    if 20.0 <= time < 23.0:
-        pose_of(message, (0, 0, 0), (0, 0, 0, 1))
+def lost(begin: float, end: float, position: Any = (0, 0, 0), quaternion: Any = (0, 0, 0, 1)) -> Change:
+    """Lose the base for a while (s)."""
+
+    def change(message: Any, _number: int, time: float) -> None:
+        if begin <= time < end:
+            pose_of(message, position, quaternion)
+
+    return change
 
 
-def bolted(message: Any, _number: int, _time: float) -> None:
-    """Let the base stay where it is, with noise."""
-    quaternion = Rotation.from_rotvec(5e-5 * RANDOM.standard_normal(3)).as_quat()
-    pose_of(message, 1e-3 * RANDOM.standard_normal(3), quaternion)
-    for part, noise in ((message.twist.twist.linear, 1e-3), (message.twist.twist.angular, 1e-4)):
-        part.x, part.y, part.z = (noise * RANDOM.standard_normal(3)).tolist()
+def fixed(noise: float, speed: float = 0.0) -> Change:
+    """Let the base stay where it is, or drift steadily, with noise (m, m/s; a tenth of it in rad, rad/s)."""
+
+    def change(message: Any, _number: int, time: float) -> None:
+        turn = Rotation.from_rotvec(0.05 * noise * RANDOM.standard_normal(3))
+        pose_of(message, noise * RANDOM.standard_normal(3) + [speed * time, 0, 0], turn.as_quat())
+        for part, size, mean in (
+            (message.twist.twist.linear, noise, speed),
+            (message.twist.twist.angular, noise / 10, 0.0),
+        ):
+            part.x, part.y, part.z = (size * RANDOM.standard_normal(3) + [mean, 0.0, 0.0]).tolist()
+
+    return change
 
 
-def mixed_axes(message: Any, _number: int, _time: float) -> None:
-    """Publish positions in other axes, without a twist."""
-    untwisted(message)
-    place = message.pose.pose.position
-    place.y, place.z = -place.z, place.y
+def axes(position: Any = None, turn: Rotation | None = None) -> Change:
+    """Publish positions in other axes, a matrix, or locate a frame turned against the base, without a twist."""
+
+    def change(message: Any, _number: int, _time: float) -> None:
+        untwisted(message)
+        place, rotation = read_pose(message)
+        place = place if position is None else np.array(position) @ place
+        pose_of(message, place, (rotation if turn is None else rotation * turn).as_quat())
+
+    return change
 
 
-def turned(message: Any, _number: int, _time: float) -> None:
-    """Locate a frame turned by 90 degrees, without a twist."""
-    untwisted(message)
-    place, turn = message.pose.pose.position, message.pose.pose.orientation
-    other = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]) * Rotation.from_euler('z', 90, degrees=True)
-    pose_of(message, (place.x, place.y, place.z), other.as_quat())
+def clock(step: float, at: float = 10.0) -> Change:
+    """Set the clock by a step (s) at a time (s)."""
+
+    def change(message: Any, _number: int, time: float) -> None:
+        if time >= at:
+            stamp(message, round(1e9 * (time + step)))
+
+    return change
 
 
-def set_back(message: Any, _number: int, time: float) -> None:
-    """Set the clock back by 0.4 s after 30 s."""
-    if time >= 30.0:
-        stamp(message, round(1e9 * time) - 400_000_000)
+def batched(size: int) -> Change:
+    """Stamp so many messages at a time on arrival."""
+
+    def change(message: Any, number: int, _time: float) -> None:
+        if hasattr(message, 'twist'):
+            untwisted(message)
+        first = number - number % size
+        stamp(message, 20_000_000 * (first + size - 1) + 100_000 * (number - first))
+
+    return change
 
 
-def batched(message: Any, number: int, _time: float) -> None:
-    """Stamp five poses at a time on arrival, without twists."""
-    untwisted(message)
-    first = number - number % 5
-    stamp(message, 20_000_000 * (first + 4) + 100_000 * (number - first))
+def held(every: int, joints: Any = EVERY) -> Make:
+    """Return what makes joints that are new only in one of so many messages."""
+
+    def make(folder: Path, source: Source) -> tuple[Path, Path]:
+        last: list[Any] = []
+
+        def hold(message: Any, number: int, _time: float) -> None:
+            if number % every == 0:
+                last[:] = [message.position.copy(), message.velocity.copy()]
+            message.position[joints] = last[0][joints]
+            if len(message.velocity):
+                message.velocity[joints] = last[1][joints]
+
+        return changed(hold)(folder, source)
+
+    return make
 
 
-def held(folder: Path) -> tuple[Path, Path]:
-    """Return joints that are new only every tenth of a second."""
-    last: list[Any] = []
+def second_stream(every: int, shift: float, of: Callable[[Any], Any], joints: slice = EVERY, *, rates: bool) -> Make:
+    """Return what adds a second source of joint states, a function of positions, `shift` s after each of so many."""
+    count = 0
 
-    def hold(message: Any, number: int, _time: float) -> None:
-        if number % 5 == 0:
-            last[:] = [message.position.copy(), message.velocity.copy()]
-        message.position[:], message.velocity[:] = last
-
-    made: tuple[Path, Path] = changed(hold)(folder)
-    return made
-
-
-def second_stream(folder: Path) -> tuple[Path, Path]:
-    """Return every message of the joints followed by one of zeros."""
-    given = []
-    for topic, message, time in messages():
-        given.append((topic, message, time))
-        if topic == JOINTS:
+    def parts(message: Any, time: int) -> Iterable[tuple[Any, int]]:
+        nonlocal count
+        count += 1
+        yield message, time
+        if count % every == 0:
             other = deepcopy(message)
-            other.position, other.velocity = np.zeros(7), np.zeros(7)
-            given.append((topic, other, time))
-    return write(folder / 'bag', given), ROBOT
+            other.name, other.position = list(message.name)[joints], np.asarray(of(message.position))[joints]
+            other.velocity = 0.0 * message.velocity[joints] if rates else np.zeros(0)
+            late = time + round(1e9 * shift)
+            stamp(other, late)
+            yield other, late
+
+    return parted(parts)
 
 
-def in_parts(folder: Path) -> tuple[Path, Path]:
-    """Return a first message with all joints, and then two parts."""
-    given = []
-    for topic, message, time in messages():
-        if topic == JOINTS and time > 0:
-            for part in (slice(0, 4), slice(4, 7)):
-                some = deepcopy(message)
-                for field in ('name', 'position', 'velocity'):
-                    setattr(some, field, getattr(message, field)[part])
-                given.append((topic, some, time))
-        else:
-            given.append((topic, message, time))
-    return write(folder / 'bag', given), ROBOT
+def in_parts(*cuts: slice, whole: bool = True) -> Make:
+    """Return what publishes parts of the joints, after a first message with all of them."""
+
+    def parts(message: Any, time: int) -> Iterable[tuple[Any, int]]:
+        if whole and time == 0:
+            yield message, time
+            return
+        for part in cuts:
+            some = deepcopy(message)
+            some.name, some.position = list(message.name)[part], message.position[part]
+            some.velocity = message.velocity[part]
+            yield some, time
+
+    return parted(parts)
 
 
-def with_part(name: str, inertia: float, mass: float, angle: Callable[[float], float], speed: float, every: int) -> Any:
-    """Return a maker that adds a light joint on the base, in messages of its own where they are fewer."""
+def slow_joint(joint: int, every: int) -> Make:
+    """Return what publishes one joint in messages of its own, one for so many of the others'."""
+    count = 0
 
-    def make(folder: Path) -> tuple[Path, Path]:
-        link = f'<link name="{name}_link"><inertial><mass value="{mass}"/><inertia ixx="{inertia}" ixy="0" ixz="0" '
-        link += f'iyy="{inertia}" iyz="0" izz="{inertia}"/></inertial></link><joint name="{name}" type="continuous">'
+    def parts(message: Any, time: int) -> Iterable[tuple[Any, int]]:
+        nonlocal count
+        count += 1
+        for chosen in (
+            [each != joint for each in range(len(message.name))],
+            [each == joint for each in range(len(message.name))],
+        ):
+            some = deepcopy(message)
+            some.name = [name for name, own in zip(message.name, chosen, strict=True) if own]
+            some.position, some.velocity = message.position[chosen], message.velocity[chosen]
+            if len(some.name) > 1 or count % every == 0:
+                yield some, time
+
+    return parted(parts)
+
+
+def with_part(
+    name: str,
+    angle: Callable[[float], float],
+    speed: float,
+    every: int = 1,
+    *,
+    rates: bool = True,
+    wrapped: bool = True,
+) -> Make:
+    """Return what adds a light joint on the base, in messages of its own where they are fewer."""
+
+    def make(folder: Path, source: Source) -> tuple[Path, Path]:
+        link = f'<link name="{name}_link"><inertial><mass value="1e-6"/><inertia ixx="1e-9" ixy="0" ixz="0" iyy="1e-9" '
+        link += f'iyz="0" izz="1e-9"/></inertial></link><joint name="{name}" type="continuous">'
         link += f'<parent link="base_link"/><child link="{name}_link"/><axis xyz="0 0 1"/></joint></robot>'
-        robot = folder / 'robot.urdf'
-        robot.write_text(ROBOT.read_text().replace('</robot>', link))
-        given, number = [], 0
-        for topic, message, time in messages():
-            given.append((topic, message, time))
-            if topic == JOINTS:
-                number += 1
-                own = message if every == 1 else deepcopy(message)
-                shown = float(np.angle(np.exp(1j * angle(1e-9 * time)))) + 1e-4 * RANDOM.standard_normal()
-                if every > 1:
-                    own.name, own.position, own.velocity = [], np.zeros(0), np.zeros(0)
-                own.name = [*own.name, name]
-                own.position, own.velocity = np.append(own.position, shown), np.append(own.velocity, speed)
-                if every > 1 and number % every == 0:
-                    given.append((topic, own, time))
-        return write(folder / 'bag', given), robot
+        robot, count = folder / 'robot.urdf', 0
+        robot.write_text(source.urdf.read_text().replace('</robot>', link))
+
+        def parts(message: Any, time: int) -> Iterable[tuple[Any, int]]:
+            nonlocal count
+            count += 1
+            own = message if every == 1 else deepcopy(message)
+            shown = angle(1e-9 * time) + 1e-4 * RANDOM.standard_normal()
+            shown = float(np.angle(np.exp(1j * shown))) if wrapped else shown
+            if every > 1:
+                yield message, time
+                own.name, own.position, own.velocity = [], np.zeros(0), np.zeros(0)
+            own.name, own.position = [*own.name, name], np.append(own.position, shown)
+            own.velocity = np.append(own.velocity, speed) if rates else np.zeros(0)
+            if count % every == 0:
+                yield own, time
+
+        return parted(parts)(folder, source)[0], robot
 
     return make

@@ -147,6 +147,3 @@ def content(blocks: list[Block]) -> list[Raw]:
 @pytest.mark.parametrize('count', [0, 1, 999, 1000, 1001, 2500])
 def test_blocks_hold_the_messages(count: int) -> None:
     assert content(list(in_blocks(messages(count)))) == messages(count)
-
-
-# -- Messages of several topics that are read together.

@@ -49,6 +49,15 @@ def test_a_base_that_is_held_is_told(name: str, noise: float) -> None:
     assert reasons(held, name)[0] == [HELD]
 
 
+def test_a_base_that_is_held_is_told_after_thrust_too() -> None:
+    samples = measured('servicer7')
+    pushed = np.where(samples.time[:, None] > 3.0, np.arange(6.0), 0.0)
+    place = np.full((len(samples), 3), 0.3)
+    held = replace(samples, base_position=place + 1e-3 * RANDOM.standard_normal(place.shape), impulse=pushed)
+    assert reasons(held, 'servicer7')[0] == [HELD]
+    assert reasons(replace(samples, impulse=pushed), 'servicer7')[0] == []
+
+
 def test_a_heavy_arm_in_the_robot_description_is_no_held_base() -> None:
     # The base reacts by a thousandth of what such links would make it.
     described = kernel('servicer7')

@@ -160,9 +160,6 @@ def test_an_interrupt_at_any_time_of_the_start(name: str, number: signal.Signals
             interrupted(name, number, delay, tmp_path / str(delay), domain)
 
 
-# -- An interrupt: noticed between callbacks, never in the middle of one.
-
-
 @pytest.fixture(autouse=True)
 def handlers() -> Iterator[None]:
     """Give the process its own handlers back."""

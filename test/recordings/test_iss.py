@@ -11,7 +11,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError
-from mbaid_ros.core.geometry import Array, exp, log, rotate, rotation_from_quaternion
+from mbaid_ros.core.geometry import Array, exp, log, rotate, rotate_back, rotation_from_quaternion
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.recordings.convert import main
 from mbaid_ros.recordings.iss import _RATES, read_iss, stored_momentum
@@ -22,25 +22,32 @@ FIRST, SECONDS = 100.0, 1200  # h, s
 MOMENTUM = np.array([3000.0, -2000.0, 1000.0])  # N m s at the begin, inertial axes
 
 
-def write(folder: Path, *, scale: float = 1.0) -> Array:
-    """Write telemetry of a body that faces along LVLH, pitched by 0.1 rad; return its momentum in body axes."""
+def write(folder: Path, *, scale: float = 1.0, drift: float = 0.0) -> Array:
+    """Write telemetry of a body that faces along LVLH, pitched by 0.1 rad; return its momentum in body axes.
+
+    The plane of the orbit turns with `drift` rad/s about the first position.
+    """
     time = np.arange(SECONDS, dtype=float)
     hours = FIRST + time / 3600.0
     angle = MOTION * time
     rotation = exp(-angle[:, None] * np.array([0.0, 1.0, 0.0])) @ exp(np.array([[0.0, 0.1, 0.0]]))
+    axis = np.array([0.0, 0.0, -drift])  # down, in LVLH of the begin
+    rotation = exp(time[:, None] * axis) @ rotation
     gone = np.zeros((SECONDS, 3))
     acting = rotate(rotation, np.tile(TORQUE, (SECONDS, 1)))
     gone[1:] = np.cumsum(0.5 * (acting[1:] + acting[:-1]), axis=0)
     momentum = MOMENTUM - gone
     position = RADIUS * np.column_stack((np.cos(angle), np.sin(angle), 0.0 * angle))
     velocity = MOTION * RADIUS * np.column_stack((-np.sin(angle), np.cos(angle), 0.0 * angle))
+    position, velocity = (rotate(exp(time[:, None] * [drift, 0.0, 0.0]), each) for each in (position, velocity))
+    rates = np.degrees(np.array([0.0, -MOTION, 0.0]) + rotate_back(rotation, np.tile(axis, (SECONDS, 1))))
     channels = {
         **{f'USLAB{6 + axis:06d}': np.full(SECONDS, TORQUE[axis]) for axis in range(3)},
         'USLAB000009': scale * np.linalg.norm(momentum, axis=1),
         **{
             f'USLAB{18 + part:06d}': np.full(SECONDS, (np.cos(0.05), 0.0, np.sin(0.05), 0.0)[part]) for part in range(4)
         },
-        **{f'USLAB{25 + axis:06d}': np.full(SECONDS, (0.0, -np.degrees(MOTION), 0.0)[axis]) for axis in range(3)},
+        **{f'USLAB{25 + axis:06d}': rates[:, axis] for axis in range(3)},
         **{f'USLAB{32 + axis:06d}': 1e-3 * position[:, axis] for axis in range(3)},
         **{f'USLAB{35 + axis:06d}': velocity[:, axis] for axis in range(3)},
         'S0000003': (350.0 - 0.06 * np.minimum(time, 600.0)) % 360.0,
@@ -54,8 +61,9 @@ def write(folder: Path, *, scale: float = 1.0) -> Array:
     return rotate(np.swapaxes(rotation, -1, -2), momentum)
 
 
-def test_attitude_rates_and_momentum_are_those_that_were_flown(tmp_path: Path) -> None:
-    momentum = write(tmp_path)
+@pytest.mark.parametrize('drift', [0.0, 1e-6])
+def test_attitude_rates_and_momentum_are_those_that_were_flown(tmp_path: Path, drift: float) -> None:
+    momentum = write(tmp_path, drift=drift)
     found = read_iss(tmp_path, FIRST - 0.01, FIRST + 1.0)
     assert found.imu is not None
     assert found.imu.orientation is not None
@@ -63,8 +71,9 @@ def test_attitude_rates_and_momentum_are_those_that_were_flown(tmp_path: Path) -
     assert found.joints is not None
     rotation = rotation_from_quaternion(found.imu.orientation)
     turned = log(np.swapaxes(rotation[:-1], -1, -2) @ rotation[1:]) / np.diff(found.imu.time)[:, None]
-    # What the orientation turns is what the gyro reads, in inertial axes.
+    # What the orientation turns is what the gyro reads, in the plane of the orbit: nadir stays in it.
     np.testing.assert_allclose(turned, found.imu.angular_velocity[1:], atol=2e-9)
+    np.testing.assert_allclose(rotation[:, [0, 2], 1], 0.0, atol=1e-5)  # the body's y is the plane's normal
     np.testing.assert_allclose(found.stored.momentum, momentum, atol=0.5)
     assert f'mean_motion: {MOTION:.3g}' in found.parameters
     last = found.joints.position[-1] - found.joints.position[0]

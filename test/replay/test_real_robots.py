@@ -52,9 +52,9 @@ NAMES = [f'{path.parent.parent.name}/{path.name}' for path in ROBOTS]
 
 
 def both(urdf: Path, folder: Path) -> tuple[int, int | None]:
-    """Return the exit codes of `simulate` and, after 0, of `replay`, for three seconds of a random motion."""
+    """Return the exit codes of `simulate` and, after 0, of `replay`, for three seconds of the default motion."""
     rates = [word for name in ('joint_rate', 'odometry_rate') for word in ('-p', f'{name}:=20')]
-    motion = ['-p', 'motion.kind:=random', '--duration', '3', *rates]
+    motion = ['--duration', '3', *rates]
     params = folder / 'params.yaml'
     params.write_text('estimator: {ros__parameters: {method: difference}}')
     made = simulate(['--model', str(urdf), *motion, '--output', str(folder / 'bag')])

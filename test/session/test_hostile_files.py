@@ -33,14 +33,6 @@ ROBOTS = {
         '40000 links; at most 1000',
     ),
     'a link of a long name': ('<robot name="r">' + LINK.format('a' * 1_000_000) + '</robot>', 'of 1000000 characters'),
-    'a joint of a long name': (
-        '<robot name="r"><link name="a"/><link name="b"/>' + JOINT.format('j' * 1_000_000, 'fixed') + '</robot>',
-        'of 1000000 characters',
-    ),
-    'a joint of a long type': (
-        '<robot name="r"><link name="a"/><link name="b"/>' + JOINT.format('j', 't' * 1_000_000) + '</robot>',
-        "joint 'j' is of type",
-    ),
     'deep nesting': ('<robot name="r">' + '<a>' * 1_300_000, 'not valid XML'),
     'elements in elements': (
         '<robot name="r"><link name="a"/>' + '<a>' * 100_000 + '</a>' * 100_000 + '</robot>',
@@ -66,29 +58,17 @@ PARAMETERS = {
     'a tag': (HEAD + '    window: !!python/object/apply:os.system ["true"]\n', 'not YAML'),
     'bytes': (HEAD + '    window: !!binary aGk=\n', 'tags (!!binary) are not supported'),
     'aliases': (HEAD + '    a: &a [1, 1]\n    b: [*a, *a]\n', 'aliases are not supported'),
-    'merged aliases': (HEAD + '    a: &a {b: 1}\n    <<: *a\n', 'aliases are not supported'),
     'deep nesting': (HEAD + '    window: ' + '[' * 3_000, 'nested too deeply'),
     'a long name': (HEAD + '    ? ' + 'a' * 200_000 + '\n    : 1\n', 'unknown parameter'),
     'a long value': (HEAD + '    method: ' + 'a' * 200_000 + '\n', 'accepted: trajectory, difference'),
     'a long number': (HEAD + '    window: 1' + '0' * 10_000 + '\n', 'not YAML'),
     'a hexadecimal number': (HEAD + '    window: 0x1' + '0' * 10_000 + '\n', 'a number of 10003 characters'),
-    'a binary number': (HEAD + '    window: 0b1' + '0' * 10_000 + '\n', 'a number of 10003 characters'),
     'a sexagesimal number': (HEAD + '    window: 1' + ':1' * 5_000 + '\n', 'a number of 10001 characters'),
-    'a sexagesimal fraction': (HEAD + '    window: 1' + ':1' * 190 + '.0\n', 'not YAML'),
-    'a hexadecimal number as a name': (
-        HEAD + '    ? 0x1' + '0' * 10_000 + '\n    : 1\n',
-        'a number of 10003 characters',
-    ),
     'merged mappings': (HEAD + '    <<: {window: 1}\n', 'merge keys (<<) are not supported'),
-    'a long time': (
-        HEAD + '    window: 1e300\n',
-        "'window' is 1e+300 s; accepted: a number > 0 and <=",
-    ),
     'a size whose square no float holds': (
         HEAD + '    known_joints: {axis_std: 1e308}\n',
         'of a size from 1e-30 to 1e+15',
     ),
-    'a size whose square is 0': (HEAD + '    momentum: {linear_prior_std: 1e-300}\n', 'of a size from 1e-30'),
     'a window of no time': (HEAD + '    window: 1e-300\n', 'of a size from 1e-09 to 1e+06'),
     'a long file': (HEAD + '    window: 0.5\n' * 100_000, 'more than 250000 characters'),
 }
@@ -149,26 +129,19 @@ TRUTH = {
 }
 TRUTHS = {
     'deep nesting': ('[' * 300_000, 'nested too deeply'),
-    'deep objects': ('{"a":' * 100_000, 'nested too deeply'),
     'an integer of 400 digits': (json.dumps({**TRUTH, 'mass': 10**400}), 'an integer of 401 digits'),
-    'an integer no float holds': (json.dumps({**TRUTH, 'mass': 10**350}), 'an integer of 351 digits'),
     'an integer of 5000 digits': ('{"mass": 1' + '0' * 5_000 + '}', 'an integer of 5001 digits'),
     'momentum as text': (json.dumps({**TRUTH, 'momentum': 'abc'}), 'momentum is no object'),
-    'momentum as a list': (json.dumps({**TRUTH, 'momentum': [1, 2]}), 'momentum is no object'),
-    'momentum as a number': (json.dumps({**TRUTH, 'momentum': 1}), 'momentum is no object'),
     'half a momentum': (
         json.dumps({**TRUTH, 'momentum': {'linear': [1.0] * 6, 'angular': []}}),
         'linear is no list of 3',
     ),
     'inertia as a list': (json.dumps({**TRUTH, 'inertia': [1] * 6}), 'inertia is no object'),
-    'com as text': (json.dumps({**TRUTH, 'com': '123'}), 'com is no list of 3 numbers'),
-    'a link as a list': (json.dumps({**TRUTH, 'target_link': []}), 'target_link is no string'),
     'mass as a list': (json.dumps({**TRUTH, 'mass': [1]}), 'TypeError'),
     'infinite': (json.dumps({**TRUTH, 'mass': float('inf')}), 'Infinity is no number of JSON'),
     'a list': ('[]', 'it is no object of JSON'),
     'nothing': ('', 'is not JSON'),
     'a mass alone': ('{"mass": 1}', "'inertia'"),
-    'no moments': (json.dumps({**TRUTH, 'inertia': {}}), "'ixx'"),
     'a long file': (' ' * 1_100_000, 'more than 1000000 characters'),
 }
 

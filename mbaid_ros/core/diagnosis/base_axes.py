@@ -38,8 +38,7 @@ def axis_conventions(kernel: MomentumKernel, windows: Sequence[Window]) -> list[
     declared = _misfit(time, offsets, knots)
     found = [(_misfit(time, offsets, change(knots)), text, change) for text, change in _axes()]
     likely = sorted((each for each in found if each[0] < _BETTER * declared), key=lambda each: each[0])[:_TRIED]
-    same = np.zeros_like(kernel.known)
-    return [Convention(text, same, partial(with_poses, change=change)) for _, text, change in likely]
+    return [Convention(text, kernel, partial(with_poses, change=change)) for _, text, change in likely]
 
 
 def _offsets(kernel: MomentumKernel, joint_position: Array) -> Array:

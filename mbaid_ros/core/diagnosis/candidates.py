@@ -144,9 +144,9 @@ class CandidateCauses:
             passes = self.extended(*suspected).widened(cause, gains[cause][1])
             text = _text_of(passes, cause)
             yield Candidate(text, passes, windows, at, of_twist=cause in OF_TWIST)
-        likely = [fit for fit in fits[1:] if fit.misfit < _LIKELY * fits[0].misfit]
+        likely = [fit for fit in fits[1:] if fit.exists and fit.misfit < _LIKELY * fits[0].misfit]
         for fit in sorted(likely, key=lambda each: each.misfit)[:_TRIED]:
-            other = replace(self.layout, kernel=self.layout.kernel.corrected(fit.convention.change))
+            other = replace(self.layout, kernel=fit.convention.kernel)
             passes = replace(self, layout=other).extended()
             yield Candidate(fit.convention.text, passes, fit.convention.windows(windows), fit.point(other))
         passes, names = self.extended(), self.layout.kernel.model.joint_names
@@ -220,7 +220,7 @@ class CandidateCauses:
         yield FITTED
         for convention in (*conventions(self.layout.kernel), *axes):
             if convention.possible(windows):
-                found.append(fitted(self.layout.kernel, windows, convention, _EVERY))
+                found.append(fitted(windows, convention, _EVERY))
                 yield FITTED // _EVERY
         return found
 

@@ -24,6 +24,8 @@ _MOST_PAIRS = 12  # joints, up to which all pairs (66) are tried: of twenty they
 _UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
 # s, late or early by 50 ms to half a second: less is within the prior of the time offset.
 _DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))
+_MOVES = 0.01  # rad or m, that a joint moves at least for the links on both sides to be told apart
+_LIGHTEST = -0.05  # times the known mass, that a fitted one is at least: noise may make that of an empty hand negative
 _TURN = 2.0 * np.pi  # rad or m, which the readings of an arm hardly reach: in degrees or millimetres they go further
 _RIDGE = 1e-9  # relative, of the fit: unobservable numbers stay near zero
 
@@ -33,13 +35,18 @@ class Convention:
     """How the readings or the robot may be meant."""
 
     text: str  # the mistake and its remedy
-    change: Array  # (n + 1, 10) added to the known bodies
+    kernel: MomentumKernel  # of the robot under this hypothesis
     windows: Callable[[Sequence[Window]], Sequence[Window]] = list  # the windows under this hypothesis
     joint_range: float = 0.0  # rad or m, that joint readings exceed at least where it may be so
     base_range: float = 0.0  # m, that positions of the base do
+    moving: int | None = None  # joint that has to move
 
     def possible(self, windows: Sequence[Window]) -> bool:
         """Return whether the windows may follow this convention: degrees make whole turns, millimetres are long."""
+        if self.moving is not None:
+            position = np.concatenate([each.knots.joint_position[:, self.moving] for each in windows])
+            if not np.nanmax(position, initial=-np.inf) - np.nanmin(position, initial=np.inf) > _MOVES:
+                return False
         if self.joint_range and _largest(each.knots.joint_position for each in windows) < self.joint_range:
             return False
         return not self.base_range or _largest(each.knots.base_position for each in windows) > self.base_range
@@ -48,21 +55,23 @@ class Convention:
 def conventions(kernel: MomentumKernel) -> Iterator[Convention]:
     """Yield the robot as it is described, and all that is tried beside it."""
     names, count = kernel.model.joint_names, kernel.model.joints
-    order, same = np.arange(count, dtype=np.int64), np.zeros_like(kernel.known)
-    yield Convention('', same)
+    order = np.arange(count, dtype=np.int64)
+    yield Convention('', kernel)
     for joint, name in enumerate(names):
         text = f'the sign of {name} is wrong: turn it round in the driver or the URDF'
-        yield Convention(text, same, partial(_joints, change=partial(np.multiply, np.where(order == joint, -1.0, 1.0))))
+        yield Convention(
+            text, kernel, partial(_joints, change=partial(np.multiply, np.where(order == joint, -1.0, 1.0)))
+        )
     for one, other in combinations(range(count), 2) if count <= _MOST_PAIRS else ():
         swapped = order.copy()
         swapped[[one, other]] = other, one
         text = f'{names[one]} and {names[other]} are swapped: check the names in the joint states'
-        yield Convention(text, same, partial(_joints, change=partial(np.take, indices=swapped, axis=1)))
+        yield Convention(text, kernel, partial(_joints, change=partial(np.take, indices=swapped, axis=1)))
     for delay in _DELAYS.tolist():
         more = ' or more' if abs(delay) == _DELAYS[-1] else ''
         how = f'{1e3 * abs(delay):.0f} ms{more} {"late" if delay > 0.0 else "early"}'
         text = f'the joints are stamped some {how} against the poses: mend the stamps, or raise time_offset.prior_std'
-        yield Convention(text, same, partial(_stamped, delay=delay))
+        yield Convention(text, kernel, partial(_stamped, delay=delay))
     slides = np.array(kernel.model.prismatic, dtype=bool)
     for text, scale in (
         ('the joint positions are in degrees: in ROS they are in radians', np.where(slides, 1.0, np.deg2rad(1.0))),
@@ -74,13 +83,23 @@ def conventions(kernel: MomentumKernel) -> Iterator[Convention]:
         # A robot without such joints reads the same in either unit.
         if np.any(scale != 1.0):
             change = partial(_joints, change=partial(np.multiply, scale))
-            yield Convention(text, same, change, joint_range=_TURN)
+            yield Convention(text, kernel, change, joint_range=_TURN)
     for text, pose, far in _POSES:
-        yield Convention(text, same, partial(with_poses, change=pose), base_range=far)
-    yield from _masses(kernel, same)
+        yield Convention(text, kernel, partial(with_poses, change=pose), base_range=far)
+    yield from _targets(kernel)
+    yield from _masses(kernel)
 
 
-def _masses(kernel: MomentumKernel, same: Array) -> Iterator[Convention]:
+def _targets(kernel: MomentumKernel) -> Iterator[Convention]:
+    """Yield another unknown link on each other body: the last one with an inertia."""
+    last = {link.body: link.name for link in kernel.model.links if link.parameters[0] > 0.0}
+    for body, name in last.items() if len(kernel.unknown) == 1 else ():
+        if body != kernel.target.body:
+            text = f'the unknown body seems to be held by {name}, not {kernel.target.name}: set target_link: {name}'
+            yield Convention(text, kernel.identifying(name), moving=body - 1 if body else None)
+
+
+def _masses(kernel: MomentumKernel) -> Iterator[Convention]:
     """Yield links in a wrong unit: each, and all that move."""
     links = [link for link in kernel.model.links if link.parameters[0] > 0.0]
     heaviest = {
@@ -90,15 +109,18 @@ def _masses(kernel: MomentumKernel, same: Array) -> Iterator[Convention]:
         if link.name not in {each.name for each in kernel.unknown}:
             # A base in tonnes is an arm in grams: momentum and all masses may grow together.
             for unit in _UNITS[: 1 if link.body == 0 else None]:
-                change = same.copy()
+                change = np.zeros_like(kernel.known)
                 change[link.body] = (1.0 / unit - 1.0) * kernel.known[link.body]
                 text = f'link {link.name} is {unit:g} times as heavy as it is: a wrong unit or body in the URDF?'
-                yield Convention(text, change)
+                yield Convention(text, kernel.corrected(change))
     moving = ', '.join(link.name for link in kernel.model.links if link.body and link.parameters[0] > 0.0)
     for unit in _UNITS:
         change = (1.0 / unit - 1.0) * kernel.known
         change[0] = 0.0
-        yield Convention(f'the moving links ({moving}) are {unit:g} times as heavy as they are: a wrong unit?', change)
+        yield Convention(
+            f'the moving links ({moving}) are {unit:g} times as heavy as they are: a wrong unit?',
+            kernel.corrected(change),
+        )
 
 
 def _inverse(knots: Knots) -> Knots:
@@ -173,6 +195,11 @@ class Fit:
     parameters: Array  # (16,) (P, L, phi), L about the run's origin
     misfit: float  # mean squared velocity of the base that is not explained, angular ones times the robot's size
 
+    @property
+    def exists(self) -> bool:
+        """Whether a body may have the fitted mass."""
+        return bool(self.parameters[6] > _LIGHTEST * np.sum(self.convention.kernel.known[:, 0]))
+
     def point(self, layout: Layout) -> Point:
         """Return where windows are linearised."""
         state = np.concatenate((np.zeros(BODY.stop), layout.known.mean))
@@ -180,10 +207,9 @@ class Fit:
         return layout.point(state)
 
 
-def fitted(kernel: MomentumKernel, windows: Sequence[Window], convention: Convention, every: int = 1) -> Fit:
+def fitted(windows: Sequence[Window], convention: Convention, every: int = 1) -> Fit:
     """Return the fit of one in so many windows under a convention."""
-    robot = kernel.corrected(convention.change)
-    parts = [_equations(robot, stack) for stack in stacked(convention.windows(windows)[::every])]
+    parts = [_equations(convention.kernel, stack) for stack in stacked(convention.windows(windows)[::every])]
     matrix, right = (np.concatenate(each) for each in zip(*parts, strict=True))
     size = np.sqrt(np.sum(matrix**2, axis=0))
     size[size == 0.0] = 1.0
@@ -195,7 +221,7 @@ def fitted(kernel: MomentumKernel, windows: Sequence[Window], convention: Conven
 
 def point_as_described(layout: Layout, windows: Sequence[Window]) -> Point:
     """Return where the fit of the robot as it is described would have windows linearised."""
-    return fitted(layout.kernel, windows, next(conventions(layout.kernel))).point(layout)
+    return fitted(windows, Convention('', layout.kernel)).point(layout)
 
 
 def _equations(kernel: MomentumKernel, stack: Stack) -> tuple[Array, Array]:

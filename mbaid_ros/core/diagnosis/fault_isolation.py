@@ -18,7 +18,6 @@ from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.run import FilterRun
 from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.window import Window
-from mbaid_ros.core.results.evidence import correlation_time_of
 from mbaid_ros.core.results.status import Cause, Verdict
 from mbaid_ros.core.robot.orbit import orbit_fixed_frame
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -32,7 +31,6 @@ _APART = 16  # minimum windows from one inquiry to the next: fewer new ones add 
 # Windows of one inquiry: a fault has seldom begun earlier, and work and memory stay bounded.
 _KEPT = 80
 _LATEST = 8  # windows whose samples show how noisy the sensors are: as noisy as they are now
-_SHORT = 0.12  # of a window, below which a time of correlation is none: poses between two others look like that, too
 # Steps of the filter, more or less, that it may take between two windows: beside a search, and without one.
 _SHARE_BESIDE, _SHARE = 700, 1200
 
@@ -147,10 +145,7 @@ class FaultIsolation:
             inquired.setdefault(leading.cause, (lead, leading.physical))
         latest = self._noise.found_in(self._samples[-1])
         rough = roughness(self._samples, latest.joint_position)
-        correlated = (0.0, 0.0) if latest.base_correlation_time > 0.0 else correlation_time_of(self._samples[-1])
-        if correlated[0] < _SHORT * self._windows[-1].length:
-            correlated = (0.0, 0.0)
-        return ranked(inquired, found.innovations, found.misfit, rough, correlated)
+        return ranked(inquired, found.innovations, found.misfit, rough)
 
 
 _FALSE_ALARM = 1e-9  # chance that noise looks like a gravity gradient as large: each window asks once, for days

@@ -38,20 +38,29 @@ class HeldBase:
 
     def __init__(self, kernel: MomentumKernel) -> None:
         self._kernel = kernel
-        self._count, self._bends = 0, 0.0
+        self._pushed: Array = np.zeros(6)  # by thrust, at the end of the latest window
+        self._begin()
+        # Of an unknown base, or a robot without moving parts, the known links determine no reaction.
+        self._done = kernel.target.body == 0 or kernel.model.joints == 0
+
+    def _begin(self) -> None:
+        self._count = 0
+        self._bends: Array = np.zeros(2)  # sums of squared second differences of p and c
         self._squares: Array = np.zeros((9, 9))  # products of (1, t, t^2), p and c, sums over the windows
         self._latest: list[Array] = []  # the means of the latest windows
         self._origin: Array = np.zeros(6)
-        # Of an unknown base, or a robot without moving parts, the known links determine no reaction.
-        self._done = kernel.target.body == 0 or kernel.model.joints == 0
 
     def update(self, window: Samples) -> Reason | None:
         """Add a window; return a reason once, when the base is known to be held."""
         if self._done:
             return None
         part = window[np.unique(np.linspace(0, len(window) - 1, _READ).astype(np.intp))]
-        if np.any(window.impulse) or not np.all(np.isfinite(part.pose_covariance[:, 0, 0])):
-            self._done = True  # thrust moves the base, or nothing measures where it is
+        if not np.all(np.isfinite(part.pose_covariance[:, 0, 0])):
+            self._done = True  # nothing measures where it is
+            return None
+        pushed, self._pushed = np.any(window.impulse != self._pushed), window.impulse[-1]
+        if pushed:  # thrust moves the base
+            self._begin()
             return None
         bodies = self._kernel.states(part).known
         centre = np.sum(bodies[..., 1:4], axis=1) / np.sum(bodies[..., 0], axis=1)[:, None]
@@ -60,7 +69,7 @@ class HeldBase:
             self._origin = both
         self._latest = [*self._latest[-2:], both]
         if len(self._latest) == 3:
-            self._bends += float(np.sum(np.diff(self._latest, 2, axis=0)[0, :3] ** 2))
+            self._bends += np.sum(np.diff(self._latest, 2, axis=0).reshape(2, 3) ** 2, axis=1)
         time = float(np.mean(window.time))
         row = np.concatenate(([1.0, time, time**2], both - self._origin))
         self._squares += np.outer(row, row)
@@ -77,9 +86,9 @@ class HeldBase:
         across = self._squares[:3, 3:] / scale[:, None]
         left = self._squares[3:, 3:] - across.T @ np.linalg.solve(trend, across)
         base, centre = float(np.trace(left[:3, :3])), float(np.trace(left[3:, 3:]))
-        if centre < self._count * _MOVED**2 or base > _REACTION**2 * centre:
-            return False
+        if centre < self._count * _MOVED**2 or base > _REACTION**2 * centre or self._bends[1] > centre:
+            return False  # nothing moves, the base reacts, or the arm seems to leap, as in degrees
         if base < _ROUNDING * centre:
             return True
         together = abs(float(np.trace(left[:3, 3:])))
-        return together < _CORRELATION * np.sqrt(base * centre) and self._bends > _WHITE * base
+        return together < _CORRELATION * np.sqrt(base * centre) and self._bends[0] > _WHITE * base

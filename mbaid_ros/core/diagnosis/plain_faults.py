@@ -1,13 +1,13 @@
 """Faults that are plain in the readings or in the robot description: found before any filter runs, and named first.
 
-`CHECKS` has a row for each symptom. Its test returns the first reading at which the symptom is certain, with one line
-for the user. The result does not depend on how the readings are cut into calls.
+`CHECKS` has a row for each symptom: how grave it is, the share of a joint's readings that show it, its test and its
+words. The result does not depend on how the readings are cut into calls.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,29 +21,56 @@ from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 _FEWEST = 10  # readings with a symptom, from which it is no accident
 _SOURCES = 0.02  # share of readings from another source: single outliers, which are dropped, are fewer
 _SPIKE = 50.0  # standard deviations, and times the motion over two readings, of a step to another source and back
+_BETWEEN = 1.5  # times the interval before, that readings around one of another source are apart: else one is missing
+_LATEST = 3  # readings that are kept: a spike shows with those around it, and their intervals with the one before
+_STEP = 20.0  # standard deviations of a step after repeats: those of a coarse encoder are smaller
 _QUARTER = 0.5 * np.pi  # rad between two readings: of a half turn the direction is not known
+_WRAPPED = 2.1 * np.pi  # rad, range of wrapped angles at most
 _FAR = 1000.0  # rad, that no arm turns by, in degrees neither
-_MOST_STEPS = 0.5  # share of such steps: outliers and turns of wrapped angles are fewer
+_MOST_STEPS = 0.5  # share of steps of a quarter turn: outliers and turns of wrapped angles are fewer
 _COARSE = 10.0  # rad or m, range of whole numbers from which they are no positions
+_BEYOND, _LONG = 2.0, 1.0  # times its limits that no joint reaches; m, that a prismatic one reads in millimetres
 _HEAVY = 0.01  # share of the robot's mass, from which a link's inertia matters
-_POSITION = 1e-3  # m, noise of the base's position, at most
+_POSITION, _ORIENTATION = 1e-3, 1e-4  # m, rad, noise of the base's poses
 _REACH = 10.0  # times the robot's size, that no link's radius of gyration reaches
 _CERTAIN = 1e6  # log-likelihood that such a cause counts as: more than a filter finds for any other
 
 
 @dataclass
 class _Readings:
-    """The readings of one kind of message: the latest two, and the findings of earlier ones."""
+    """The readings of one kind of message: the latest ones, and what earlier ones have shown."""
 
-    joints: tuple[int, ...]
+    names: tuple[str, ...]
+    slides: Flags  # whether each joint is prismatic
+    bounds: Array  # rad or m, far beyond the limits of each joint
     stamps: StampPattern
-    last: Array | None = None
+    last: JointStream | None = None
     count: int = 0
-    spikes: int = 0
-    whole: Flags | None = None
+    shown: dict[str, Integers] = field(default_factory=dict)  # by symptom, how many of each joint's readings show it
     range: tuple[Array, Array] | None = None
     rates: bool = False  # whether the latest ones have velocities
-    fast: Integers | None = None  # steps of more than a quarter turn, by joint
+
+
+@dataclass(frozen=True)
+class _View:
+    """The latest readings of k joints, with those before them: N in all, of which `new` are new."""
+
+    stamp: Stamps
+    position: Array  # (N, k)
+    new: int
+    lowest: Array  # (N, k) of all readings until each
+    highest: Array
+    slides: Flags
+    bounds: Array
+    rates: bool
+    noise: float
+
+    @property
+    def step(self) -> Array:
+        """From each reading to the next, (N - 1, k); of wrapped angles the shorter way."""
+        step = np.diff(self.position, axis=0)
+        goes_on = self.slides | ((self.highest - self.lowest)[1:] > _WRAPPED)
+        return step - np.where(goes_on, 0.0, 2.0 * np.pi * np.round(step / (2.0 * np.pi)))
 
 
 class PlainFaults:
@@ -59,6 +86,7 @@ class PlainFaults:
         self._model, self._noise = model, noise
         self._kinds: dict[tuple[int, ...], _Readings] = {}
         self._base = StampPattern('the poses of the base', _POSITION)
+        self._zeros: int | None = 0  # poses at the begin; None once there are others
         described = _inertia(model)
         self._found: dict[str, tuple[int, Reason]] = {}  # by symptom: from which stamp on (ns), and the reason
         if described:
@@ -67,135 +95,188 @@ class PlainFaults:
     def add(self, streams: Mapping[tuple[int, ...], JointStream], base: BaseStream | None = None) -> None:
         """Add readings (N, k), by the joints that they are of, and of the base, in the order of arrival."""
         if base is not None and len(base.stamp):
-            self._follow(self._base, base.stamp, base.position)
+            turns = _POSITION / _ORIENTATION * base.rotation.reshape(-1, 9)
+            self._follow(self._base, base.stamp, np.concatenate((base.position, turns), axis=1))
+            self._begin(base)
         count = len(self._model.independent_joints)
         for kind, stream in streams.items():
             columns = [column for column, joint in enumerate(kind) if joint < count]
-            if columns:
-                own = tuple(kind[column] for column in columns)
-                readings = self._kinds.setdefault(kind, _Readings(own, StampPattern('the joint states', self._noise)))
-                readings.rates |= bool(np.isfinite(stream.velocity[:, columns]).any())
-                self._check(readings, stream.stamp, stream.position[:, columns])
-                self._follow(readings.stamps, stream.stamp, stream.position[:, columns])
+            if columns and len(stream.stamp):
+                own = JointStream(stream.stamp, stream.position[:, columns], stream.velocity[:, columns])
+                readings = self._kinds.setdefault(kind, self._nothing([kind[column] for column in columns]))
+                self._check(readings, own)
+                self._follow(readings.stamps, own.stamp, own.position)
 
     def applied(self, estimate: Estimate) -> Estimate:
         """Return an estimate with the reasons that were plain by its end, the gravest first."""
-        reasons = [reason for since, reason in self._found.values() if since <= estimate.stamp]
+        reasons = [reason for _, (since, reason) in sorted(self._found.items(), key=_rank) if since <= estimate.stamp]
         if not reasons:
             return estimate
-        explained = with_reasons(estimate, reasons)
+        explained = with_reasons(estimate, reasons[::-1])  # the last one leads the causes
         plain = tuple(reason.text for reason in reasons)
         return replace(explained, warnings=(*plain, *(text for text in explained.warnings if text not in plain)))
+
+    def _begin(self, base: BaseStream) -> None:
+        """Look at how poses begin: those of zeros, before what locates the base has seen it, end at once."""
+        if self._zeros is None:
+            return
+        away = np.maximum(np.abs(base.position).max(axis=1), np.abs(base.rotation - np.eye(3)).max(axis=(1, 2)))
+        self._zeros += int(np.argmax(away > 0.0)) if away.any() else len(away)
+        if away.any():
+            first = int(np.argmax(away > 0.0))
+            if self._zeros >= _FEWEST and away[first] > _ORIENTATION:
+                text = (
+                    f'the first {self._zeros} poses of the base are zero: tracking had not begun; read the bag with '
+                    '--start, or start the estimator later'
+                )
+                self._found['zeros'] = int(base.stamp[first]), Reason(text, 'note', _CERTAIN)
+            self._zeros = None
+
+    def _nothing(self, joints: list[int]) -> _Readings:
+        own = self._model.transmission.independent[joints]
+        slides = np.array(self._model.prismatic, dtype=bool)[own]
+        limits = np.array([max(-each.lower, each.upper) for each in self._model.limits])[own]
+        names = tuple(self._model.independent_joints[joint] for joint in joints)
+        bounds = np.maximum(_BEYOND * limits, np.where(slides, _LONG, _WRAPPED))
+        return _Readings(names, slides, bounds, StampPattern('the joint states', self._noise))
 
     def _follow(self, pattern: StampPattern, stamp: Stamps, position: Array) -> None:
         """Look at the stamps; wrong ones are a cause where anything is wrong."""
         for symptom, since, text in pattern.add(stamp, position):
             self._found.setdefault(symptom, (since, Reason(text, 'note', _CERTAIN)))
 
-    def _check(self, readings: _Readings, stamp: Stamps, position: Array) -> None:
-        joined = position if readings.last is None else np.concatenate((readings.last, position))
-        for symptom, (severity, check) in CHECKS.items():
-            if symptom not in self._found:
-                place, text = check(self._model, self._noise, readings, joined, len(position))
-                if text:
-                    self._found[symptom] = (int(stamp[place]), Reason(text, severity, _CERTAIN))
-        lowest, highest = _range(readings, position)
-        readings.range = lowest[-1], highest[-1]
-        readings.count += len(position)
-        readings.last = joined[-2:]
+    def _check(self, readings: _Readings, stream: JointStream) -> None:
+        """Look at the positions; a symptom is certain at the reading that makes it frequent enough."""
+        joined = stream if readings.last is None else stream.concatenate((readings.last, stream))
+        low, high = readings.range or (joined.position[0], joined.position[0])
+        lowest = np.minimum(np.minimum.accumulate(joined.position), low)
+        highest = np.maximum(np.maximum.accumulate(joined.position), high)
+        readings.rates |= bool(np.isfinite(stream.velocity).any())
+        own = readings.slides, readings.bounds, readings.rates, self._noise
+        view = _View(joined.stamp, joined.position, len(stream.stamp), lowest, highest, *own)
+        for symptom, (severity, share, shows, words) in CHECKS.items():
+            flags = shows(view)[-view.new :]
+            seen = readings.shown.get(symptom, 0) + np.cumsum(flags, axis=0)
+            number = readings.count + view.new - len(flags) + 1 + np.arange(len(flags))[:, None]
+            certain = (seen >= _FEWEST) & (seen >= share * number)
+            if symptom == 'ticks':
+                certain &= (highest - lowest)[-view.new :] > _COARSE
+            if len(flags):
+                readings.shown[symptom] = seen[-1]
+            if symptom not in self._found and np.any(certain):
+                row = int(np.argmax(np.any(certain, axis=1)))
+                place = len(joined.stamp) - len(flags) + row
+                joint = int(np.argmax(certain[row]))
+                unit = 'm' if readings.slides[joint] else 'rad'
+                text = words(view, place, joint).format(name=readings.names[joint], unit=unit)
+                self._found[symptom] = (int(joined.stamp[place]), Reason(text, severity, _CERTAIN))
+        readings.count += view.new
+        readings.range, readings.last = (lowest[-1], highest[-1]), joined[-_LATEST:]
 
 
-Check = Callable[[RobotModel, float, _Readings, Array, int], tuple[int, str]]
+def _spikes(view: _View) -> tuple[Flags, Flags]:
+    """Return readings far from both neighbours, which agree with each other: of another source, and wrong ones.
 
-
-def _two_sources(model: RobotModel, noise: float, readings: _Readings, joined: Array, new: int) -> tuple[int, str]:
-    """Test for readings far from both neighbours, which agree with each other: another publisher's."""
-    if len(joined) < 3:
-        return 0, ''
-    step = np.diff(joined, axis=0)
-    slides = np.array(model.prismatic)[model.transmission.independent[list(readings.joints)]]
-    step -= np.where(slides, 0.0, 2.0 * np.pi * np.round(step / (2.0 * np.pi)))  # angles may be wrapped
-    there, back = step[:-1], step[1:]
-    counts = joined == np.round(joined)  # of an encoder, which flip by one
-    spike = np.minimum(np.abs(there), np.abs(back)) > _SPIKE * (noise + np.abs(there + back))
+    Those of another publisher come between the readings, wrong ones in place of one. They are known with the reading
+    after them; the rows (N - 3, k) are of these.
+    """
+    if len(view.stamp) <= _LATEST:
+        none = np.zeros((0, view.position.shape[1]), dtype=bool)
+        return none, none
+    there, back = view.step[:-1], view.step[1:]
+    counts = view.position == np.round(view.position)  # of an encoder, which flip by one
+    spike = np.minimum(np.abs(there), np.abs(back)) > _SPIKE * (view.noise + np.abs(there + back))
     spike &= ~(counts[:-2] & counts[1:-1] & counts[2:])
-    late = min(new, len(spike))  # each spike is known with the reading after it
-    seen = readings.spikes + np.cumsum(np.any(spike[-late:], axis=1))
-    readings.spikes = int(seen[-1])
-    number = readings.count + new - late + 1 + np.arange(late)
-    certain = np.flatnonzero((seen >= _FEWEST) & (seen >= _SOURCES * number))
-    if not len(certain):
-        return 0, ''
-    row = len(spike) - late + int(certain[0])
-    joint = int(np.argmax(np.abs(there[row]) * spike[row])) if spike[row].any() else int(np.argmax(np.abs(there[row])))
-    name, unit = _named(model, readings, joint)
-    return new - late + int(certain[0]), (
-        f'joint states come from two sources that contradict each other, {name} by {abs(there[row, joint]):.2g} '
-        f'{unit}: stop one of the publishers, or give each a topic of its own'
-    )
+    around, before = view.stamp[3:] - view.stamp[1:-2], view.stamp[1:-2] - view.stamp[:-3]
+    # Where two sources send by turns, the reading before is a spike, too.
+    between = ((around < _BETWEEN * before) | np.any(spike[:-1], axis=1))[:, None]
+    return spike[1:] & between, spike[1:] & ~between
 
 
-def _range(readings: _Readings, position: Array) -> tuple[Array, Array]:
-    """Return the lowest and highest of all readings up to each of the new ones, (N, k)."""
-    low, high = readings.range or (position[0], position[0])
-    return np.minimum(np.minimum.accumulate(position), low), np.maximum(np.maximum.accumulate(position), high)
+def _held(view: _View) -> Flags:
+    """Return readings that are new after repeats while other joints were new; coarse encoders have small steps."""
+    new = np.diff(view.position, axis=0) != 0.0
+    far = (np.abs(view.step[2:]) > _STEP * view.noise) & (view.position[3:] != np.round(view.position[3:]))
+    return np.asarray(far & new[2:] & ~new[1:-1] & ~new[:-2] & np.any(new[1:-1], axis=1, keepdims=True))
 
 
-def _ticks(model: RobotModel, _noise: float, readings: _Readings, joined: Array, new: int) -> tuple[int, str]:
-    """Test for whole numbers over a wide range: counts of an encoder, or degrees."""
-    position = joined[len(joined) - new :]
-    whole = np.ones(position.shape[1], dtype=bool) if readings.whole is None else readings.whole
-    wholes = np.logical_and.accumulate((position == np.round(position)) & whole, axis=0)
-    lowest, highest = _range(readings, position)
-    readings.whole = wholes[-1]
-    wide = wholes & (highest - lowest > _COARSE)
-    enough = (readings.count + 1 + np.arange(new) >= _FEWEST)[:, None]
-    places = np.flatnonzero(np.any(wide & enough, axis=1))
-    if not len(places):
-        return 0, ''
-    row = int(places[0])
-    joint = int(np.argmax(wide[row]))
-    name, unit = _named(model, readings, joint)
-    return row, (
-        f'{name} reads whole numbers, from {lowest[row, joint]:.0f} to {highest[row, joint]:.0f}: encoder ticks or '
-        f'degrees, not {unit}; convert them in the driver'
-    )
+def _by(view: _View, place: int, joint: int) -> str:
+    """Return the largest recent step of a joint."""
+    return f'{np.max(np.abs(view.step[max(place - _LATEST, 0) : place, joint])):.2g}'
 
 
-def _too_fast(model: RobotModel, _noise: float, readings: _Readings, joined: Array, new: int) -> tuple[int, str]:
-    """Test for joints without a velocity that turn by more than a quarter from one reading to the next."""
-    if readings.rates or len(joined) < 2:  # wrapped readings stay within a turn, those of wheels go on and on
-        return 0, ''
-    step = np.diff(joined, axis=0)
-    slides = np.array(model.prismatic)[model.transmission.independent[list(readings.joints)]]
-    wrapped = step - 2.0 * np.pi * np.round(step / (2.0 * np.pi))
-    before = np.zeros(step.shape[1], dtype=np.int64) if readings.fast is None else readings.fast
-    late = min(new, len(step))
-    extent = np.subtract(*_range(readings, joined[-late:])[::-1])
-    turns = ((np.abs(wrapped[-late:]) > _QUARTER) & (extent < 2.0 * np.pi)) | (
-        (np.abs(step[-late:]) > np.pi) & (extent > _FAR)
-    )
-    fast = before + np.cumsum(turns & ~slides, axis=0)
-    readings.fast = fast[-1]
-    number = (readings.count + new - late + 1 + np.arange(late))[:, None]
-    certain = (fast >= _FEWEST) & (fast > _MOST_STEPS * number)
-    places = np.flatnonzero(np.any(certain, axis=1))
-    if not len(places):
-        return 0, ''
-    row = int(places[0])
-    name, _ = _named(model, readings, int(np.argmax(certain[row])))
-    return new - late + row, (
-        f'{name} turns by more than a quarter from one reading to the next: how far is not known without its velocity; '
-        'publish velocities, or read it more often'
-    )
+def _fast(view: _View) -> Flags:
+    """Return steps of more than a quarter turn, of joints without a velocity."""
+    if view.rates or len(view.stamp) < 2:  # wrapped readings stay within a turn, those of wheels go on and on
+        return np.zeros((0, view.position.shape[1]), dtype=bool)
+    step, extent = np.diff(view.position, axis=0), (view.highest - view.lowest)[1:]
+    wrapped = np.abs(step - 2.0 * np.pi * np.round(step / (2.0 * np.pi)))
+    turns = ((wrapped > _QUARTER) & (extent < _WRAPPED)) | ((np.abs(step) > np.pi) & (extent > _FAR))
+    return np.asarray(turns & ~view.slides)
 
 
-# By symptom: how grave it is, and its test. Readings that contradict each other make any estimate inconsistent.
-CHECKS: Mapping[str, tuple[Severity, Check]] = {
-    'two sources': ('conflict', _two_sources),
-    'ticks': ('conflict', _ticks),
-    'too fast': ('conflict', _too_fast),
+Shows = Callable[[_View], Flags]
+Words = Callable[[_View, int, int], str]  # of a view, the place of a reading and a joint
+# By symptom. Readings that contradict each other make any estimate inconsistent.
+CHECKS: Mapping[str, tuple[Severity, float, Shows, Words]] = {
+    'two sources': (
+        'conflict',
+        _SOURCES,
+        lambda view: _spikes(view)[0],
+        lambda *at: (
+            f'joint states come from two sources that contradict each other, {{name}} by {_by(*at)} {{unit}}: stop one '
+            'of the publishers, or give each a topic of its own'
+        ),
+    ),
+    'wrong values': (
+        'note',
+        _SOURCES,
+        lambda view: _spikes(view)[1],
+        lambda *at: (
+            f'joint states hold wrong values now and then, {{name}} by {_by(*at)} {{unit}}, which are left out: look '
+            'at the driver'
+        ),
+    ),
+    'held': (
+        'note',
+        _SOURCES,
+        _held,
+        lambda *_: '{name} repeats its readings while other joints have new ones: read it as often as the others',
+    ),
+    'ticks': (
+        'conflict',
+        1.0,
+        lambda view: np.asarray(view.position == np.round(view.position)),
+        lambda view, place, joint: (
+            f'{{name}} reads whole numbers, from {view.lowest[place, joint]:.0f} to {view.highest[place, joint]:.0f}: '
+            'encoder ticks or degrees, not {unit}; convert them in the driver'
+        ),
+    ),
+    'too fast': (
+        'conflict',
+        _MOST_STEPS,
+        _fast,
+        lambda *_: (
+            '{name} turns by more than a quarter from one reading to the next: how far is not known without its '
+            'velocity; publish velocities, or read it more often'
+        ),
+    ),
+    'limits': (
+        'conflict',
+        _MOST_STEPS,
+        lambda view: (np.abs(view.position) > view.bounds) & (view.position != np.round(view.position)),
+        lambda view, place, joint: (
+            f'{{name}} reads {view.position[place, joint]:.3g}, far beyond its limits in the robot description: '
+            'degrees, millimetres or encoder ticks, not {unit}? Convert them in the driver'
+        ),
+    ),
 }
+
+
+def _rank(found: tuple[str, tuple[int, Reason]]) -> tuple[bool, int]:
+    """Return the order of a symptom: the gravest first, then as in the table."""
+    symptom, (_, reason) = found
+    return reason.severity == 'note', list(CHECKS).index(symptom) if symptom in CHECKS else -1
 
 
 def _inertia(model: RobotModel) -> str:
@@ -216,10 +297,3 @@ def _inertia(model: RobotModel) -> str:
                 '<inertia> in the robot description'
             )
     return ''
-
-
-def _named(model: RobotModel, readings: _Readings, column: int) -> tuple[str, str]:
-    """Return name and unit of the joint in a column of readings."""
-    joint = readings.joints[column]
-    slides = model.prismatic[model.transmission.independent[joint]]
-    return model.independent_joints[joint], 'm' if slides else 'rad'

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbaid_ros.core.diagnosis.readings import CHANNELS, Roughness
-from mbaid_ros.core.results.evidence import SENSORS, Innovations, correlated_noise
+from mbaid_ros.core.results.evidence import SENSORS, Innovations
 from mbaid_ros.core.results.status import Cause
 
 # Log-likelihood, the odds of bank.MARGIN: a smaller gain is not reported, and a smaller lead is no lead.
@@ -63,7 +63,6 @@ def ranked(
     innovations: Innovations,
     misfit: float,
     rough: Roughness,
-    correlated: tuple[float, float],
 ) -> tuple[Cause, ...]:
     """Return the candidate causes, the likeliest first.
 
@@ -73,8 +72,6 @@ def ranked(
     innovations : of a pass in which nothing explains anything
     misfit : log-likelihood that is missing there
     rough : the noise by the samples
-    correlated : s, over which the samples show correlated errors of the odometry beyond the declared, and the
-        log-likelihood of that; 0 where they do not
     """
     noise = _noise(innovations, rough)
     if noise:  # a pass with more of the noise that samples show has gained by that noise
@@ -83,9 +80,6 @@ def ranked(
         inquired = {text: found for text, found in inquired.items() if not text.startswith(NOISE)}
     causes = [Cause(text, gain if physical else CATCH_ALL * gain) for text, (gain, physical) in inquired.items()]
     causes += noise
-    time, gain = correlated
-    if time > 0.0:
-        causes.append(Cause(correlated_noise(time), misfit + gain))
     if rough.outliers > _OUTLIERS:
         share = f'{1e2 * rough.outliers:.1g}'
         causes.append(Cause(f'{share} % of the poses are outliers: check the tracking of the odometry', misfit))

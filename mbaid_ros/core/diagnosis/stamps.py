@@ -9,6 +9,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Stamps
 
+_SKIPPED = 10  # intervals, before which the mean is not known
 _FEWEST = 60  # intervals that show a pattern
 _SHORT, _BATCHED = 0.2, 0.4  # part of the mean interval that is short; share of such ones: of random ones it is a fifth
 _STEP = 50_000_000  # ns, that a clock is set by at least: less is jitter, or messages that overtake each other
@@ -17,7 +18,7 @@ _EVEN = 0.5  # part of the usual interval, that those around a step differ by: o
 _GAP = 5.0  # usual intervals that make a gap
 _STEADY, _MISSING = 0.2, 0.3  # part by which the speed changes over a gap, and of its motion that is there at most
 _FAR = 50.0  # standard deviations that a gap's motion should be at least
-_AROUND = 3  # readings that a step is looked at with, before and after
+_AROUND = 6  # readings that a step is looked at with, before and after
 
 Found = tuple[str, int, str]  # symptom, from which stamp on (ns), and in words
 
@@ -62,11 +63,11 @@ class StampPattern:
         number = self._count + 1 + np.arange(len(stamp))  # readings up to each
         mean = (stamp - self._first) / np.maximum(number - 1, 1)
         interval = np.concatenate((np.full(len(stamp) - len(interval), np.iinfo(np.int64).max), interval))
-        short = self._short + np.cumsum((interval < _SHORT * mean) & (interval > 0))
+        short = self._short + np.cumsum((interval < _SHORT * mean) & (interval > 0) & (number > _SKIPPED))
         self._count, self._short = int(number[-1]), int(short[-1])
         batched = np.flatnonzero((number > _FEWEST) & (short > _BATCHED * number))
         if len(batched):
-            size = 1.0 / max(1.0 - short[batched[0]] / number[batched[0]], 0.01)
+            size = 1.0 / max(1.0 - short[batched[0]] / (number[batched[0]] - _SKIPPED), 0.01)
             text = (
                 f'{self._what} come in batches of about {size:.0f}, stamped right after each other: stamped on '
                 'arrival, not when they were measured; stamp them in the driver'

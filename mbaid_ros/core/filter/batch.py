@@ -33,6 +33,7 @@ SLICE = 30  # steps of the filter, about, in one slice: a few milliseconds
 _STATE_SIZE = 96  # numbers of the state, for as many of which a step costs one more
 MASS = BODY.start - LINEAR.start  # its index among the parameters
 _ITERATIONS = 12  # at most: an iteration that has not converged by then seldom does
+_MOST_ITERATIONS = 24  # the same where the target has a prior, from which the steps may be halved
 # Mean normalised innovation squared above which an iteration stops after so many steps without improvement.
 HOPELESS, _IDLE = 10.0, 3
 _CONVERGED = 0.1  # standard deviations: smaller steps change nothing that is published
@@ -50,6 +51,15 @@ _DISPLACED = 0.25  # standard deviations by which a Newton step may move the bod
 def is_converged(step: Array, deviation: Array) -> bool:
     """Return whether a Gauss-Newton step is negligible beside the standard deviations: the one stopping rule."""
     return bool(np.all(np.abs(step) <= _CONVERGED * deviation))
+
+
+_BACK = -0.5  # cosine of the angle between two steps, of which the second goes back: the first was too long
+
+
+def turns_back(step: Array, before: Array, deviation: Array) -> bool:
+    """Tell whether a step reverses the one before, which was too long."""
+    scaled, last = (each / np.where(deviation > 0.0, deviation, np.inf) for each in (step, before))
+    return bool(scaled @ last < _BACK * np.linalg.norm(scaled) * np.linalg.norm(last))
 
 
 class BackgroundTask(Generic[Outcome]):
@@ -155,7 +165,11 @@ class BatchIteration:
     linearised: LinearisationCache  # linearises windows
 
     def prior(self, hypothesis: Hypothesis, longest: int = LONGEST, mass: float | None = None) -> HypothesisFilter:
-        """Return a hypothesis before the first window: of any mass or near one, with jumps of so many windows."""
+        """Return a hypothesis before the first window: of any mass or near one, with jumps of so many windows.
+
+        Of none where the target has a prior: what a first guess explains badly would pass for jumps.
+        """
+        longest = 0 if self.variables.described else longest
         extra = self.variables.force.shape[1] if hypothesis.force != 'none' else 0
         return HypothesisFilter(hypothesis, SquareRootInformation.prior(self.variables, extra, mass), longest=longest)
 
@@ -189,33 +203,33 @@ class BatchIteration:
         mass_held : whether that prior holds the mass
         """
         result: BatchResult | None = None
-        least, idle, most = np.inf, 0, -np.inf
-        for _ in range(_ITERATIONS):
+        least, idle, pace = np.inf, 0, 1.0
+        before: Array = np.zeros(0)
+        for _ in range(_MOST_ITERATIONS if self.variables.described else _ITERATIONS):
             try:
                 relinearised = yield from self.relinearise(stacks, point)
                 (filtered,) = yield from self.filter(relinearised, (prior,))
-                tried = self._step(relinearised, filtered, mass_held=mass_held)
+                result = self._step(relinearised, filtered, mass_held=mass_held)
             except np.linalg.LinAlgError:
                 # The step has led to a robot that cannot exist.
                 return None if result is None else replace(result, point=result.relinearised.point, converged=False)
-            most = max(most, tried.filtered.gaussian.log_likelihood)
-            if result is not None and tried.filtered.gaussian.log_likelihood < most - MARGIN:
-                # A step may shrink the misfit only as the noise of the prediction grows: half of it, then.
-                point = self._between(result.relinearised.point, point, tried.moments)
-                result = replace(result, converged=False)
-                continue
-            result, point = tried, tried.point
+            point = result.point
+            if self.variables.described and not result.converged:
+                step = point.parameters - relinearised.point.parameters
+                back = before.size > 0 and turns_back(step, before, result.deviation)
+                pace, before = 0.5 * pace if back else min(1.0, 1.5 * pace), step
+                point = self._on_the_way(relinearised.point, point, pace, result.moments)
             misfit = result.filtered.misfit / max(result.filtered.gaussian.measured, 1)
             least, idle = min(misfit, least), 0 if misfit < least else idle + 1
             if result.converged or (least > HOPELESS and idle >= _IDLE):
                 break
         return result
 
-    def _between(self, first: Point, second: Point, moments: MeanAndCovariance) -> Point:
-        """Return the point midway between two."""
+    def _on_the_way(self, first: Point, second: Point, part: float, moments: MeanAndCovariance) -> Point:
+        """Return the point that lies a part of the way from one to another."""
         state = moments.mean.copy()
-        state[self.layout.parameters] = 0.5 * (first.parameters + second.parameters)
-        state[self.layout.readings] = 0.5 * (first.readings + second.readings)
+        state[self.layout.parameters] = first.parameters + part * (second.parameters - first.parameters)
+        state[self.layout.readings] = first.readings + part * (second.readings - first.readings)
         return self.layout.point(state)
 
     def _step(self, relinearised: Relinearised, filtered: HypothesisFilter, *, mass_held: bool) -> BatchResult:

@@ -60,6 +60,7 @@ class WindowModel:
     # rotation, position: (3, 3), (3,) m, of the base at the window's end
     rotation: Array
     position: Array
+    centre: Array  # (3,) m, the common centre of mass there
     brought: Array  # (6, s) change of (P, L) until the next window by the unknowns
     stepped: Array  # (6, f) motion of the base there by each Gauss-Markov process, when that grows by one
     body: Array  # (10,) standard parameters of the target at the linearisation point
@@ -125,10 +126,10 @@ def _models(
     motion: tuple[Midpoints, slice],
     predicted: Prediction,
     point: Point,
-    effects: tuple[JointNoise, Array],
+    effects: tuple[JointNoise, tuple[Array, Array]],
 ) -> WindowModel:
     """Return a stack's windows from its motion, the prediction, the joints' noise and the momentum brought."""
-    noise, brought = effects
+    noise, (brought, centre) = effects
     around, inside = motion
     parameters, spacing = point.parameters, stack.windows[0].spacing
     around_slope = gradient(predicted.twist) / spacing
@@ -166,6 +167,7 @@ def _models(
         length=np.full(len(stack.windows), len(middle) * spacing),
         rotation=exp(0.5 * middle.turn[-1]) @ middle.base_rotation[-1],
         position=middle.base_position[-1] + 0.5 * middle.step[-1],
+        centre=centre,
         brought=brought,
         stepped=noise.stepped,
         body=np.tile(point.body, (len(stack.windows), 1)),
@@ -173,8 +175,8 @@ def _models(
     )
 
 
-def _brought(layout: Layout, stack: Stack, bodies: Bodies, position: Array) -> Array:
-    """Return the change of the momentum until the next window by the unknowns, (B, 6, s).
+def _brought(layout: Layout, stack: Stack, bodies: Bodies, position: Array) -> tuple[Array, Array]:
+    """Return the (B, 6, s) change of the momentum until the next window by the unknowns, and the centre of mass, m.
 
     Parameters
     ----------
@@ -182,16 +184,14 @@ def _brought(layout: Layout, stack: Stack, bodies: Bodies, position: Array) -> A
     bodies, position : near the end of each; (B, 3) m, of the base then
     """
     brought = np.zeros((len(position), 6, layout.size))
-    pushing = [pair for pair in zip(layout.unknowns, layout.places, strict=True) if pair[0].pushes]
-    if pushing:
-        placed = bodies.states.configuration
-        system = np.sum(express(bodies.parameters, placed.rotation, position[:, None] + placed.position), axis=1)
-        length = stack.windows[0].length
-        for unknown, place in pushing:
+    placed, length = bodies.states.configuration, stack.windows[0].length
+    system = np.sum(express(bodies.parameters, placed.rotation, position[:, None] + placed.position), axis=1)
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        if unknown.pushes:
             ends = stack.middles + 0.5 * length
             rates = unknown.momentum_rates(system, stack.windows[0].origin, ends, placed.rotation[:, 0])
             brought[..., place] = length * rates @ unknown.factor
-    return brought
+    return brought, system[:, 1:4] / system[:, :1]
 
 
 def _integral(twist: Array, slope: Array, spacing: float) -> Array:

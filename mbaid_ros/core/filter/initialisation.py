@@ -20,7 +20,9 @@ from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.robot.model_errors import body_sizes
 from mbaid_ros.core.unknowns.environment import Hypothesis
 
-_GROWTH = 1.5  # growth of the windows until the next search: all searches together cost three times the last
+# Growth of the windows until the next search, so that all searches together cost three times the last; where the target
+# has a prior, at which it is linear until the data move it, five times.
+_GROWTH, _GROWTH_DESCRIBED = 1.5, 1.25
 _AT_REST = 4  # windows before the first motion that are kept: noise alone is in their rows
 # Windows after which a search that has not converged is repeated, and the least part of all that is: so the work of a
 # window stays about the same.
@@ -33,6 +35,7 @@ _SHARPER = 0.7
 _KNOWN = 0.1
 # Steps of the filter that a task may take between two windows: while there is an estimate, and before.
 _SHARE, _FIRST_SHARE = 300, 1200
+_AT_ONCE = 10**9  # the same where the target has a prior: its windows are rare, and each may leave the linear range
 
 
 class Initialisation:
@@ -87,14 +90,19 @@ class Initialisation:
         known = (self._curvature, self._displacement if explained else None)
         return tuple(each for each in known if each is not None)
 
-    def add(self, window: Window, points: Sequence[Callable[[], Point | None]], *, moved: bool) -> None:
-        """Add a window, and begin a search where one is due; none as long as no joint has moved."""
+    def add(
+        self, window: Window, points: Sequence[Callable[[], Point | None]], *, moved: bool, lost: bool = False
+    ) -> None:
+        """Add a window, and begin a search where one is due; none as long as no joint has moved.
+
+        A search is due, too, where a target with a prior has been lost: the solution no longer explains the windows.
+        """
         self.windows.append(window)
         if self._search.under_way:
             return
         if not moved:
             self.windows = self.windows[-_AT_REST:]
-        elif len(self.windows) >= self._due:
+        elif len(self.windows) >= self._due or (lost and self._batch.variables.described):
             self._searched = len(self.windows)
             self._search.begin(self._multi_start.search(self.windows, points))
         elif not self.converged and len(self.windows) > self._kept:
@@ -103,7 +111,13 @@ class Initialisation:
 
     def allot(self) -> None:
         """Allot the work until the next window."""
-        steps = _SHARE if self.converged and not self._displaced else _FIRST_SHARE
+        steps = (
+            _AT_ONCE
+            if self._batch.variables.described
+            else _SHARE
+            if self.converged and not self._displaced
+            else _FIRST_SHARE
+        )
         for task in (self._search, self._curvature_task, self._displacement_task):
             task.allot_steps(steps)
 
@@ -213,5 +227,7 @@ class Initialisation:
 
     def _next_search(self, windows: int, gaussian: SquareRootInformation) -> int:
         """Return at how many windows to search again: soon where that may yet be accepted."""
+        if self._batch.variables.described:
+            return int(np.ceil(_GROWTH_DESCRIBED * windows))
         soon = not (self.accepted or gaussian.nis > HOPELESS * gaussian.measured)
         return int(np.ceil(windows + max(_RETRY, _RETRY_PART * windows) if soon else _GROWTH * windows))

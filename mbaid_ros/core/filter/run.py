@@ -260,7 +260,8 @@ class FilterRun:
         if ready is not None and self.phase is not Phase.TRACKING:
             points = [self._best_point] if self.converged else []
             points += [] if self._offered is None else [self._offered]
-            self._initialisation.add(ready, points, moved=moved)
+            lost = self.converged and self.unexplained
+            self._initialisation.add(ready, points, moved=moved, lost=lost)
         self._initialisation.allot()
         if self.phase is Phase.COLLECTING:
             return

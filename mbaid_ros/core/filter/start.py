@@ -121,7 +121,11 @@ class MultiStart:
         bodies of quite another mass explain the windows as well: the results with the mass held show those.
         """
         held: list[BatchResult] = []
-        batch = swing_held(self.batch, stacks)
+        if self.batch.variables.described:
+            guess = self.batch.layout.point(self._beginning(self.batch.variables.mean[BODY], stacks[0][0].windows))
+            result = yield from self.batch.converge(stacks, guess, self.batch.prior(self.hypotheses[0]))
+            return [] if result is None else [result]
+        batch = swing_held(self.batch)
         for guess in self._guesses([window for stack in stacks[0] for window in stack.windows], batch.layout):
             prior = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS, float(guess.parameters[MASS]))
             result = yield from batch.converge(stacks, guess, prior, mass_held=True)
@@ -184,26 +188,15 @@ class MultiStart:
         lengths = np.linalg.norm(kernel.model.positions, axis=1)
         length = float(np.sum(lengths)) * min(1.0, _LINKS / max(len(lengths), 1))
         guesses: list[Point] = []
-        described = self._described(windows, declared)
         for mass in [declared] if declared > 0.0 else parts:
-            state = np.concatenate((np.zeros(BODY.stop), self.batch.layout.known.mean))
-            state[BODY.start] = mass
-            state[[BODY.start + 4, BODY.start + 7, BODY.start + 9]] = mass * (_GUESSED_RADIUS * max(length, 0.1)) ** 2
-            if described is not None:
-                state[BODY] = mass / described[0] * described
-            state[ANGULAR] = angular_momentum(kernel, state[BODY], windows)
-            guesses.append(layout.point(state))
+            ball = np.zeros(10)
+            ball[0], ball[[4, 7, 9]] = mass, mass * (_GUESSED_RADIUS * max(length, 0.1)) ** 2
+            guesses.append(layout.point(self._beginning(ball, windows)))
         return guesses
 
-    def _described(self, windows: Sequence[Window], mass: float) -> Array | None:
-        """Return the URDF's (10,) parameters of a base that is sought with a declared mass while nothing locates it.
-
-        Its joints are light beside it then, and a ball of their length is far from it.
-        """
-        target = self.batch.layout.kernel.target
-        located = bool(np.isfinite(windows[0].noise.pose).all())
-        return (
-            target.parameters
-            if mass > 0.0 and not located and target.body == 0 and target.parameters[0] > 0.0
-            else None
-        )
+    def _beginning(self, body: Array, windows: Sequence[Window]) -> Array:
+        """Return the state with a body (10,), as the windows begin."""
+        state = np.concatenate((np.zeros(BODY.stop), self.batch.layout.known.mean))
+        state[BODY] = body
+        state[ANGULAR] = angular_momentum(self.batch.layout.kernel, body, windows)
+        return state

@@ -47,6 +47,11 @@ class Variables:
     left: Array | None = None
 
     @property
+    def described(self) -> bool:
+        """Whether all of the body has a prior."""
+        return bool(self.mean[BODY][4] > 0.0)
+
+    @property
     def typical_mass(self) -> float:
         """Mass whose momentum at 1 m/s is of typical size, kg."""
         return float(self.typical_momentum[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,9 +36,7 @@ class WhitenedWindow:
     bias_information: Array  # (b, b + 1) information M of the body by noise in the rows, and M times the body
     moved: Array  # (6, 6) derivative of the next pose error by the momentum, SI units
     brought: Array  # (p, v) change of the momentum until the next window by the variables
-    # inertial, in_base_axes: (p, f) change of the momentum by a constant force and torque, as its axes are
-    inertial: Array
-    in_base_axes: Array
+    pushes: Mapping[Axes, Array]  # (p, f) change of the momentum by a constant force and torque, by where it acts
     stepped: Array  # (p, f) as of `WindowModel`
     length: float  # s
     places: Integers  # (k,) of the values among the numbers that a window may measure, as of `Innovations`
@@ -46,7 +44,7 @@ class WhitenedWindow:
 
     def push(self, axes: Axes) -> Array:
         """Return the change of the momentum by a constant force and torque in these axes, (p, f)."""
-        return self.in_base_axes if axes == 'body' else self.inertial
+        return self.pushes[axes]
 
 
 def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
@@ -106,7 +104,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
             errors_in_variables_bias(precision, windows.joints_by_unknowns, windows.body, variables),
             windows.transition[..., MOMENTUM],
             variables.gather[variables.poses : variables.head, MOMENTUM] @ variables.rows(windows.brought),
-            *_pushes(windows, variables),
+            _pushes(windows, variables),
             turn @ windows.stepped,
             windows.length.tolist(),
             (each[3] for each in measured),
@@ -190,18 +188,28 @@ def _shared(weighed: Array, slope: Array, variables: Variables) -> Array:
     return variables.rows(score)[:, 0]
 
 
-def _pushes(windows: WindowModel, variables: Variables) -> tuple[Array, Array]:
-    """Return the (B, p, f) change of the momentum by a constant force and torque, in inertial axes and in the base's.
+def _pushes(windows: WindowModel, variables: Variables) -> list[dict[Axes, Array]]:
+    """Return for B windows the (p, f) change of the momentum by a constant force and torque, where and as it acts.
 
-    Inertial ones act at the run's origin: a tilted table pulls at the common centre of mass. A window's momentum is
-    that of its middle. The force acts from there to the middle of the next window, on a base that is between the two.
+    A window's momentum is that of its middle. The force acts from there to the middle of the next window, on a robot
+    that is between the two.
     """
-    push = np.zeros((len(windows.length), 6, 6))
-    push[:, :3, :3] = push[:, 3:, 3:] = windows.rotation
-    push[:, 3:, :3] = skew(windows.position) @ windows.rotation
+    upright = np.broadcast_to(np.eye(3), windows.rotation.shape)
     to_momentum = variables.gather[variables.poses : variables.head, MOMENTUM]
     force = windows.length[:, None, None] * variables.force
-    return to_momentum @ force, to_momentum @ (push @ force)
+    acting: dict[Axes, tuple[Array, Array]] = {
+        'inertial': (upright, windows.centre),
+        'inertial on the base': (upright, windows.position),
+        'body': (windows.rotation, windows.position),
+    }
+    pushes: list[dict[Axes, Array]] = [{} for _ in windows.length]
+    for axes, (rotation, point) in acting.items():
+        push = np.zeros((len(windows.length), 6, 6))
+        push[:, :3, :3] = push[:, 3:, 3:] = rotation
+        push[:, 3:, :3] = skew(point) @ rotation
+        for own, change in zip(pushes, to_momentum @ (push @ force), strict=True):
+            own[axes] = change
+    return pushes
 
 
 LINEARISED = 5  # work of linearising a window, in steps of the filter

@@ -177,12 +177,21 @@ class Stack:
 
     @cached_property
     def integrates_twist(self) -> Flags:
-        """Which windows' twist counts by its integral (B,): where poses are correlated, and there is no gyro beside."""
+        """Which windows' twist counts by its integral (B,): where that is the better change of correlated poses.
+
+        Its noise then adds to that of the mean pose. Not with a gyro beside.
+        """
         inside = self.windows[0].inside
         twist = np.isfinite(self.knots.base_twist[inside.start : inside.stop + 1]).all(axis=(0, 2))
         if self.knots.gyro.shape[-1]:
             return np.zeros_like(twist)
-        return np.asarray((self.whitening[:, 0] > 0.0) & twist & np.isfinite(self.pose_covariance).all(axis=(1, 2)))
+        twist &= np.isfinite(self.pose_covariance).all(axis=(1, 2))
+        pose, of_twist = (
+            np.diagonal(each, axis1=1, axis2=2).reshape(-1, 2, 3).sum(axis=2)
+            for each in (self.pose_covariance, self.twist_covariance)
+        )
+        added = (self.whitening * self.windows[0].length) ** 2 * of_twist
+        return np.asarray((self.whitening[:, 0] > 0.0) & twist & np.all(added < pose, axis=1))
 
     @cached_property
     def joint_variance(self) -> Array:

@@ -195,10 +195,14 @@ PULSE = 'thrust pulse or contact'
 SYMPTOM = 'one of too many jumps for a pulse: something else is wrong'
 
 
-def constant_force(axes: Literal['inertial', 'body']) -> str:
-    """Return the likely sources of a force and torque that are constant in inertial or in the base's axes."""
-    inertial = 'inertial axes: a tilted table, drag, a leak or gravity in orbit'
-    return f'a force or torque that is constant in {inertial if axes == "inertial" else "base axes: a leak or thrust"}'
+def constant_force(axes: str) -> str:
+    """Return the likely sources of a constant force and torque, by its axes."""
+    acting = {
+        'inertial': 'inertial axes, at the common centre of mass: a tilted table, drag or gravity in orbit',
+        'inertial on the base': 'inertial axes, on the base: a cable, or a leak',
+        'body': 'base axes: a leak or thrust',
+    }
+    return f'a force or torque that is constant in {acting[axes]}'
 
 
 def changed_by(text: str, mass: float | None, centre: Array) -> str:

@@ -1,8 +1,7 @@
-"""Evidence about a model: correlated noise, innovations, and numbers beside their prior once data have been seen."""
+"""Evidence about a model: innovations, and numbers beside their prior once data have been seen."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,38 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Integers
-from mbaid_ros.core.samples import Samples
-
-# Variance of second differences over that of white noise as declared, below which noise is correlated, and
-# correlation of neighbouring ones, above which it is not: noise has -2/3 to -1/2, interpolated poses, also small,
-# positive ones.
-_SMALL, _SMOOTH = 0.25, -0.25
-_FEWEST = 20  # samples: the variance of second differences of fewer is uncertain to a quarter
-
-
-def correlated_noise(time: float) -> str:
-    """Return the cause: the correlation time (s) of the odometry's noise, and the parameter to set."""
-    shown = f'{time:.2g}'
-    return f'the noise of the odometry is correlated over about {shown} s: set noise.base_correlation_time to {shown}'
-
-
-def correlation_time_of(window: Samples) -> tuple[float, float]:
-    """Return the correlation time (s) of the positions' errors, 0 for none, and its log-likelihood.
-
-    With correlation c from one sample to the next, second differences have (1 - c)(3 - c) / 3 of the variance that the
-    window declares.
-    """
-    if len(window) < _FEWEST:
-        return 0.0, 0.0
-    deviation = np.sqrt(6.0 * np.mean(np.diagonal(window.pose_covariance, axis1=1, axis2=2)[:, :3], axis=0))
-    changes = np.diff(window.base_position, 2, axis=0) / deviation
-    ratio = float(np.mean(changes**2))
-    if not 0.0 < ratio < _SMALL or np.mean(changes[1:] * changes[:-1]) > _SMOOTH * ratio:
-        return 0.0, 0.0
-    correlation = 2.0 - math.sqrt(1.0 + 3.0 * ratio)
-    step = float(np.median(np.diff(window.time)))
-    return -step / math.log(correlation), 0.5 * changes.size * (ratio - 1.0 - math.log(ratio))
-
 
 SENSORS = ('base_orientation', 'base_position', 'base_angular_velocity', 'base_linear_velocity', 'imu')
 

@@ -12,9 +12,8 @@ import numpy as np
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Status
-from mbaid_ros.core.results.evidence import SENSORS, Distance, Innovations, correlated_noise, correlation_time_of
+from mbaid_ros.core.results.evidence import SENSORS, Distance, Innovations
 from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.core.samples import Samples
 
 Severity = Literal['note', 'contradiction', 'conflict']
 
@@ -113,8 +112,6 @@ class Evidence:
     gain: float  # log-likelihood of that hypothesis over the first
     # the part of the robot that, further off than declared, gains most without a force; and its gain
     instead: tuple[str, float]
-    latest: Samples  # the window that the run ends with
-    correlation_time: float  # s, declared of the errors of the base's poses
 
 
 @dataclass(frozen=True)
@@ -198,25 +195,12 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
             relative = correlation / max(ratio, 1.0)
             gain = -0.5 * float(innovations.pairs[place]) * np.log(max(1.0 - relative**2, 1e-3))
             causes.append(Cause(f'the noise of {sensor} is correlated over more than a window', gain))
-    # Means of correlated noise are larger than declared, too.
-    of_noise = sum(cause.gain for cause in causes if cause.text.startswith('noise.base_'))
-    causes += _correlated(evidence, of_noise)
     if evidence.hypothesis and evidence.physical:
         causes.append(Cause(evidence.hypothesis, evidence.gain))
     causes.sort(key=lambda cause: -cause.gain)
     # A walk gains more than anything else could, and names nothing: it comes last.
     walk = [Cause(evidence.hypothesis, evidence.gain)] if evidence.hypothesis and not evidence.physical else []
     return (*causes, *walk)
-
-
-def _correlated(evidence: Evidence, of_noise: float) -> list[Cause]:
-    """Return that the odometry's noise is correlated, if samples show it; that explains a gain by larger noise, too."""
-    if evidence.correlation_time > 0.0 or not (evidence.odometry_drifts or evidence.jumps > MOST_JUMPS):
-        return []
-    time, gain = correlation_time_of(evidence.latest)
-    if time == 0.0:
-        return []
-    return [Cause(correlated_noise(time), gain + of_noise + (evidence.gain if evidence.odometry_drifts else 0.0))]
 
 
 _KEPT = 10.0  # s, that an estimate is compared with later ones

@@ -112,6 +112,14 @@ class MomentumKernel:
         """Return a kernel whose known bodies differ by (n + 1, 10) standard parameters, each in its own frame."""
         return self._with(known=self.known + change)
 
+    def identifying(self, target: str) -> MomentumKernel:
+        """Return a kernel whose unknown link is another one; the one before is as the robot description has it."""
+        other, before = self.model.link(target), self.target.name
+        known = (
+            self.known + self.model.body_parameters(without=(target,)) - self.model.body_parameters(without=(before,))
+        )
+        return self._with(target=other, unknown=(other,), known=known)
+
     def displaced(self, origins: Array, tilts: Array) -> MomentumKernel:
         """Return a kernel with displaced joints: (n, 3) m, (n, 3) rad as in `ModelErrors`."""
         model = displaced(self.model, origins, tilts)

@@ -18,6 +18,7 @@ from mbaid_ros.core.samples import Samples
 
 _FEWEST = 6  # samples of a window
 _PART = 0.5  # of the motion, by positions or velocities, from which a difference is no filter's or stamp's
+_MOVES = 5e-4  # rad or m, from which the motion in a window counts: less are steps of an encoder, or a filter's tail
 _FAR = 7.0  # standard deviations of the difference, from which it is no noise
 _SURE = 3  # windows, from which the velocities are wrong all along
 _MOST = 0.25  # share of the windows with motion, that contradict at least then
@@ -50,9 +51,10 @@ class JointRates:
         position = window.joint_position
         size = np.maximum(np.std(position, axis=0), np.std(turned, axis=0))
         noise = np.hypot(_noise(position), np.mean(step) * np.sqrt(len(window)) * _noise(velocity))
-        wrong = np.std(position - turned, axis=0) > np.maximum(_FAR * noise, _PART * size)
+        moves = size > np.maximum(_FAR * noise, _MOVES)
+        wrong = moves & (np.std(position - turned, axis=0) > np.maximum(_FAR * noise, _PART * size))
         self._wrong += wrong
-        self._moved += size > _FAR * noise
+        self._moved += moves
         self._zero &= ~np.any(velocity, axis=0)
         self._left_out |= (self._wrong >= _SURE) & (self._wrong > _MOST * self._moved)
         if np.any(wrong | self._left_out):

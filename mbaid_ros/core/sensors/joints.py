@@ -25,6 +25,8 @@ REDUNDANT = 'joints that other messages hold, too'
 # Standard deviations that a part changes by from one message to the next while it rests: a message of joints at rest
 # may serve several times, as nothing of it is interpolated.
 _STILL = 6.0
+_GOES_ON = 1_000_000_000  # ns, that messages with all joints may pause
+_NEVER = -(1 << 62)  # ns
 _AT_REST = 10  # times the longest interpolated interval, that such messages may be apart
 
 _AGREES = 0.5  # rad, difference of a fast joint's step from its velocity times the interval
@@ -102,6 +104,9 @@ class JointMerge:
         self._parts: dict[Joints, _Part] = {}
         self._used: list[int] | None = None
         self._own: Counter[str] = Counter()
+        self.slow: Joints = ()  # joints whose messages were too far apart
+        self._slowest: int | None = None  # which of the parts beside the leading one holds them
+        self._newest = [_NEVER, _NEVER]  # ns, stamps of messages with all joints, and with some
 
     @property
     def dropped(self) -> Counter[str]:
@@ -115,8 +120,9 @@ class JointMerge:
 
     @property
     def partial(self) -> bool:
-        """Whether the joints come in parts."""
-        return bool(self._parts)
+        """Whether the joints come in parts, and not all at once as well."""
+        whole, some = self._newest
+        return bool(self._parts) and some > whole + _GOES_ON
 
     @property
     def missing(self) -> Joints:
@@ -134,6 +140,10 @@ class JointMerge:
         """Add measurements by their joints, in the order of arrival; return those of all joints."""
         whole = streams.get(tuple(range(len(self._turning))))
         some = {joints: stream for joints, stream in streams.items() if stream is not whole}
+        for place, given in enumerate(([] if whole is None else [whole], some.values())):
+            self._newest[place] = max(
+                (self._newest[place], *(int(each.stamp[-1]) for each in given if len(each.stamp)))
+            )
         for joints in some:
             self._expect(joints)
         if whole is not None and self._parts and not self.missing:
@@ -198,6 +208,9 @@ class JointMerge:
         stamps = [stream.stamp for stream in streams if stream is not None]
         still = [self._still(stream) for stream in streams if stream is not None]
         chosen = lead.stamp[self._usable(lead.stamp, stamps, once, still)]
+        if self._slowest is not None:
+            part = others[self._slowest]
+            self.slow = tuple(part.joints[place] for place in part.own)
         merged = self._interpolated(lead[np.isin(lead.stamp, chosen)], leader, others) if len(chosen) else None
         for part in others:
             if part.waiting is not None:
@@ -231,6 +244,8 @@ class JointMerge:
         apart = ~early & np.any([gap > most for gap, most in zip(gaps, longest, strict=True)], axis=0)
         self._own[NO_PARTNER] += int(np.sum(early))
         self._own[PARTNER_GAP] += int(np.sum(apart))
+        if np.any(apart):
+            self._slowest = int(np.argmax([np.max(gap[apart]) for gap in gaps]))
         usable: npt.NDArray[np.bool_] = ~early & ~apart
         for index in np.flatnonzero(usable):
             used = [int(other[end[index]]) for other, end, new in zip(others, right, once, strict=True) if new]

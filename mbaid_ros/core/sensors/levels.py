@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -35,8 +35,10 @@ class SensorLevels:
     ----------
     declared, found : (6,) of CHANNELS, SI; NaN if undeclared, if not estimated
     assumed : (6,) used for readings that have neither
-    correlation_time : s, of the errors of the base's poses; 0 for independent ones
+    correlation_time, twist_correlation_time : s, of the errors of the base's poses and twists; 0 for independent ones
     used : (6,) whether the estimated level is used instead of the declared one
+    contradicted : (6,) whether that is because the readings contradict the declared one
+    clear : as of `Levels`
     """
 
     declared: Array
@@ -44,20 +46,36 @@ class SensorLevels:
     assumed: Array
     correlation_time: float
     used: Flags
+    twist_correlation_time: float = 0.0
+    contradicted: Flags = field(default_factory=lambda: np.zeros(len(CHANNELS), dtype=bool))
+    clear: bool = True
 
     @property
-    def warning(self) -> str:
-        """A sentence if joints are far better than declared, else empty.
+    def as_declared(self) -> bool:
+        """Whether the errors of the base are independent, and as large as declared."""
+        return self.clear and not (self.correlation_time or self.twist_correlation_time or np.any(self.contradicted))
+
+    @property
+    def warnings(self) -> list[str]:
+        """A sentence if a declared level is replaced, and one if joints are far better than declared.
 
         The filter subtracts the expected bias of their noise in the coefficients; too much of it biases estimates.
         """
+        each = zip(CHANNELS, UNITS, self.declared, self.found, self.contradicted, strict=True)
+        replaced = [
+            f'{name.replace("_", " ")} {_wrong(found / declared)}: {found:.2g} {unit} is used, not {declared:.2g}'
+            for name, unit, declared, found, wrong in each
+            if wrong
+        ]
+        texts = [f'the declared noise of the odometry is wrong: {"; ".join(replaced)}'] if replaced else []
         declared, found = float(self.declared[0]), max(float(self.found[0]), float(TYPICAL[0]))
         if self.used[0] or not declared > _FAR_TOO_LARGE * found:
-            return ''
-        return (
+            return texts
+        texts.append(
             f'noise.joint_position is {declared:.2g} rad, the readings scatter by {self.found[0]:.2g}: estimates may '
             'be biased by more than their intervals; declare the noise of the joints, or set noise.estimate'
         )
+        return texts
 
     def shown(self) -> list[tuple[str, str, str]]:
         """Return name and unit of each sensor, and its declared and found level, the one in use first."""
@@ -78,16 +96,16 @@ class SensorLevels:
             ratio = found / declared
             if np.isnan(ratio) or 1.0 / _WRONG < ratio < _WRONG:
                 continue
-            wrong = f'{ratio:.2g} times too small' if ratio > 1.0 else f'{1.0 / ratio:.2g} times too large'
             use = '; the data are used' if used else ''
-            value = f'your noise value, {declared:.2g} {unit}, is {wrong}'
+            value = f'your noise value, {declared:.2g} {unit}, is {_wrong(ratio)}'
             lines.append(f'{name.replace("_", " ")}: {value}: {found:.2g} {unit} in the data{use}')
         if found_alone := self._undeclared(self.found):
             lines.append(f'no noise is declared for {listing(found_alone)}: estimated from the data')
         if assumed := self._undeclared(self.assumed):
             lines.append(f'no noise is declared for {listing(assumed)}, and the data do not determine it: assumed')
-        if self.correlation_time > 0.0:
-            lines.append(f'the errors of the base pose are taken to be correlated over {self.correlation_time:.2g} s')
+        for what, time in (('pose', self.correlation_time), ('twist', self.twist_correlation_time)):
+            if time > 0.0:
+                lines.append(f'the errors of the base {what} are taken to be correlated over {time:.2g} s')
         return lines
 
     def _undeclared(self, known: Array) -> list[str]:
@@ -99,11 +117,16 @@ class SensorLevels:
         ]
 
 
+def _wrong(ratio: float) -> str:
+    return f'{ratio:.2g} times too small' if ratio > 1.0 else f'{1.0 / ratio:.2g} times too large'
+
+
 # Least level, as a part of a servicer's usual sensor noise: models deviate by more than that.
 _LEAST = 1.0 / 30.0
 # Of poses without a twist, undeclared: spacing (s) up to which differences determine their noise, poses that this
 # takes, lost ones included, and how many times as noisy as usual they count until then.
 _SLOWEST, _FIRST, _AT_FIRST = 0.2, 40, 100.0
+_SETTLED = 4.0  # s, in which differences tell errors that last from small ones
 _NEVER = np.iinfo(np.int64).max
 
 
@@ -116,6 +139,7 @@ class FoundNoise:
     joints : number
     undeclared : (6,) which CHANNELS are undeclared: their estimated level is used until a message declares one
     estimate : whether estimated levels replace all declared ones
+    trusted : whether no readings contradict a declared level
     passive : joints that nothing measures
     """
 
@@ -126,13 +150,16 @@ class FoundNoise:
         undeclared: Flags | None = None,
         *,
         estimate: bool = False,
+        trusted: bool = False,
         passive: Sequence[int] = (),
     ) -> None:
         self._noise = noise
         self._estimate = estimate
         self._undeclared = np.zeros(len(CHANNELS), dtype=bool) if undeclared is None else undeclared
         self._declared_from: Stamps = np.full(len(CHANNELS), _NEVER)  # by messages, ns
-        self._levels = NoiseLevels(noise, joints, passive)
+        self._waiting: list[Samples] = []  # the first windows
+        self._settled = False
+        self._levels = NoiseLevels(noise, joints, passive, trusted=trusted)
 
     @property
     def joint_position(self) -> float:
@@ -146,13 +173,31 @@ class FoundNoise:
             first = np.where(base.declared, base.stamp[:, None], _NEVER).min(axis=0)
             self._declared_from[2:] = np.minimum(self._declared_from[2:], first)
 
-    def applied(self, window: Samples, origin: int) -> tuple[Samples, SensorLevels]:
-        """Return the next window with its noise, and the levels until its end; `origin` is the stamp at time 0, ns."""
-        end = origin + round(float(window.time[-1]) * 1e9)
+    def released(self, windows: list[Samples], origin: int) -> list[tuple[Samples, SensorLevels]]:
+        """Return the next windows with their noise, and the levels until then; `origin` is the stamp at time 0, ns.
+
+        The first seconds wait while their noise is not as declared: how large it is shows later, for all of them.
+        """
+        released = []
+        for window in windows:
+            end = float(window.time[-1])
+            self._waiting.append(window)
+            found = [self.applied(each, origin, end) for each in self._waiting]
+            self._settled |= end > _SETTLED or found[-1][1].as_declared
+            if self._settled:
+                self._waiting.clear()
+                released += found
+        return released
+
+    def applied(self, window: Samples, origin: int, until: float | None = None) -> tuple[Samples, SensorLevels]:
+        """Return a window with the noise found until a time (s), its end by default, and the levels then."""
+        end = origin + round((float(window.time[-1]) if until is None else until) * 1e9)
         undeclared = self._undeclared & (self._declared_from > end)
-        used = undeclared | self._estimate
+        free = undeclared | self._estimate
         spacing = float(np.median(window.apart))
-        levels = self._levels.until(end, spacing, free=bool(used[2:4].all()))
+        levels = self._levels.until(end, spacing, free=(bool(free[2:4].all()), bool(free[4:].all())))
+        contradicted = levels.contradicted & ~free
+        used = free | levels.used
         declared = self._declared(window)
         found = np.maximum(levels.factor * declared, _LEAST * TYPICAL)
         factor = np.where(np.isnan(found) | ~used, 1.0, found / declared)
@@ -160,12 +205,13 @@ class FoundNoise:
             # With poses alone a window of far too much weight is never made up for; one of hardly any is no loss. A
             # twist informs as much, and poses that stay exact would never count.
             factor[2:4] = np.where(np.isnan(found) & undeclared, _AT_FIRST, factor)[2:4]
-        time = self._noise.base_correlation_time or levels.correlation_time
+        time, of_twist = levels.times.tolist()
+        time = self._noise.base_correlation_time or time
         noise = np.array([*(factor[:2] * declared[:2]), time])
         return replace(
             window,
             pose_covariance=_scaled(window.pose_covariance, factor[2:4], _slower(window.apart, time)),
-            twist_covariance=_scaled(window.twist_covariance, factor[4:], np.ones(len(window))),
+            twist_covariance=_scaled(window.twist_covariance, factor[4:], _slower(window.apart, of_twist)),
             noise=np.repeat(noise[None], len(window), axis=0),
         ), SensorLevels(
             declared=np.where(undeclared, np.nan, declared),
@@ -173,6 +219,9 @@ class FoundNoise:
             assumed=np.where(undeclared & np.isnan(found) & _read(window), factor * declared, np.nan),
             correlation_time=time,
             used=used & ~np.isnan(found),
+            twist_correlation_time=of_twist,
+            contradicted=contradicted,
+            clear=levels.clear,
         )
 
     def _declared(self, window: Samples) -> Array:
@@ -203,7 +252,7 @@ def _scaled(covariance: Array, factor: Array, weight: Array) -> Array:
 
 
 def _slower(apart: Array, time: float) -> Array:
-    """Return the variance of slow means of correlated poses over that of independent ones, (N,).
+    """Return the variance of slow means of correlated readings over that of independent ones, (N,).
 
     An autoregression of first order with correlation c between neighbours has (1 + c) / (1 - c). `apart` (N,) s is the
     time between poses, 0 if unknown; `time` (s) that of the correlation.

@@ -13,8 +13,9 @@ from math import comb
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Integers
+from mbaid_ros.core.geometry import Array, Flags, Integers, log
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise, Stamps
+from mbaid_ros.core.sensors.correlation import FEWEST, Variances, candidates, chosen
 
 # Of the differences: they cancel polynomials of fifth degree, which motion resembles over seven readings
 # readings.
@@ -37,20 +38,9 @@ _CLIPPED, _OF_NORMAL = 4.0, 0.920542
 _ROUNDS = 8  # of clipping and taking the mean again: each removes a part of the remaining bias
 # Readings from one that is taken to the next: by octaves, up to where motion shows at a hundred hertz.
 _STRIDES = (1, 2, 4, 8, 16, 32)
-_FEWEST = 60  # differences that determine a level, to a sixth of it
+_LONG_STRIDES = (16, 32, 64, 128, 256, 512)  # of the poses less the integrated twist: no motion shows at any
+_GROWS = 1.4  # times the variance grows from one stride to the next, halfway to what errors do that last
 _ANEW = 1.25  # times as many differences, at which levels are worked out again: nothing changes before
-_SHORTEST = 3  # strides over which noise has to grow to count as correlated, if its size does not decide
-# Variance of neighbours' differences over that declared, below which it shows by itself that noise is correlated.
-_SMALL = 0.25
-_INDEPENDENT = 0.3  # of the differences: share of independent ones with equal information, as neighbours share readings
-_NO_FIT = 25.0  # mean normalised square of the variances' residuals, from which no correlation explains them
-# Times the variance grows from one stride to the next: by correlated noise, and by more than any noise: motion.
-_GROWS, _NO_NOISE = 1.4, 2.3
-_TIMES = np.geomspace(0.01, 10.0, 121)  # s, among which that of the correlation is looked for
-# Correlations of errors that are (0 ... 6) strides apart make that of the variance of a difference.
-_PRODUCTS = np.array(
-    [np.sum(BINOMIAL[lag:] * BINOMIAL[: len(BINOMIAL) - lag]) * (2.0 if lag else 1.0) for lag in range(7)]
-)
 
 
 class Differences:
@@ -60,6 +50,7 @@ class Differences:
     ----------
     columns : of each kind of reading
     strides : of each kind, readings from one in a difference to the next
+    order : of the differences
 
     Attributes
     ----------
@@ -67,10 +58,11 @@ class Differences:
     counts : (rows, bins) up to the stamp of the latest `count`
     """
 
-    def __init__(self, columns: tuple[slice, ...], strides: tuple[tuple[int, ...], ...]) -> None:
+    def __init__(self, columns: tuple[slice, ...], strides: tuple[tuple[int, ...], ...], order: int = ORDER) -> None:
         self._columns = columns
+        self._order = order
         self.kinds = [(kind, stride) for kind, own in enumerate(strides) for stride in own]
-        self._kept = ORDER * max(max(own) for own in strides)
+        self._kept = order * max(max(own) for own in strides)
         self._stamp: Stamps = np.zeros(0, dtype=np.int64)
         self._values: Array = np.zeros((0, max(each.stop for each in columns)))
         self._sizes: Array = np.zeros((0, len(columns)))
@@ -120,22 +112,22 @@ class Differences:
 
     def _differences(self, row: int, kind: int, stride: int, new: int) -> tuple[Stamps, Integers]:
         """Return the stamps of differences that end with a new reading, (K,) ns, and where they are counted."""
-        last = np.arange(new, len(self._stamp))
+        last, order = np.arange(new, len(self._stamp)), self._order
         # Differences closer than their stride repeat each other; later on, a quarter is enough.
         number = self._seen + last
-        last = last[(last >= ORDER * stride) & (number % stride == 0) & ((number < _ALL) | (number // 16 % 4 == 0))]
-        places = last[:, None] - stride * np.arange(ORDER, -1, -1)
+        last = last[(last >= order * stride) & (number % stride == 0) & ((number < _ALL) | (number // 16 % 4 == 0))]
+        places = last[:, None] - stride * np.arange(order, -1, -1)
         stamp = self._stamp[places]
         near = np.all(np.diff(stamp, axis=1) <= _LONGEST * stride, axis=1)
         places, stamp = places[near], stamp[near]
         weight, values = _weights(stamp), self._values[:, self._columns[kind]]
         # One product after the other: in the same order for few as for many.
         difference = weight[:, :1] * values[places[:, 0]]
-        for place in range(1, ORDER + 1):
+        for place in range(1, order + 1):
             difference += weight[:, place, None] * values[places[:, place]]
         if values.shape[1] == 9:
-            difference = _turns(difference, values[places[:, ORDER // 2]])
-        square = (difference / self._sizes[places[:, ORDER // 2], kind, None]) ** 2
+            difference = _turns(difference, values[places[:, order // 2]])
+        square = (difference / self._sizes[places[:, order // 2], kind, None]) ** 2
         mantissa, exponent = np.frexp(np.where(np.isfinite(square), square, 0.0))
         octave = exponent - 1 - _LOWEST
         place = np.clip(octave * _PARTS + np.floor((2.0 * mantissa - 1.0) * _PARTS).astype(np.int64), 0, _BINS - 1)
@@ -156,7 +148,9 @@ def variances(counts: Integers) -> Array:
 
 
 def _weights(stamp: Stamps) -> Array:
-    """Return the (M, 7) weights of readings at stamps (M, 7), ns."""
+    """Return the (M, 7) weights of readings at stamps (M, 7), ns; (M, 2) of two."""
+    if stamp.shape[1] == 2:
+        return np.repeat(np.sqrt([[0.5, 0.5]]) * [-1.0, 1.0], len(stamp), axis=0)
     weight = np.repeat(BINOMIAL[None], len(stamp), axis=0)
     step = np.diff(stamp, axis=1)
     uneven = np.any(step != step[:, :1], axis=1)
@@ -187,11 +181,16 @@ class Levels:
     Attributes
     ----------
     factor : (6,) of CHANNELS, standard deviation over the declared one; NaN for too few readings
-    correlation_time : s, over which the errors of poses are correlated; 0 for white noise
+    used, contradicted : (6,) whether it takes the declared one's place; whether the latter cannot be right
+    times : (2,) s, over which the errors of poses and of twists are correlated; 0 for white noise
+    clear : whether neither motion nor too few readings hide what the errors are
     """
 
     factor: Array
-    correlation_time: float
+    used: Flags
+    contradicted: Flags
+    times: Array
+    clear: bool = True
 
 
 class NoiseLevels:
@@ -202,19 +201,23 @@ class NoiseLevels:
     noise : of the joints, as declared; the readings hold that of the base
     joints : number
     passive : those that nothing measures
+    trusted : whether declared levels are right
     """
 
-    def __init__(self, noise: SensorNoise, joints: int, passive: Sequence[int] = ()) -> None:
+    def __init__(self, noise: SensorNoise, joints: int, passive: Sequence[int] = (), *, trusted: bool = False) -> None:
         measured = [joint for joint in range(joints) if joint not in passive]
         self._measured = slice(None) if not passive else np.array(measured, dtype=np.intp)
         joints = len(measured)
         self._noise = np.array([noise.joint_position, noise.joint_velocity])
-        self._time = noise.base_correlation_time
+        self._time, self._trusted = noise.base_correlation_time, trusted
         self._joints = Differences((slice(0, joints), slice(joints, 2 * joints)), ((1,), (1,)))
         columns = slice(0, 3), slice(3, 12), slice(12, 15), slice(15, 18)
-        self._base = Differences(columns, (_STRIDES, _STRIDES, (1,), (1,)))
-        self._counted, self._free = 0, False
-        self._levels = Levels(np.full(6, np.nan), 0.0)
+        self._base = Differences(columns, (_STRIDES,) * 4)
+        self._drift = Differences((slice(0, 3), slice(3, 6)), (_LONG_STRIDES,) * 2, order=1)
+        self._latest: tuple[BaseStream, Array] | None = None  # of the base, and the drift (1, 6) until then
+        self._ratio = np.ones(2)  # 1/s, of the noise that the first message declares of twist and pose
+        self._counted, self._free = 0, (False, False)
+        self._levels = Levels(np.full(6, np.nan), np.zeros(6, dtype=bool), np.zeros(6, dtype=bool), np.zeros(2))
 
     def take(self, joints: JointStream | None, base: BaseStream | None) -> None:
         """Add readings of each kind in the order of their stamps."""
@@ -224,81 +227,76 @@ class NoiseLevels:
             self._joints.add(joints.stamp, values, np.repeat(self._noise[None], len(values), axis=0))
         if base is not None and len(base.stamp):
             parts = base.position, base.rotation.reshape(-1, 9), base.linear_velocity, base.angular_velocity
-            sizes = [
-                np.sqrt(np.mean(np.diagonal(each, axis1=1, axis2=2).reshape(-1, 2, 3), axis=2))
-                for each in (base.pose_covariance, base.twist_covariance)
-            ]
-            self._base.add(base.stamp, np.concatenate(parts, axis=1), np.concatenate(sizes, axis=1))
+            sizes = np.concatenate(
+                [
+                    np.sqrt(np.mean(np.diagonal(each, axis1=1, axis2=2).reshape(-1, 2, 3), axis=2))
+                    for each in (base.pose_covariance, base.twist_covariance)
+                ],
+                axis=1,
+            )
+            if self._latest is None:
+                self._ratio = sizes[0, 2:] / sizes[0, :2]
+            self._base.add(base.stamp, np.concatenate(parts, axis=1), sizes)
+            self._drift.add(base.stamp, self._drifted(base), sizes[:, :2])
 
-    def until(self, stamp: int, spacing: float, *, free: bool) -> Levels:
+    def _drifted(self, base: BaseStream) -> Array:
+        """Return the change (N, 6) of position and orientation less the integrated twist, since the first reading."""
+        both = base if self._latest is None else base.concatenate((self._latest[0], base))
+        step = (np.diff(both.stamp) * 1e-9)[:, None]
+        turn = log(both.rotation[1:] @ np.swapaxes(both.rotation[:-1], 1, 2))
+        twist = np.concatenate((both.linear_velocity, both.angular_velocity), axis=1)
+        change = np.concatenate((np.diff(both.position, axis=0), turn), axis=1) - 0.5 * step * (twist[1:] + twist[:-1])
+        start = np.zeros((1, 6)) if self._latest is None else self._latest[1]
+        drift = np.cumsum(np.concatenate((start, change)), axis=0)
+        self._latest = base[-1:], drift[-1:]
+        return drift if len(drift) == len(base.stamp) else drift[1:]
+
+    def until(self, stamp: int, spacing: float, *, free: tuple[bool, bool]) -> Levels:
         """Return the levels of the readings until a stamp, no earlier than that of the call before.
 
         Parameters
         ----------
         stamp : ns
         spacing : s, between poses
-        free : whether levels of poses are estimated; else they are as declared, and only their correlation is estimated
+        free : whether nothing is declared of the levels of poses, and of twists
         """
-        self._joints.count(stamp)
-        self._base.count(stamp)
+        for each in (self._joints, self._base, self._drift):
+            each.count(stamp)
         total = int(self._joints.counts.sum() + self._base.counts.sum())
-        if total > _ANEW * self._counted or free is not self._free:
+        if total > _ANEW * self._counted or free != self._free:
             self._counted, self._free = total, free
-            self._levels = self._estimated(spacing, free=free)
+            self._levels = self._estimated(spacing, free)
         return self._levels
 
-    def _estimated(self, spacing: float, *, free: bool) -> Levels:
+    def _estimated(self, spacing: float, free: tuple[bool, bool]) -> Levels:
         """Return the levels by the present counts."""
-        joints, base = variances(self._joints.counts), variances(self._base.counts)
-        counts = np.concatenate((self._joints.counts, self._base.counts)).sum(axis=1)
-        count = len(_STRIDES)
-        poses, numbers = base[: 2 * count].reshape(2, count), counts[2 : 2 + 2 * count].reshape(2, count)
-        variance = np.concatenate((joints, poses[:, 0], base[2 * count :]))
-        enough = np.concatenate((counts[:2], numbers[:, 0], counts[2 + 2 * count :])) >= _FEWEST
-        time, variance[2:4] = _correlated(poses, numbers, spacing, self._time, free=free)
-        return Levels(np.sqrt(np.where(enough, variance, np.nan)), time)
-
-
-def _correlated(variance: Array, counts: Array, spacing: float, time: float, *, free: bool) -> tuple[float, Array]:
-    """Return the correlation time (s) of the errors of poses, 0 if none is found, and their (2,) variance.
-
-    The variance is NaN where they are not independent, and no time explains them.
-
-    Parameters
-    ----------
-    variance, counts : (2, strides) of the differences of positions and orientations
-    spacing : s, between poses
-    time : s, if declared; 0 where it is to be estimated
-    free : whether the variance of a single error is unknown; else it is 1
-    """
-    white, unclear = (0.0, variance[:, 0]), (0.0, np.full(2, np.nan))
-    if np.any(counts[:, 0] < _FEWEST) or np.any(variance[:, 0] <= 0.0):
-        return white
-    relative = np.sqrt(2.0 / (_INDEPENDENT * np.maximum(counts, 1)))  # standard deviation of each
-    growth = np.diff(np.log(np.maximum(variance, 1e-300)), axis=1)
-    known = np.all(counts[:, 1:] >= _FEWEST, axis=0)
-    # Errors of the declared size that hardly change are correlated, unless those further apart are small, too.
-    small = bool(np.all(variance[:, 0] < _SMALL))
-    doubt = (-1.0 if small else 3.0) * float(np.mean(relative[:, 1]))
-    if not time and not small and not (free and known[0]):
-        return white
-    if not time and known[0] and np.mean(growth[:, 0]) < np.log(_GROWS) + doubt:
-        return white
-    # Correlated noise grows by less and less, and motion by more and more.
-    fits = known & (growth < np.log(_NO_NOISE))
-    fits[:, 1:] &= growth[:, 1:] < growth[:, :-1] + relative[:, 1:-1] + relative[:, 2:]
-    used = 1 + int(np.argmin(np.append(np.all(fits, axis=0), False)))
-    if not time and not small and used < _SHORTEST:
-        return unclear
-    times = np.array([time]) if time else _TIMES
-    lags = np.arange(len(_PRODUCTS))
-    apart = spacing * np.array(_STRIDES[:used])
-    expected = np.log(np.exp(-apart[:, None] * lags / times[:, None, None]) @ _PRODUCTS)[:, None]  # (times, 1, used)
-    weight = relative[:, :used] ** -2.0
-    left = np.log(variance[:, :used]) - expected
-    level = np.zeros((len(times), 2)) if small and not time else np.sum(weight * left, axis=2) / np.sum(weight, axis=1)
-    cost = np.sum(weight * (left - level[..., None]) ** 2, axis=(1, 2))
-    best = int(np.argmin(cost))
-    if (not time and best in (0, len(times) - 1)) or cost[best] > _NO_FIT * 2 * used:
-        return unclear
-    return float(times[best]), np.exp(level[best])
+        joints, base, drift = (variances(each.counts) for each in (self._joints, self._base, self._drift))
+        counts = self._base.counts.sum(axis=1).reshape(2, 2, len(_STRIDES))
+        base = base.reshape(counts.shape)
+        poses, twists = (
+            candidates(
+                Variances(base[place], counts[place], np.array(_STRIDES) * spacing),
+                time,
+                'no' if free[place] else 'trusted' if self._trusted else 'yes',
+            )
+            for place, time in enumerate((self._time, 0.0))
+        )
+        numbers = self._drift.counts.sum(axis=1).reshape(2, -1)
+        long = Variances(drift.reshape(numbers.shape), numbers, np.array(_LONG_STRIDES) * spacing)
+        pose, twist = chosen(poses, twists, long, self._ratio)
+        enough = np.concatenate((self._joints.counts.sum(axis=1), counts[..., 0].ravel())) >= FEWEST
+        factor = np.sqrt(np.where(enough, np.concatenate((joints, pose.variance, twist.variance)), np.nan))
+        joints_as_declared = np.zeros(2, dtype=bool)
+        used = np.concatenate((joints_as_declared, pose.used, twist.used)) & enough
+        contradicted = np.concatenate((joints_as_declared, pose.contradicted, twist.contradicted)) & enough
+        times, before = np.array([pose.time, twist.time]), self._levels
+        growth = np.where(counts[..., 1] > 0, base[..., 1] / np.maximum(base[..., 0], 1e-300), 0.0).min(axis=1)
+        # What was clear once stays, where motion hides the errors later.
+        hidden = np.isnan(factor) & enough & np.isfinite(before.factor)
+        return Levels(
+            np.where(hidden, before.factor, factor),
+            np.where(hidden, before.used, used),
+            np.where(hidden, before.contradicted, contradicted),
+            np.where(hidden[2::2], before.times, times),
+            clear=not (np.any(np.isnan(factor) & enough & ~hidden) or np.any((times == 0.0) & (growth > _GROWS))),
+        )

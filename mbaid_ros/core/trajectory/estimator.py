@@ -34,7 +34,6 @@ from mbaid_ros.core.trajectory.solution import (
     thrusters,
 )
 from mbaid_ros.core.trajectory.target_runs import TargetRuns, TrajectorySettings
-from mbaid_ros.core.unknowns.bodies import KnownTarget
 from mbaid_ros.core.unknowns.catalogue import underestimated_text
 
 _AT_REST = 'no joint has moved yet: with joints at rest no single body is observable'
@@ -42,6 +41,8 @@ _TUMBLING = (
     'no joint has moved yet: tumbling determines the moments of inertia but for a common factor; calibrate gives their '
     'ratios'
 )
+_FEWEST = 3  # samples of a window, whose knots are too far apart with fewer
+_SPARSE = 'too few joint states for windows of {:g} s: read the joints more often, or set window to {:g} or more'
 _REPORTED = np.concatenate((BODY_PLACES, np.arange(MOMENTUM.start, MOMENTUM.stop)))  # (body, momentum) of the state
 
 
@@ -93,7 +94,7 @@ class TrajectoryEstimator:
         run = self._runs.present(self._averaging.origin)  # a new one if motion or target have changed
         ready, still_open = (each and self._runs.used(each) for each in (knots.ready, knots.still_open))
         # Predict the twist, linearise, update every hypothesis, choose.
-        moved = knots.moved or isinstance(self._settings.uncertainty.target, KnownTarget)
+        moved = knots.moved or self._runs.variables.described
         run.take(ready, still_open, moved=moved)
         self._runs.isolation.take(ready, window)
         time = float(window.time[-1])
@@ -107,7 +108,7 @@ class TrajectoryEstimator:
         filtered, layout, origin = run.best, self._runs.layout, self._averaging.origin
         moments = run.moments()
         sizes = moments.sizes(layout)
-        verdict = self._with_causes(run, judge(self._runs.evidence(run, sizes, window)))
+        verdict = self._with_causes(run, judge(self._runs.evidence(run, sizes)))
         verdict = with_undeclared_orbit(verdict, moments, layout)
         # Where the data contradict the model, the verdict names the declarations that would have to be wrong.
         too_small = [underestimated_text(*each) for each in sizes.sure if verdict.adequate]
@@ -159,6 +160,8 @@ class TrajectoryEstimator:
         elif moved:
             doing = 'looking for a start in' if run.searching else 'collecting'
             reason = f'{doing} the first {self._settings.start} windows'
+        elif len(window) < _FEWEST:
+            reason = _SPARSE.format(self._settings.window, _FEWEST * self._settings.window)
         else:
             reason = _AT_REST if self._settings.located else _TUMBLING
         if moved:

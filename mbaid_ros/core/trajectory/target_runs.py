@@ -21,7 +21,7 @@ from mbaid_ros.core.results.estimate import Event
 from mbaid_ros.core.results.status import Evidence
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.solution import ChangedTarget, jumps
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, kind_in_words, target_changed_text
 from mbaid_ros.core.unknowns.environment import Axes, hypotheses
@@ -156,8 +156,8 @@ class TargetRuns:
             self.variables = self.variables.going_on(after.root, moments.mean, exchanged=change.exchanged)
         return self._new_run(windows)
 
-    def evidence(self, run: FilterRun, sizes: PriorScaleFactors, latest: Samples) -> Evidence:
-        """Return the evidence for and against the model of a run that has started, after its latest window."""
+    def evidence(self, run: FilterRun, sizes: PriorScaleFactors) -> Evidence:
+        """Return the evidence for and against the model of a run that has started."""
         gaussian, hypothesis = run.best.gaussian, run.best.hypothesis
         # A force or drift would absorb the errors of a wrong robot.
         undisturbed = run.moments_of_first().sizes(self.layout) if hypothesis.disturbed else sizes
@@ -176,6 +176,4 @@ class TargetRuns:
             odometry_drifts=hypothesis.position > 0.0,
             gain=run.lead,
             instead=(kind_in_words(instead), gain),
-            latest=latest,
-            correlation_time=self._settings.noise.found_in(latest).base_correlation_time,
         )

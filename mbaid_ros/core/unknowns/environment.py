@@ -295,7 +295,7 @@ def thrusters(frames: Sequence[str], scale_std: float, direction_std: float, del
 # N s / sqrt(s) / kg of the known bodies: random walk of the momentum that stands for a force which is not constant.
 _CHANGING_FORCE = 5e-5
 
-Axes = Literal['none', 'inertial', 'body']
+Axes = Literal['none', 'inertial', 'inertial on the base', 'body']
 
 
 @dataclass(frozen=True)
@@ -307,7 +307,7 @@ class Hypothesis:
     momentum: float = 0.0  # N s and N m s: an external force
     position: float = 0.0  # m: the odometry's own drift
     orientation: float = 0.0  # rad
-    # axes of a constant force and torque, which act on the base's origin, or, inertial ones, at the run's
+    # axes of a constant force and torque: of the base, on its origin, or inertial, at the common centre of mass
     force: Axes = 'none'
     physical: bool = True  # whether it has a mechanism; a random walk follows anything
 
@@ -334,13 +334,17 @@ class Hypothesis:
 UNDISTURBED = Hypothesis('nothing drifts')
 
 
-def _constant_force(axes: Axes, what: str) -> Hypothesis:
-    name = f'a constant force or torque acts, in {"inertial" if axes == "inertial" else "base"} axes'
-    return Hypothesis(name, f'{name}: {what}; set disturbance.constant to {axes}', force=axes)
+def _constant_force(axes: Axes, where: str, what: str) -> Hypothesis:
+    name = f'a constant force or torque acts, in {where}'
+    declared = 'body' if axes == 'body' else 'inertial'
+    return Hypothesis(name, f'{name}: {what}; set disturbance.constant to {declared}', force=axes)
 
 
-_INERTIAL_FORCE = _constant_force('inertial', 'a tilted table, drag or a leak')
-_BODY_FORCE = _constant_force('body', 'a leak or thrust, or unreported wheels spin up')
+_INERTIAL_FORCES = (
+    _constant_force('inertial', 'inertial axes, at the common centre of mass', 'a tilted table, or drag'),
+    _constant_force('inertial on the base', 'inertial axes, on the base', 'a cable, or a leak'),
+)
+_BODY_FORCE = _constant_force('body', 'base axes', 'a leak or thrust, or unreported wheels spin up')
 
 
 def hypotheses(known_mass: float, position_std: float, constant: Axes, *, adapt: bool) -> tuple[Hypothesis, ...]:
@@ -350,16 +354,16 @@ def hypotheses(known_mass: float, position_std: float, constant: Axes, *, adapt:
     ----------
     known_mass : kg, of the known bodies
     position_std : m, of one reading of the base's position
-    constant : axes of a force that is taken to act; it is then the only hypothesis
+    constant : axes of a force that is taken to act, wherever; there are no other hypotheses then
     adapt : whether others than the first are followed
     """
     if constant != 'none':
-        return (_BODY_FORCE if constant == 'body' else _INERTIAL_FORCE,)
+        return (_BODY_FORCE,) if constant == 'body' else _INERTIAL_FORCES
     if not adapt:
         return (UNDISTURBED,)
     return (
         UNDISTURBED,
-        _INERTIAL_FORCE,
+        *_INERTIAL_FORCES,
         _BODY_FORCE,
         Hypothesis(
             'the momentum drifts',

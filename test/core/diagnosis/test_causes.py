@@ -71,13 +71,13 @@ def test_a_swing_is_found_beside_a_drift_and_white_noise_has_none() -> None:
     assert vibration_frequencies(values, 0.5)[0] == pytest.approx(0.31, abs=0.01)
 
 
-def ranks(rough: Roughness, correlated: tuple[float, float] = (0.0, 0.0)) -> list[str]:
+def ranks(rough: Roughness) -> list[str]:
     """Return what is named where innovations are three times as large as declared and a thing and a walk explain it."""
     large = Innovations.none(6)
     for _ in range(50):
         large = large.after(np.full(12, 3.0), np.arange(12))
     inquired = {'the thing': (2300.0, True), 'anything': (2390.0, False), 'a small thing': (500.0, True)}
-    return [cause.text for cause in ranked(inquired, large, 2400.0, rough, correlated)]
+    return [cause.text for cause in ranked(inquired, large, 2400.0, rough)]
 
 
 def test_a_thing_stands_before_what_explains_anything_unless_it_explains_much_less() -> None:
@@ -90,8 +90,7 @@ def test_noise_values_are_named_where_the_samples_are_as_noisy_as_that() -> None
     assert not any('noise' in cause for cause in ranks(QUIET))
 
 
-def test_correlated_noise_and_outliers_that_the_samples_show_lead() -> None:
-    assert 'set noise.base_correlation_time to 0.3' in ranks(QUIET, (0.3, 40.0))[0]
+def test_outliers_that_the_samples_show_lead() -> None:
     assert 'outliers' in ranks(replace(QUIET, outliers=0.01))[0]
 
 

@@ -9,9 +9,10 @@ from mbaid_ros.core.diagnosis.plain_faults import PlainFaults
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.samples import JointStream
+from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 from simulated import CONFIG, robot
 
+WITHOUT_LIMITS = (CONFIG / 'servicer7.urdf').read_text().replace('revolute', 'continuous')
 COUNT, JOINTS, SPACING = 400, 7, 20_000_000
 ALL = tuple(range(JOINTS))
 
@@ -23,10 +24,11 @@ def motion(seed: int) -> Array:
     return np.asarray(0.5 * np.sin(rate * time + phase) + 1e-4 * generator.standard_normal((COUNT, JOINTS)))
 
 
-def found(position: Array, pieces: int, stamp: int = 10**18) -> Estimate:
+def found(position: Array, pieces: int, stamp: int = 10**18, stamps: Stamps | None = None) -> Estimate:
     faults = PlainFaults(robot('servicer7'), 1e-4)
+    stamps = SPACING * np.arange(len(position)) if stamps is None else stamps
     for piece in np.array_split(np.arange(len(position)), pieces):
-        faults.add({ALL: JointStream(piece * SPACING, position[piece], np.full((len(piece), JOINTS), np.nan))})
+        faults.add({ALL: JointStream(stamps[piece], position[piece], np.full((len(piece), JOINTS), np.nan))})
     return faults.applied(Estimate('trajectory', 'estimating', 0.0, stamp))
 
 
@@ -38,17 +40,28 @@ def test_clean_readings_show_nothing(pieces: int) -> None:
 
 
 @pytest.mark.parametrize('pieces', [1, 7, COUNT])
-@pytest.mark.parametrize('every', [2, 5, 20])
+@pytest.mark.parametrize('every', [1, 2, 5, 20])
 def test_a_second_source_is_named_first(every: int, pieces: int) -> None:
     rows = np.arange(COUNT)
-    mixed = np.where((rows % (every + 1) == every)[:, None], 0.0, motion(1)[rows * every // (every + 1)])
-    estimate = found(mixed, pieces)
+    other = rows % (every + 1) == every
+    number = rows - (rows + 1) // (every + 1)  # of the readings of the first source
+    mixed, stamps = np.where(other[:, None], 0.0, motion(1)[number]), number * SPACING + other * SPACING // 2
+    estimate = found(mixed, pieces, stamps=stamps)
     assert estimate.status == 'inconsistent'
     assert estimate.causes[0][0].startswith('joint states come from two sources that contradict each other, joint')
-    first = next(row for row in rows if found(mixed, 1, int(row * SPACING)).status == 'inconsistent')
+    first = next(row for row in rows if found(mixed, 1, int(stamps[row]), stamps).status == 'inconsistent')
     assert first < 15 * (every + 1)
-    assert found(mixed, pieces, int(first * SPACING)).status == 'inconsistent'
-    assert found(mixed, pieces, int((first - 1) * SPACING)).status == 'estimating'
+    assert found(mixed, pieces, int(stamps[first]), stamps).status == 'inconsistent'
+    assert found(mixed, pieces, int(stamps[first]) - 1, stamps).status == 'estimating'
+
+
+@pytest.mark.parametrize('pieces', [1, COUNT])
+def test_wrong_values_in_place_of_readings_are_no_second_source(pieces: int) -> None:
+    position = motion(2)
+    position[12::25] = 0.0
+    estimate = found(position, pieces)
+    assert estimate.status == 'estimating'
+    assert estimate.warnings[0].startswith('joint states hold wrong values now and then, joint')
 
 
 def test_a_joint_that_rests_at_the_turn_of_its_wrapped_angle_is_no_second_source() -> None:
@@ -57,6 +70,23 @@ def test_a_joint_that_rests_at_the_turn_of_its_wrapped_angle_is_no_second_source
     wrapped = (position + np.pi) % (2.0 * np.pi) - np.pi
     assert np.ptp(wrapped[:, 3]) > 6.0
     assert found(wrapped, 3).status == 'estimating'
+
+
+@pytest.mark.parametrize('pieces', [1, COUNT])
+def test_a_joint_that_is_read_more_seldom_is_named(pieces: int) -> None:
+    position = motion(4)
+    position[:, 3] = position[np.arange(COUNT) // 8 * 8, 3]
+    text = 'joint4 repeats its readings while other joints have new ones'
+    assert found(position, pieces).warnings[0].startswith(text)
+    position[:, 3] = np.round(motion(4)[:, 3] / 1e-3) * 1e-3  # a coarse encoder
+    assert found(position, pieces).warnings == ()
+
+
+def test_joints_in_degrees_are_beyond_their_limits_and_no_second_source() -> None:
+    time = np.arange(COUNT)[:, None] * SPACING * 1e-9
+    position = np.rad2deg(2.0 * np.sin(time + np.arange(JOINTS)))  # fast
+    first = found(position, 7).causes[0][0]
+    assert 'far beyond its limits in the robot description: degrees, millimetres or encoder ticks, not rad' in first
 
 
 def test_single_outliers_are_no_second_source() -> None:
@@ -102,23 +132,31 @@ def spinning(step: float, *, rates: bool, pieces: int, wrapped: bool = True) -> 
     angle = step * np.arange(COUNT)
     position[:, 5] = np.angle(np.exp(1j * angle)) if wrapped else angle
     velocity = np.full((COUNT, JOINTS), step / (SPACING * 1e-9) if rates else np.nan)
-    faults = PlainFaults(robot('servicer7'), 1e-4)
+    faults = PlainFaults(load_model(WITHOUT_LIMITS), 1e-4)
     for piece in np.array_split(np.arange(COUNT), pieces):
         faults.add({ALL: JointStream(piece * SPACING, position[piece], velocity[piece])})
     return faults.applied(Estimate('trajectory', 'estimating', 0.0, 10**18))
 
 
-def degrees(pieces: int) -> Estimate:
-    time = np.arange(COUNT)[:, None] * SPACING * 1e-9
-    return found(np.rad2deg(2.0 * np.sin(time + np.arange(JOINTS))), pieces)
-
-
 @pytest.mark.parametrize('pieces', [1, 7, COUNT])
 def test_a_joint_that_turns_too_fast_for_its_positions_alone_is_refused(pieces: int) -> None:
-    for step in (2.0, 3.0, 8.0):
+    for step in (2.0, 3.0, 8.1):
         estimate = spinning(step, rates=False, pieces=pieces, wrapped=step < 8.0)
         assert estimate.status == 'inconsistent'
         assert estimate.causes[0][0].startswith('joint6 turns by more than a quarter from one reading to the next')
     assert spinning(1.0, rates=False, pieces=pieces).status == 'estimating'
     assert spinning(8.0, rates=True, pieces=pieces).status == 'estimating'
-    assert degrees(pieces).status == 'estimating'  # named by another check
+
+
+@pytest.mark.parametrize('pieces', [1, 7, 100])
+def test_poses_before_tracking_begins_are_named(pieces: int) -> None:
+    stamp, generator = SPACING * np.arange(100), np.random.default_rng(0)
+    for noise, warned in ((1e-3, True), (1e-7, False)):  # the latter leaves a base at rest
+        position = noise * generator.standard_normal((100, 3))
+        position[:30] = 0.0
+        faults, none = PlainFaults(robot('servicer7'), 1e-4), np.zeros((100, 3))
+        base = BaseStream(stamp, position, np.tile(np.eye(3), (100, 1, 1)), none, none, *np.zeros((2, 100, 6, 6)))
+        for piece in np.array_split(np.arange(100), pieces):
+            faults.add({}, base[piece])
+        warnings = faults.applied(Estimate('trajectory', 'estimating', 0.0, 10**18)).warnings
+        assert [each.startswith('the first 30 poses of the base are zero') for each in warnings] == [True] * warned

@@ -17,7 +17,7 @@ from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR
 from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.evidence import Innovations
-from mbaid_ros.core.unknowns.environment import UNDISTURBED, Hypothesis
+from mbaid_ros.core.unknowns.environment import UNDISTURBED, Axes, Hypothesis
 
 
 def covariance_of(gaussian: SquareRootInformation, space: Variables) -> Array:
@@ -116,13 +116,14 @@ def test_a_constant_force_moves_the_momentum() -> None:
     )
     force, torque = wrench[:3], wrench[3:]
     turned = model.rotation @ force
-    acting = {
-        'inertial': (force, torque),
+    acting: dict[Axes, tuple[Array, Array]] = {
+        'inertial': (force, torque + np.cross(model.centre, force)),
+        'inertial on the base': (force, torque + np.cross(model.position, force)),
         'body': (turned, model.rotation @ torque + np.cross(model.position, turned)),
     }
-    for hypothesis in (Hypothesis('', force='inertial'), Hypothesis('', force='body')):
+    for axes, (linear, angular) in acting.items():
+        hypothesis = Hypothesis('', force=axes)
         after = MeanAndCovariance.of(advance(gaussian, white, space, hypothesis), space)
-        linear, angular = acting[hypothesis.force]
         assert after.mean[LINEAR] == pytest.approx(state[LINEAR] + 0.5 * linear)
         assert after.mean[ANGULAR] == pytest.approx(state[ANGULAR] + 0.5 * angular)
         assert after.force == pytest.approx(wrench)

@@ -138,6 +138,6 @@ def test_fingers_move_together_and_no_further_than_either_may() -> None:
     assert truth.joint_position.min(axis=0)[0] >= 0.0
 
 
-def test_joints_that_follow_others_cannot_be_passive() -> None:
-    with pytest.raises(ParameterError, match="other_jaw of 'gripper' mimic other joints; accepted: sinusoids, random"):
-        make_motion(SimulatorConfig(), load_model(GRIPPER))
+def test_joints_that_follow_others_move_at_random_by_default() -> None:
+    model = load_model(GRIPPER)
+    assert isinstance(make_motion(SimulatorConfig(), model), Sinusoids)

@@ -1,7 +1,8 @@
-"""Axes that poses of the base may be in: the true ones come first, and none where the poses are as declared."""
+"""Conventions that poses, joints and the target may be in: the true one fits best, and none where nothing is wrong."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -9,11 +10,15 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.diagnosis.base_axes import axis_conventions
+from mbaid_ros.core.diagnosis.conventions import conventions, fitted
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, averages
 from mbaid_ros.core.filter.window import Window, WindowNoise
 from mbaid_ros.core.geometry import Array, exp
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.samples import Samples
 from observed import MID, configured_motion, kernel, observe
+from simulated import CONFIG
 
 SPACING, LENGTH = 0.05, 0.5  # s, between knots, of a window
 
@@ -70,3 +75,29 @@ def test_positions_in_other_axes_are_named(axes: list[list[int]], named: str) ->
 def test_a_frame_that_is_turned_is_named(turn: Array, named: str) -> None:
     samples = measured()
     assert named in texts(replace(samples, base_rotation=samples.base_rotation @ exp(turn)))[0]
+
+
+def likeliest(robot: MomentumKernel, samples: Samples) -> str:
+    windows = windows_of(samples)
+    fits = [fitted(windows, each, 4) for each in conventions(robot) if each.possible(windows)]
+    return min((fit for fit in fits if fit.exists), key=lambda fit: fit.misfit).convention.text
+
+
+@pytest.mark.parametrize('joint', [1, *(pytest.param(joint, marks=pytest.mark.long) for joint in (0, 2, 3, 4, 5, 6))])
+def test_a_joint_with_the_wrong_sign_fits_best(joint: int) -> None:
+    samples = measured()
+    signs = np.where(np.arange(7) == joint, -1.0, 1.0)
+    assert likeliest(kernel('servicer7'), replace(samples, joint_position=samples.joint_position * signs)).startswith(
+        f'the sign of joint{joint + 1} is wrong'
+    )
+
+
+@pytest.mark.parametrize('declared', ['link6', 'base_link'])
+def test_the_link_that_holds_the_body_fits_best(declared: str) -> None:
+    text = (CONFIG / 'servicer7.urdf').read_text()
+    link = re.search(r'<link name="link7">.*?</inertial>', text, re.DOTALL)
+    assert link is not None
+    empty = re.sub('mass value="162"', 'mass value="9"', re.sub(r'(i..)="[^"]*"', r'\1="0"', link[0]))
+    empty = re.sub('ixx="0"(.*?)iyy="0"(.*?)izz="0"', r'ixx="1"\1iyy="1"\2izz="1"', empty)
+    robot = MomentumKernel(load_model(text.replace(link[0], empty)), declared)
+    assert likeliest(robot, measured()).startswith(f'the unknown body seems to be held by link7, not {declared}')
