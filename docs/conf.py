@@ -88,8 +88,24 @@ def _equation(writer: Any, node: Any) -> None:
     raise nodes.SkipNode
 
 
+_FIELD = re.compile(r'(\s*)([\w*]+(?:, [\w*]+)*) : (.+)')
+
+
+def _describe(_: Any, _what: str, _name: str, _object: Any, _options: Any, lines: list[str]) -> None:
+    """Put the description of a parameter, which stands beside its name, below it: beside it would be its type."""
+    section = ''
+    for place, line in enumerate(lines):
+        if place and re.fullmatch(r'\s*-{3,}', line):
+            section = lines[place - 1].strip()
+        field = _FIELD.fullmatch(line)
+        if field and section in ('Parameters', 'Attributes'):
+            lines[place] = f'{field[1]}{field[2]}\n{field[1]}    {field[3]}'
+    lines[:] = '\n'.join(lines).split('\n')
+
+
 def setup(app: Any) -> None:
     """Connect the handlers."""
     app.add_html_math_renderer('mathml', (_inline_equation, None), (_equation, None))
     app.connect('builder-inited', _write_overview, priority=1)
     app.connect('source-read', _adapt)
+    app.connect('autodoc-process-docstring', _describe, priority=400)  # before napoleon

@@ -54,14 +54,14 @@ def running(executable: str, *arguments: str) -> Iterator[subprocess.Popen[bytes
 def wait_for_estimate(
     until: Until = 'converged', timeout: float = 60.0, topic: str = '/estimator/estimate'
 ) -> InertiaEstimate:
-    """Return the first estimate that has come as far as is asked for.
+    """Return the first estimate with the wanted state.
 
-    Raises TimeoutError: There is none in time; the text has the last status and warnings.
+    Raises TimeoutError: There is none in time; the text has the last status and its warnings.
 
     Parameters
     ----------
-    until : 'estimating' takes any that determines a parameter, 'converged' one of that status, 'stale' the last one
-        after the data have stopped: all that they hold is in it but for a window that is not complete
+    until : 'estimating' accepts any estimate with a parameter, 'converged' one of that status, 'stale' the last one
+        after the data have stopped, which covers all complete windows
     timeout : s
     topic : of the estimator
     """
@@ -89,7 +89,7 @@ def wait_for_estimate(
 def deviations(estimate: InertiaEstimate, expected: Mapping[str, float]) -> dict[str, float]:
     """Return how far parameters are from the expected values, in their standard deviations; infinite if not determined.
 
-    Raises ParameterError: A name is none of these.
+    Raises ParameterError: A name is not that of a parameter.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def deviations(estimate: InertiaEstimate, expected: Mapping[str, float]) -> dict
 def assert_within(estimate: InertiaEstimate, expected: Mapping[str, float], sigmas: float = 4.0) -> None:
     """Assert that parameters have the expected values within a number of their standard deviations.
 
-    Raises AssertionError: One is not, or the data do not determine it, or contradict the model.
+    Raises AssertionError: One deviates, or the data do not determine it, or contradict the model.
 
     Parameters
     ----------

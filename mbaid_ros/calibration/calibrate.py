@@ -73,7 +73,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         values=values,
         block_covariance=covariance,
         thrusters=widened.thrusters(),
-        flexible=widened.passive_joints(kernel),
+        flexible=widened.passive_joints(kernel, max(float(run[-1].time[-1] - run[0].time[0]) for run in runs)),
         carried=widened.carried,
         corrections=corrections,
         momentum=momentum,

@@ -124,8 +124,8 @@ class Normals:
                 found += Thruster.all_of(unknown.frames, unknown.factor @ self.gaussian.mean[numbers], stds)
         return tuple(found)
 
-    def passive_joints(self, kernel: MomentumKernel) -> tuple[PassiveJoint, ...]:
-        """Return the passive joints of a kernel as estimated; how far they swing is not asked."""
+    def passive_joints(self, kernel: MomentumKernel, seconds: float) -> tuple[PassiveJoint, ...]:
+        """Return the passive joints of a kernel as estimated from motions so long; how far they swing is not asked."""
         springs, place = kernel.springs, 10
         value, std, prior = np.zeros((3, springs.count, 2))
         for unknown in self.unknowns:
@@ -137,7 +137,7 @@ class Normals:
                 prior = np.linalg.norm(unknown.factor, axis=1).reshape(-1, 2)
         names = [kernel.model.joint_names[joint] for joint in springs.joints]
         declared, unasked = (springs.rate, springs.ratio, prior), np.full(springs.count, np.nan)
-        found = resolved(springs.rate, springs.ratio, std[:, 0], np.inf)
+        found = resolved(springs.rate, springs.ratio, std[:, 0], seconds)
         return PassiveJoint.all_of(names, declared, value, std, unasked, found)
 
     def blocks(self) -> tuple[Array, Array]:

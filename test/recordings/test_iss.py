@@ -37,8 +37,8 @@ def write(folder: Path, *, scale: float = 1.0, drift: float = 0.0) -> Array:
     acting = rotate(rotation, np.tile(TORQUE, (SECONDS, 1)))
     gone[1:] = np.cumsum(0.5 * (acting[1:] + acting[:-1]), axis=0)
     momentum = MOMENTUM - gone
-    position = RADIUS * np.column_stack((np.cos(angle), np.sin(angle), 0.0 * angle))
-    velocity = MOTION * RADIUS * np.column_stack((-np.sin(angle), np.cos(angle), 0.0 * angle))
+    position: Array = RADIUS * np.column_stack((np.cos(angle), np.sin(angle), 0.0 * angle))
+    velocity: Array = MOTION * RADIUS * np.column_stack((-np.sin(angle), np.cos(angle), 0.0 * angle))
     position, velocity = (rotate(exp(time[:, None] * [drift, 0.0, 0.0]), each) for each in (position, velocity))
     rates = np.degrees(np.array([0.0, -MOTION, 0.0]) + rotate_back(rotation, np.tile(axis, (SECONDS, 1))))
     channels = {

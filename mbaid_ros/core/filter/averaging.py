@@ -14,7 +14,7 @@ from mbaid_ros.core.samples import Samples, SensorNoise
 
 _KNOT = 0.05  # s, wanted spacing of knots: errors of the fourth-order formulas are then below the noise
 # Knots in a period of the fastest passive joint, everything else held: a free robot swings up to twice as fast.
-_KNOTS_A_PERIOD = 12.0
+_KNOTS_A_PERIOD = 10.0
 _FEWEST_KNOTS = 5  # of a window: the window before it needs four of them
 # Range of a joint's knots from which it has moved, in deviations of one sample: noise reaches nine in an hour.
 _MOVED = 10.0

@@ -125,7 +125,7 @@ class MultiStart:
             guess = self.batch.layout.point(self._beginning(self.batch.variables.mean[BODY], stacks[0][0].windows))
             result = yield from self.batch.converge(stacks, guess, self.batch.prior(self.hypotheses[0]))
             return [] if result is None else [result]
-        batch = swing_held(self.batch, stacks)
+        batch = swing_held(self.batch)
         for guess in self._guesses([window for stack in stacks[0] for window in stack.windows], batch.layout):
             prior = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS, float(guess.parameters[MASS]))
             result = yield from batch.converge(stacks, guess, prior, mass_held=True)

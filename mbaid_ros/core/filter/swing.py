@@ -154,6 +154,7 @@ class SwingCourse:
             states.append(state)
         return states
 
+    @np.errstate(over='ignore', invalid='ignore')  # a swing without bounds is noticed
     def _followed(
         self,
         runs: Sequence[_Run],

@@ -20,16 +20,15 @@ from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.robot.springs import Springs
 from mbaid_ros.core.unknowns.flexible import FREQUENCY, SpringErrors, StartingSwing, resolved
 
-_PERIODS = 2.0  # of the fastest joint in the windows, from which all are held first: an iteration follows fewer
+_FAST = 0.6  # Hz, from which joints are held first: an iteration follows the three periods of the first 5 s, not more
 _SWEEPS = 2  # over all joints: each spectrum needs the other frequencies
 _WIDE, _PHASE = 2.5, 1.5  # deviations of the prior on either side; rad between frequencies, at the windows' end
 
 
-def swing_held(batch: BatchIteration, stacks: list[list[Stack]]) -> BatchIteration:
-    """Return the iteration with passive joints held where one is fast in these windows; itself without any."""
+def swing_held(batch: BatchIteration) -> BatchIteration:
+    """Return the iteration with passive joints held where one is fast; itself without any."""
     kernel = batch.layout.kernel
-    seconds = _seconds(stacks)
-    if kernel.springs.fastest * seconds < _PERIODS:
+    if kernel.springs.fastest < _FAST:
         return batch
     layout = replace(batch.layout, kernel=kernel.swinging(Springs()))
     return replace(batch, layout=layout, linearised=LinearisationCache(layout, batch.variables))

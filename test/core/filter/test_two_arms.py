@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from mbaid_ros.core.geometry import quaternion_from_rotation
+from mbaid_ros.core.geometry import Array, quaternion_from_rotation
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.simulation.simulation import Truth
@@ -51,7 +51,7 @@ def welded(model: RobotModel) -> Truth:
     robot, data = _at(spec, model, start)
     # The rates nearest to some that keep the hand where it is on the target.
     place = [robot.joint(name).dofadr[0] for name in model.joint_names]
-    jacobians: np.ndarray = np.zeros((2, 6, robot.nv))
+    jacobians: Array = np.zeros((2, 6, robot.nv))
     for jacobian, body in zip(jacobians, (target, hand), strict=True):
         mujoco.mj_jac(robot, data, jacobian[:3], jacobian[3:], data.xpos[hand], body)
     apart = (jacobians[1] - jacobians[0])[:, place]
@@ -61,7 +61,7 @@ def welded(model: RobotModel) -> Truth:
     return _followed(model, robot, data)
 
 
-def _at(spec: mujoco.MjSpec, model: RobotModel, start: np.ndarray) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def _at(spec: mujoco.MjSpec, model: RobotModel, start: Array) -> tuple[mujoco.MjModel, mujoco.MjData]:
     robot = spec.compile()
     data = mujoco.MjData(robot)
     data.qpos[[robot.joint(name).qposadr[0] for name in model.joint_names]] = start
@@ -76,8 +76,8 @@ def _followed(model: RobotModel, robot: mujoco.MjModel, data: mujoco.MjData) -> 
     rows = []
     for _ in range(round(SECONDS / STEP / EVERY)):
         turn = data.xmat[base].reshape(3, 3).copy()
-        rows.append((data.qpos[place], data.qvel[rate], data.qpos[:3].copy(), turn, turn.T @ data.qvel[:3]))
-        rows[-1] += (data.qvel[3:6].copy(),)
+        motion = turn, turn.T @ data.qvel[:3], data.qvel[3:6].copy()
+        rows.append((data.qpos[place], data.qvel[rate], data.qpos[:3].copy(), *motion))
         mujoco.mj_step(robot, data, nstep=EVERY)
         mujoco.mj_forward(robot, data)
     joints, rates, position, turns, linear, angular = (np.array(part) for part in zip(*rows, strict=True))

@@ -10,10 +10,8 @@ micrometres astray. So it also circles a body a thousand times nearer, at the sa
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,13 +19,13 @@ import pytest
 from benchmarks.data import history
 from benchmarks.honesty.readings import Readings
 from benchmarks.honesty.runs import messages
+from in_basilisk import InOrbit, column, craft_of, seen_falling
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.geometry import Array, rotate_back, rotation_from_quaternion, unvec
+from mbaid_ros.core.geometry import Array, rotation_from_quaternion
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.core.samples import SensorNoise
@@ -35,7 +33,7 @@ from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import Surroundings
 from mbaid_ros.simulation.sensors import Sensors
-from mbaid_ros.simulation.simulation import Simulation, Truth
+from mbaid_ros.simulation.simulation import Simulation
 from mbaid_ros.simulation.steered import Followed
 from simulated import CONFIG, robot
 
@@ -46,79 +44,17 @@ pytestmark = [
 ]
 
 RADIUS, STEP = 6778e3, 0.16  # m, s
+SPRINGS = [0.024, 0.024, 0.016, 0.008, 0.008, 0.006]  # N m / rad
 SAMPLE = 3 * STEP  # of the estimator
 NEARER = (1.0, 1000.0)  # times, than the radius, at the same rate
-SPRINGS = [0.024, 0.024, 0.016, 0.008, 0.008, 0.006]  # N m / rad
 SILENT = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-def column(values: Array) -> list[list[float]]:
-    return [[float(value)] for value in values]
-
-
-@dataclass(frozen=True, eq=False)
-class InOrbit:
-    """Where the craft is in the frame that falls along, and its mean motion (rad/s).
-
-    Its centre of mass is at the frame's origin, but for what it has strayed, (N, 3) m.
-    """
-
-    truth: Truth
-    mean_motion: float
-    strayed: Array
-
-
-def craft_of(model: RobotModel) -> tuple[Any, Any]:
-    """Return a robot as Basilisk has it, and its arm."""
-    bodies = [physical(body) for body in model.body_parameters()]
-    craft = import_module('Basilisk.simulation.spacecraft').Spacecraft()
-    craft.hub.mHub, craft.hub.r_BcB_B = float(bodies[0][0]), column(bodies[0][1:4])
-    craft.hub.IHubPntBc_B = unvec(bodies[0][4:]).tolist()
-    module = import_module('Basilisk.simulation.spinningBodyNDOFStateEffector')
-    arm = module.SpinningBodyNDOFStateEffector()
-    for number, body in enumerate(bodies[1:]):
-        part = module.SpinningBody()
-        part.setMass(float(body[0]))
-        part.setISPntSc_S(unvec(body[4:]).tolist())
-        part.setR_ScS_S(column(body[1:4]))
-        part.setSHat_S(column(model.axes[number]))
-        part.setR_SP_P(column(model.positions[number]))
-        part.setDCM_S0P(model.rotations[number].T.tolist())
-        part.setThetaInit(0.5 * (-1) ** number)
-        part.setK(SPRINGS[number])
-        arm.addSpinningBody(part)
-    craft.addStateEffector(arm)
-    return craft, arm
-
-
-def seen_falling(base: Any, joints: list[Any], mean_motion: float, radius: float) -> InOrbit:
-    """Return what Basilisk has recorded, in the frame that falls along a circle."""
-    time = base.times() * 1e-9
-    angle = mean_motion * time
-    up = np.column_stack((np.cos(angle), np.sin(angle), np.zeros(len(angle))))
-    along = np.column_stack((-np.sin(angle), np.cos(angle), np.zeros(len(angle))))
-    parameters = np.array(base.sigma_BN)  # modified Rodrigues parameters
-    square = np.sum(parameters**2, axis=1, keepdims=True)
-    orientation = np.column_stack((2.0 * parameters, 1.0 - square)) / (1.0 + square)
-    velocity = np.array(base.v_BN_N) - radius * mean_motion * along
-    truth = Truth(
-        time=time,
-        joint_position=np.array([each.theta for each in joints]).T,
-        joint_velocity=np.array([each.thetaDot for each in joints]).T,
-        joint_effort=np.zeros((len(time), len(joints))),
-        base_position=np.array(base.r_BN_N) - radius * up,
-        base_orientation=orientation,
-        base_linear_velocity=rotate_back(rotation_from_quaternion(orientation), velocity),
-        base_angular_velocity=np.array(base.omega_BN_B),
-    )
-    return InOrbit(truth, mean_motion, np.array(base.r_CN_N) - radius * up)
 
 
 @cache
 def in_basilisk(nearer: float) -> InOrbit:
     """Return an orbit of ets7, its centre of mass at the origin of the falling frame."""
     radius = RADIUS / nearer
-    craft, arm = craft_of(robot('ets7'))
+    craft, arm = craft_of(robot('ets7'), SPRINGS)
     factory = import_module('Basilisk.utilities.simIncludeGravBody').gravBodyFactory()
     earth = factory.createEarth()
     earth.isCentralBody = True
