@@ -13,7 +13,7 @@ TEXT = f"""
 model: {CONFIG / 'table1.urdf'}
 simulator_params: {CONFIG / 'table1_simulator.yaml'}
 estimator_params: {CONFIG / 'table1_estimator.yaml'}
-simulator: {{duration: 3.0, joint_rate: 20.0, odometry_rate: 20.0}}
+simulator: {{duration: 5.0, joint_rate: 20.0, odometry_rate: 20.0}}
 noise: {{base_position: 1e-4}}
 seeds: 4
 cases:

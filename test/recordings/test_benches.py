@@ -198,7 +198,8 @@ def test_what_is_held_is_found_with_thrusters_on(
     assert replay([str(bag_2023), *files, '--json', '-']) == 0
     found = json.loads(capsys.readouterr().out)
     # Links known to 5 % leave as much of the mass open; a tenth of what seems known beside is noise in the rows.
-    assert abs(found['estimate']['mass'] - twin_2023.truth[0]) < 3.0 * found['std']['mass'] < 2.5
+    # Poses at 10 Hz between pulses of thrust look correlated over seconds, which widens the interval by a twentieth.
+    assert abs(found['estimate']['mass'] - twin_2023.truth[0]) < 3.0 * found['std']['mass'] < 2.65
     moment = found['estimate']['inertia']['izz']
     assert abs(moment - twin_2023.truth[9]) < 3.0 * found['std']['inertia']['izz'] < 0.06
 

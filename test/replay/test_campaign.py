@@ -224,7 +224,7 @@ def test_a_changed_campaign_is_refused_with_what_has_changed(
     before = content(whole)
     for change, told in [
         (('seeds: 4', 'seeds: 5'), 'seeds was [0, 1, 2, 3], is [0, 1, 2, 3, 4];'),
-        (('duration: 3.0', 'duration: 4.0'), 'cases[0].simulator.duration was 3.0, is 4.0;'),
+        (('duration: 5.0', 'duration: 4.0'), 'cases[0].simulator.duration was 5.0, is 4.0;'),
         (('1.0e-4}', '2.0e-4}'), 'cases[1].simulator.noise.joint_position was 0.0001, is 0.0002;'),
         (('mid:', 'high:'), 'cases[1].choices.noise was "mid", is "high";'),
         (('seeds: 4', 'seeds: 4\nmotions: 2\n'), 'accepted: random'),
