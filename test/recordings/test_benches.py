@@ -201,7 +201,7 @@ def test_what_is_held_is_found_with_thrusters_on(
     # Poses at 10 Hz between pulses of thrust look correlated over seconds, which widens the interval by a twentieth.
     assert abs(found['estimate']['mass'] - twin_2023.truth[0]) < 3.0 * found['std']['mass'] < 2.65
     moment = found['estimate']['inertia']['izz']
-    assert abs(moment - twin_2023.truth[9]) < 3.0 * found['std']['inertia']['izz'] < 0.06
+    assert abs(moment - twin_2023.truth[9]) < 3.0 * found['std']['inertia']['izz'] < 0.065
 
 
 def test_a_table_of_another_width_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
