@@ -66,7 +66,7 @@ class ParameterSpec:
     def description(self) -> str:
         """One sentence, as `ros2 param describe` prints it."""
         owner, name = self.field
-        texts = (_texts(base.__module__).get((base.__name__, name)) for base in owner.__mro__)
+        texts = (_texts(base.__module__).get((base.__name__, name)) for base in owner.__mro__ if is_dataclass(base))
         return next(filter(None, texts), '')
 
     @property

@@ -1,4 +1,4 @@
-"""The table of faults in inputs, with what is right: the bag's mass, or words of the cause that comes first."""
+"""The table of faults in inputs, with the right outcomes: the bag's mass, or words of the cause that comes first."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from benchmarks.input_faults import ETS7, SERVICER7, Make, Source, changed
 
 @dataclass(frozen=True)
 class Kind:
-    """A fault: what makes a bag and a robot description of it, and what is right."""
+    """A fault: makers of its bag and robot description, and the right outcome."""
 
     name: str
     make: Make

@@ -24,7 +24,7 @@ _MOST_PAIRS = 12  # joints, up to which all pairs (66) are tried: of twenty they
 _UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
 # s, late or early by 50 ms to half a second: less is within the prior of the time offset.
 _DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))
-_MOVES = 0.01  # rad or m, that a joint moves at least for the links on both sides to be told apart
+_MOVES = 0.01  # rad or m, that a joint moves at least for the links on both sides to be separable
 _LIGHTEST = -0.05  # times the known mass, that a fitted one is at least: noise may make that of an empty hand negative
 _TURN = 2.0 * np.pi  # rad or m, which the readings of an arm hardly reach: in degrees or millimetres they go further
 _RIDGE = 1e-9  # relative, of the fit: unobservable numbers stay near zero
