@@ -44,8 +44,12 @@ class PaperConfig:
 
     forgetting_factor: float = parameter(0.99, minimum=0.0, maximum=1.0, exclusive_minimum=True)
     """Weight of the past at each sample: 1 never forgets."""
+    initial_covariance: float = parameter(1e6, minimum=0.0, exclusive_minimum=True)
+    """Each diagonal entry of the covariance that the recursion starts from."""
     reference: str = parameter('previous', choices=REFERENCES)
     """Sample that the angular equations are differenced against: the previous one or the first."""
+    lag: int = parameter(0, 'samples', minimum=0)
+    """Number of samples between the two that are differenced, in place of the reference; 0: off."""
     total_angular_momentum: tuple[float, ...] = parameter((), 'N m s', lengths=(0, 3))
     """Total angular momentum about the origin of the odometry frame, which paper_main needs; empty: not given."""
 

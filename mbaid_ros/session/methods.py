@@ -150,7 +150,9 @@ def _paper(config: EstimatorConfig, kernel: MomentumKernel) -> PaperEstimator:
     settings = PaperSettings(
         form='main' if config.method == 'paper_main' else 'difference',
         forgetting_factor=paper.forgetting_factor,
+        initial_covariance=paper.initial_covariance,
         reference='first' if paper.reference == 'first' else 'previous',
+        lag=paper.lag,
         total_angular_momentum=paper.total_angular_momentum,
         settled=config.convergence.relative_std,
         length=config.convergence.length,

@@ -72,17 +72,16 @@ _SETTLED_WINDOWS = 10  # whose estimates have to agree for a run to be converged
 THRUST = 'thrust was commanded, which the methods of the paper do not account for: difference and trajectory do'
 
 
-INITIAL_COVARIANCE = 1e6  # that the paper starts from
-
-
 @dataclass(frozen=True)
 class PaperSettings:
     """Settings of the paper's methods."""
 
     form: Literal['main', 'difference']  # 'main' (eq. 22) or 'difference' (eq. 25)
     forgetting_factor: float  # of the recursive least squares
+    initial_covariance: float  # of the recursive least squares
     # sample that the difference form compares with: the one before, or the first
     reference: Literal['previous', 'first']
+    lag: int  # samples between the two; 0 takes `reference`
     # (L_x, L_y, L_z) kg m^2/s about the odometry origin, needed by the main form
     total_angular_momentum: tuple[float, ...]
     settled: float  # largest relative change over the last ten windows that counts as converged
@@ -105,9 +104,9 @@ class PaperEstimator:
         self.method = f'paper_{settings.form}'
         self._kernel = kernel
         self._settings = settings
-        self._rls = RecursiveLeastSquares(forms.UNKNOWNS, settings.forgetting_factor, INITIAL_COVARIANCE)
+        self._rls = RecursiveLeastSquares(forms.UNKNOWNS, settings.forgetting_factor, settings.initial_covariance)
         self._plane = PlaneDetector(kernel.model)
-        self._reference: tuple[Array, Array] | None = None
+        self._references: deque[tuple[Array, Array]] = deque()
         self._settled: deque[Array] = deque(maxlen=_SETTLED_WINDOWS)
         self._samples = 0
 
@@ -146,18 +145,19 @@ class PaperEstimator:
         return forms.difference_form(*newest, references)
 
     def _reference_rows(self, angular: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Return the reference of the angular rows of each of the last samples; the first sample has none."""
-        rows, right_side = angular
-        if self._reference is not None:
-            rows, right_side = (
-                np.concatenate((self._reference[0], rows)),
-                np.concatenate((self._reference[1], right_side)),
-            )
-        if self._settings.reference == 'previous':
-            self._reference = rows[-1:], right_side[-1:]
-            return rows[:-1], right_side[:-1]
-        self._reference = rows[:1], right_side[:1]
-        return np.repeat(rows[:1], len(rows) - 1, axis=0), np.repeat(right_side[:1], len(rows) - 1, axis=0)
+        """Return the reference of the angular rows of each of the last samples; the first samples have none."""
+        past = list(self._references)
+        rows = np.concatenate([*(row for row, _ in past), angular[0]])
+        right_side = np.concatenate([*(value for _, value in past), angular[1]])
+        if not self._settings.lag and self._settings.reference == 'first':
+            if not past:
+                self._references.append((rows[:1], right_side[:1]))
+            count = len(angular[0]) - (0 if past else 1)
+            first = self._references[0]
+            return np.repeat(first[0], count, axis=0), np.repeat(first[1], count, axis=0)
+        lag = self._settings.lag or 1
+        self._references = deque([(rows[-lag:], right_side[-lag:])])
+        return rows[:-lag], right_side[:-lag]
 
     def _estimates(
         self, window: Samples, states: BodyStates, solutions: Array, determined: Array, origin: int

@@ -20,9 +20,12 @@ IN_PLANE = [0, 1, 2, 9]
 
 
 def settings(
-    form: Literal['main', 'difference'], momentum: Array, reference: Literal['previous', 'first'] = 'previous'
+    form: Literal['main', 'difference'],
+    momentum: Array,
+    reference: Literal['previous', 'first'] = 'previous',
+    lag: int = 0,
 ) -> PaperSettings:
-    return PaperSettings(form, 0.99, reference, tuple(momentum), settled=0.01, length=1.0)
+    return PaperSettings(form, 0.99, 1e6, reference, lag, tuple(momentum), settled=0.01, length=1.0)
 
 
 @pytest.fixture(scope='module', name='case')
@@ -83,6 +86,19 @@ def test_each_sample_gives_an_estimate_with_its_own_stamp(case: tuple[Truth, Arr
     assert [x.stamp - origin for x in estimates] == [20_000_000 * index for index in range(60)]
     assert estimates[0].method == 'paper_main'
     assert estimates[0].status == 'not_identifiable'
+
+
+def test_a_lag_is_a_difference_to_so_many_samples_before(case: tuple[Truth, Array]) -> None:
+    truth, momentum = case
+    assert np.array_equal(
+        [x.parameters for x in run(truth, settings('difference', momentum, lag=1))],
+        [x.parameters for x in run(truth, settings('difference', momentum))],
+        equal_nan=True,
+    )
+    late = run(truth, settings('difference', momentum, lag=40))
+    # The first 40 samples have nothing to be compared with.
+    assert not any(estimate.identifiable.any() for estimate in late[:40])
+    assert (settling(late) < settling(run(truth, settings('difference', momentum)))).all()
 
 
 def test_the_main_form_needs_the_angular_momentum() -> None:
