@@ -44,7 +44,8 @@ from mbaid_ros.core.unknowns.environment import Hypothesis
 
 _EVERY = 2  # one window in so many shows which convention is likely: for half of the work
 # Part of the misfit that another convention may leave to be tried, and how many are.
-_LIKELY, _TRIED = 0.8, 2
+_LIKELY, _TRIED = 0.8, 4
+_OTHER_TARGET = 0.2  # that part for another target link: a body that slips in the grasp resembles one, but less well
 # Of how many the gain is found by passes of their own, and of how many of one kind: three links or joints will do.
 _REFINED, _ALIKE = 5, 3
 _SPOILT = 2  # joints with spoilt readings, of each kind: two that fail at once are rare, and each takes passes
@@ -135,6 +136,10 @@ class CandidateCauses:
         found.sort(key=lambda each: -each.gain)
         yield IsolationResult(tuple(each for each in found if each.gain > WORTH), base.innovations, base.misfit)
 
+    def _limit(self, fit: Fit) -> float:
+        """Return the part of the misfit that a convention may leave to be tried."""
+        return _LIKELY if fit.convention.kernel.target.body == self.layout.kernel.target.body else _OTHER_TARGET
+
     def _table(
         self, windows: Sequence[Window], at: Point, fits: Sequence[Fit], gains: Mapping[str, tuple[float, float]]
     ) -> Candidates:
@@ -144,7 +149,7 @@ class CandidateCauses:
             passes = self.extended(*suspected).widened(cause, gains[cause][1])
             text = _text_of(passes, cause)
             yield Candidate(text, passes, windows, at, of_twist=cause in OF_TWIST)
-        likely = [fit for fit in fits[1:] if fit.exists and fit.misfit < _LIKELY * fits[0].misfit]
+        likely = [fit for fit in fits[1:] if fit.exists and fit.misfit < self._limit(fit) * fits[0].misfit]
         for fit in sorted(likely, key=lambda each: each.misfit)[:_TRIED]:
             other = replace(self.layout, kernel=fit.convention.kernel)
             passes = replace(self, layout=other).extended()

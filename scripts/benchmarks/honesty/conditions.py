@@ -288,13 +288,17 @@ SENSORS = (
     ),
     _viewed('twist in axes turned by 90 degrees', partial(readings.twist_turned, _TURN), 'axes of the twist'),
     _spoilt('a twist of zeros', readings.without_twist, 'twist.* zero'),
-    _viewed('joints in degrees', partial(readings.joints_scaled, np.rad2deg(1.0)), 'in degrees:'),
+    _viewed(
+        'joints in degrees',
+        partial(readings.joints_scaled, np.rad2deg(1.0)),
+        'in degrees:|far beyond its limits.*degrees',
+    ),
     Condition(
         'sensors',
         'a prismatic joint in millimetres',
         _sliding,
         view=partial(readings.misgeared, 2, 1e3),
-        cause='prismatic joints are in millimetres',
+        cause='prismatic joints are in millimetres|far beyond its limits.*encoder ticks, not m',
     ),
     _viewed(
         'positions in millimetres',
