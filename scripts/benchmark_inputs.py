@@ -75,13 +75,13 @@ def live(kind: Kind, bag: Path, robot: Path, _folder: Path) -> tuple[str, bool]:
     return judged(kind, found.status, list(found.warnings), found.inertia.m, found.standard_deviation[0])
 
 
-def judged(kind: Kind, status: str, told: Sequence[str], mass: float | None, std: float | None) -> tuple[str, bool]:
+def judged(kind: Kind, status: str, named: Sequence[str], mass: float | None, std: float | None) -> tuple[str, bool]:
     """Return what a user sees first, and whether that is the true cause or mass."""
     if kind.right:
-        first = next(iter(told), '')
+        first = next(iter(named), '')
         return f'{status}: {first}', kind.right in first
     if mass is None or std is None:
-        return f'{status}: no mass; {next(iter(told), "")}', False
+        return f'{status}: no mass; {next(iter(named), "")}', False
     good = abs(mass - kind.source.mass) < FAR * std and status != 'inconsistent'
     return f'{status}: {mass:.3f} ± {std:.3f} kg', good
 

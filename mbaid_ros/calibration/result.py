@@ -35,8 +35,8 @@ class LinkResult:
     name: str  # of the link
     # (10,) mass, CoM in the link's frame, inertia about it in link axes, as in the robot description; NaN without
     cad: Array
-    parameters: Array  # (10,), (10, 10) the same, calibrated
-    covariance: Array  # (10,), (10, 10) the same, calibrated
+    parameters: Array  # (10,) the same, calibrated
+    covariance: Array  # (10, 10) of these
     prior_std: Array  # (10,) before the data; infinite where nothing was known
     consistency_correction: float  # size of the projection on a body that can exist, in standard deviations; 0 is none
 

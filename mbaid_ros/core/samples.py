@@ -196,8 +196,8 @@ class BaseStream(ArrayRecord):
     stamp: Stamps  # (N,) int64 ns
     position: Array  # (N, 3) m, base link origin in the odometry frame
     rotation: Array  # (N, 3, 3) base link to odometry axes
-    linear_velocity: Array  # (N, 3) m/s, rad/s, in odometry axes
-    angular_velocity: Array  # (N, 3) m/s, rad/s, in odometry axes
+    linear_velocity: Array  # (N, 3) m/s, in odometry axes
+    angular_velocity: Array  # (N, 3) rad/s, in odometry axes
     pose_covariance: Array  # (N, 6, 6) as in Samples
     twist_covariance: Array  # (N, 6, 6) as in Samples
     # (N, 4) whether the message has the noise of position, orientation, linear and angular velocity; all by default

@@ -18,8 +18,8 @@ from mbaid_ros.core.samples import ArrayRecord
 class BaseMotion(ArrayRecord):
     """The base at T instants, B motions side by side, odometry axes, positions from the run's origin."""
 
-    rotation: Array  # (T, B, 3, 3), (T, B, 3) m
-    position: Array  # (T, B, 3, 3), (T, B, 3) m
+    rotation: Array  # (T, B, 3, 3)
+    position: Array  # (T, B, 3) m
     twist: Array  # (T, B, 6) (v, w)
 
     def away_from(self, other: BaseMotion) -> Array:
@@ -36,8 +36,8 @@ class Floating:
 
     point: Point  # bodies, momentum (about the run's origin) and estimates of the joints
     stored: Array  # (c,) readings of the momentum stored inside bodies, which stay constant
-    rotation: Array  # (3, 3), (3,) m, of the base at the begin
-    position: Array  # (3, 3), (3,) m, of the base at the begin
+    rotation: Array  # (3, 3) of the base at the begin
+    position: Array  # (3,) m, of the base at the begin
     plane: Array | None  # (3, 6) the equations that hold for a planar motion, odometry axes; None in space
 
     def moved(self, joint_position: Array, joint_velocity: Array, step: float) -> BaseMotion:

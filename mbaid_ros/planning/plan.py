@@ -55,8 +55,8 @@ class Plan:
     asked: Flags  # (10,) which of them a motion can determine
     course: Course  # relative standard deviations on the way, (W, 10)
     base: Course  # displacement of the base from its coasting motion, (T, 3): rad, m, rad/s
-    bounds: Bounds  # of that; (3,), infinite where there is none
-    base_limits: Array  # of that; (3,), infinite where there is none
+    bounds: Bounds  # of that displacement
+    base_limits: Array  # (3,) its limits, infinite where there is none
     use: Array  # (4, k) share of position, velocity, acceleration and effort limits that the joints use; 1 is all
     binding: tuple[str, ...]  # names of the limits that it is at
     shortest: bool  # whether the search was for the shortest that reaches the wanted precision

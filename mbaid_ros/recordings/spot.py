@@ -48,8 +48,8 @@ class Chaser:
     """A base with an arm."""
 
     name: str  # of the robot
-    mass: float  # of the base, kg; kg m^2 about z
-    inertia: float  # of the base, kg; kg m^2 about z
+    mass: float  # of the base, kg
+    inertia: float  # of the base about z, kg m^2
     shoulder: tuple[float, float]  # m, distance of the first joint from the base's origin, and rad, its direction there
     zero: float  # rad, direction of the first link from the base's x axis where the first joint reads 0
     links: tuple[ArmLink, ArmLink, ArmLink]  # of the arm, from the base on

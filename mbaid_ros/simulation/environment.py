@@ -130,11 +130,11 @@ class Wheels:
     names: tuple[str, ...]  # of each
     axes: Array  # (w, 3) unit vectors in the base's axes
     spin_inertias: Array  # (w,) kg m^2
-    start: Array  # (w,) rad/s, rad/s^2
-    slope: Array  # (w,) rad/s, rad/s^2
-    amplitude: Array  # (w, K) rad/s, rad/s, rad
-    rate: Array  # (w, K) rad/s, rad/s, rad
-    phase: Array  # (w, K) rad/s, rad/s, rad
+    start: Array  # (w,) rad/s
+    slope: Array  # (w,) rad/s^2
+    amplitude: Array  # (w, K) rad/s
+    rate: Array  # (w, K) rad/s
+    phase: Array  # (w, K) rad
 
     @staticmethod
     def drawn(

@@ -70,9 +70,9 @@ class Sinusoids:
     """Joints that follow q_j(t) = q0_j + sum_k a_jk (sin(2 pi f_jk t + phi_jk) - sin(phi_jk))."""
 
     start: Array  # (n,) q0, rad or m
-    amplitude: Array  # (n, K): rad or m; Hz; rad
-    frequency: Array  # (n, K): rad or m; Hz; rad
-    phase: Array  # (n, K): rad or m; Hz; rad
+    amplitude: Array  # (n, K) rad or m
+    frequency: Array  # (n, K) Hz
+    phase: Array  # (n, K) rad
 
     def reference(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration of the joints at a time, (n,) each."""

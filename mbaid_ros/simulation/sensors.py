@@ -117,8 +117,8 @@ class BaseReadings:
     time: Array  # (N,) s since the start of the run
     position: Array  # (N, 3) m, in the odometry frame
     orientation: Array  # (N, 4) unit quaternion (x, y, z, w), base link to odometry frame
-    linear_velocity: Array  # (N, 3) m/s, rad/s, in base axes
-    angular_velocity: Array  # (N, 3) m/s, rad/s, in base axes
+    linear_velocity: Array  # (N, 3) m/s, in base axes
+    angular_velocity: Array  # (N, 3) rad/s, in base axes
     pose_covariance: Array  # (6, 6) of position and orientation, odometry axes
     twist_covariance: Array  # (6, 6) of linear and angular velocity, base axes
 

@@ -25,8 +25,8 @@ _MILLIMETRE = 1e-3  # m: a unit
 class _Motion:
     """How the base moved over W windows: rad and m, (angular, linear) in odometry axes."""
 
-    step: Array  # (W, 6) by the poses, and as the twist is read
-    read: Array  # (W, 6) by the poses, and as the twist is read
+    step: Array  # (W, 6) by the poses
+    read: Array  # (W, 6) as the twist is read
     arm: Array  # (W, 3, 3) share of a point away from the base's in the linear step, m, per metre in base axes
     middle: Array  # (W, 3, 3) rotation of the base in the middle of each
     noise: Array  # (W, 6) standard deviation of the difference between the two

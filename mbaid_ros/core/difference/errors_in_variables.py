@@ -26,10 +26,10 @@ from mbaid_ros.core.samples import ArrayRecord
 class Blocks(ArrayRecord):
     """K blocks of r equations for u unknowns, with z error sources each."""
 
-    rows: Array  # (K, r, u) A, (K, r) y
-    offset: Array  # (K, r, u) A, (K, r) y
-    noise: Array  # (K, r, z) G0, (K, r, z, u) G1
-    noise_rows: Array  # (K, r, z) G0, (K, r, z, u) G1
+    rows: Array  # (K, r, u) A
+    offset: Array  # (K, r) y
+    noise: Array  # (K, r, z) G0
+    noise_rows: Array  # (K, r, z, u) G1
 
     def restrict(self, selection: Array, basis: Array) -> Blocks:
         """Return the equations Pi f, for Pi (k, r), in the unknowns x' with x = B x', for B (u, v)."""
@@ -49,8 +49,8 @@ class Linearisation:
     """The normal equations of some blocks at one x: cost(x + d) = cost + 2 gradient d + d information d."""
 
     cost: float  # sum of the squared normalised residuals
-    gradient: Array  # (u,), (u, u)
-    information: Array  # (u,), (u, u)
+    gradient: Array  # (u,)
+    information: Array  # (u, u)
     equations: int  # number of equations
 
     def at(self, step: Array) -> Linearisation:

@@ -57,7 +57,7 @@ _BACK = -0.5  # cosine of the angle between two steps, of which the second goes 
 
 
 def turns_back(step: Array, before: Array, deviation: Array) -> bool:
-    """Tell whether a step reverses the one before, which was too long."""
+    """Return whether a step reverses the one before, which was too long."""
     scaled, last = (each / np.where(deviation > 0.0, deviation, np.inf) for each in (step, before))
     return bool(scaled @ last < _BACK * np.linalg.norm(scaled) * np.linalg.norm(last))
 

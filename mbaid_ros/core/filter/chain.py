@@ -39,9 +39,9 @@ class WindowModel:
     All arrays have a first axis of the windows, which the shapes below leave out.
     """
 
-    pose_value: Array  # (6,), (6, s), (6, 6): value = rows x + noise
-    pose_rows: Array  # (6,), (6, s), (6, 6): value = rows x + noise
-    pose_covariance: Array  # (6,), (6, s), (6, 6): value = rows x + noise
+    pose_value: Array  # (6,): value = rows x + noise
+    pose_rows: Array  # (6, s)
+    pose_covariance: Array  # (6, 6) of the noise
     # twist_value, twist_rows, twist_covariance: the same of the twist; with an IMU its angular velocity after it, (9,),
     # (9, s), (9, 9); value NaN if not measured
     twist_value: Array

@@ -179,9 +179,9 @@ class Midpoints(ArrayRecord):
 
     joint_position: Array  # (J - 1, n)
     joint_velocity: Array  # (J - 1, n)
-    base_rotation: Array  # (J - 1, 3, 3), (J - 1, 3), (J - 1, 6)
-    base_position: Array  # (J - 1, 3, 3), (J - 1, 3), (J - 1, 6)
-    base_twist: Array  # (J - 1, 3, 3), (J - 1, 3), (J - 1, 6)
+    base_rotation: Array  # (J - 1, 3, 3)
+    base_position: Array  # (J - 1, 3)
+    base_twist: Array  # (J - 1, 6)
     turn: Array  # (J - 1, 3) rad, rotation vector from each knot to the next, odometry axes
     step: Array  # (J - 1, 3) m, displacement from each knot to the next
     impulse: Array  # (J - 1, ...) as of the knots, midway

@@ -110,8 +110,8 @@ class Estimate:
     flexible: tuple[PassiveJoint, ...] = ()  # the passive joints as estimated
     noise: SensorLevels | None = None  # of the sensors as estimated; None where it is not
     budget: ErrorBudget | None = None  # where the parameters' variances come from; None where not available
-    # candidate causes if the data contradict the model, the likeliest first, each with its gain in the data
-    # would be without it (log-likelihood)
+    # candidate causes if the data contradict the model, the likeliest first, each with the gain
+    # of log-likelihood without it
     causes: tuple[tuple[str, float], ...] = ()
     events: tuple[Event, ...] = ()  # disturbances of the momentum
     warnings: tuple[str, ...] = ()  # one line each

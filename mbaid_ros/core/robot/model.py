@@ -54,8 +54,8 @@ class RobotModel:
     Body 0 is the base; joint j moves body j + 1. Links joined by fixed joints belong to one body.
     """
 
-    name: str  # the URDF's robot name, and the document
-    urdf: str  # the URDF's robot name, and the document
+    name: str  # the URDF's robot name
+    urdf: str  # the document
     joint_names: tuple[str, ...]  # names of the n movable joints, in the order of every joint array
     parents: tuple[int, ...]  # (n,) index of the body that carries joint j
     # rotations, positions: (n, 3, 3), (n, 3) m, frame of joint j in its parent body's frame

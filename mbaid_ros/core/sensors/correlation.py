@@ -1,7 +1,7 @@
 """Correlation times and levels of a sensor's errors, first-order autoregressions, from variances of differences.
 
-Sixth differences of readings hold no motion. They tell the growth of the errors, but hardly when that ends. Poses less
-the integrated twist hold no motion either, however far apart: their differences tell the end.
+Sixth differences of readings hold no motion. They show the growth of the errors, but hardly its end. Poses less the
+integrated twist hold no motion either, however far apart: their differences show the end.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
 
-FEWEST = 60  # differences that tell a level, to a sixth of it
-_SOME = 12  # of readings further apart, that tell whether it grows
-# Of sixth and of first differences: as many independent ones tell as much, as neighbours share readings.
+FEWEST = 60  # differences for a level, which is then known to a sixth
+_SOME = 12  # of readings further apart, for its growth
+# Of sixth and of first differences: share that counts as independent, as neighbours share readings.
 _INDEPENDENT, _OF_FIRST = 0.3, 0.45
-_NO_FIT = 25.0  # mean normalised square of what a correlation leaves of the variances, from which none explains them
+_NO_FIT = 25.0  # mean normalised square of the residuals of the variances, from which no correlation explains them
 _SHORTEST = 3  # strides over which noise has to grow to count as correlated, where motion shows beyond
 # Times the variance grows from one stride to the next by motion, not noise, and the standard deviations beside.
 _NO_NOISE, _DOUBT = 2.3, 3.0
-_TIMES = np.append(0.0, np.geomspace(0.005, 10.0, 62))  # s; of more nobody can tell from a run
+_TIMES = np.append(0.0, np.geomspace(0.005, 10.0, 62))  # s; a run does not determine longer ones
 # Twice the log-likelihood by which white noise, or a declared level, has to be contradicted; that within which a longer
 # time of correlation is preferred: two standard deviations.
 _CLEAR, _LIKELY = 12.0, 4.0
@@ -133,7 +133,7 @@ def chosen(pose: Candidates, twist: Candidates, drift: Variances, ratio: Array) 
     drift : first differences of poses less the integrated twist, over the variance declared of poses
     ratio : (2,) 1/s, standard deviations declared of twists over those of poses
     """
-    cost, shortest = pose.cost[:, None] + twist.cost, drift.apart[0] / 32.0  # s: half of what is between readings
+    cost, shortest = pose.cost[:, None] + twist.cost, drift.apart[0] / 32.0  # s: half of the time between readings
     known = np.all(drift.counts >= _SOME, axis=0) & np.all(drift.variance > 0.0, axis=0)
     if known.any():
         of_pose = -np.expm1(-drift.apart / np.maximum(pose.time, 1e-9)[:, None])

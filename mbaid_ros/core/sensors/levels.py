@@ -126,7 +126,7 @@ _LEAST = 1.0 / 30.0
 # Of poses without a twist, undeclared: spacing (s) up to which differences determine their noise, poses that this
 # takes, lost ones included, and how many times as noisy as usual they count until then.
 _SLOWEST, _FIRST, _AT_FIRST = 0.2, 40, 100.0
-_SETTLED = 4.0  # s, in which differences tell errors that last from small ones
+_SETTLED = 4.0  # s, after which differences separate errors that last from small ones
 _NEVER = np.iinfo(np.int64).max
 
 
@@ -182,11 +182,11 @@ class FoundNoise:
         for window in windows:
             end = float(window.time[-1])
             self._waiting.append(window)
-            found = [self.applied(each, origin, end) for each in self._waiting]
-            self._settled |= end > _SETTLED or found[-1][1].as_declared
+            if not self._settled:
+                self._settled = end > _SETTLED or self.applied(self._waiting[0], origin, end)[1].as_declared
             if self._settled:
+                released += [self.applied(each, origin, end) for each in self._waiting]
                 self._waiting.clear()
-                released += found
         return released
 
     def applied(self, window: Samples, origin: int, until: float | None = None) -> tuple[Samples, SensorLevels]:

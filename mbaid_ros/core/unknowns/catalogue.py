@@ -179,8 +179,8 @@ class CalibratedSide:
     """A calibration beside the robot description, which has its bodies, origins and axes already."""
 
     links: tuple[Link, ...]  # k of them
-    zeros: Array  # (n,), (6,) as of a NominalModel
-    mount: Array  # (n,), (6,) as of a NominalModel
+    zeros: Array  # (n,) as of a NominalModel
+    mount: Array  # (6,) as of a NominalModel
     # (10 k + 6 n + 6,) squared: standard parameters of the links, each in its own frame; of each joint zero,
     # displacement of its frame and tilts of its axis; mount
     covariance: Array

@@ -53,9 +53,9 @@ class NominalModel:
 class JointMotion(ArrayRecord):
     """The motion of n joints at N instants."""
 
-    position: Array  # (N, n) rad or m, and per s and s^2
-    rate: Array  # (N, n) rad or m, and per s and s^2
-    acceleration: Array  # (N, n) rad or m, and per s and s^2
+    position: Array  # (N, n) rad or m
+    rate: Array  # (N, n) rad/s or m/s
+    acceleration: Array  # (N, n) rad/s^2 or m/s^2
     # torque, torque_rate: (N, n) N m or N, about or along each axis, that moves all that it carries; and per s
     torque: Array
     torque_rate: Array
