@@ -30,8 +30,8 @@ EXACT_THRUST = (
     'thrust.scale_std, thrust.direction_std and thrust.delay_std'
 )
 SHARED_THRUST = (
-    'thrust in {} changes to and fro between two commands, as of two publishers, of which each ends the other: give each '
-    'a frame of its own, such as a link that is fixed to this one'
+    'thrust in {} changes to and fro between two commands, as of two publishers, of which each ends the other: give '
+    'each a frame of its own, such as a link that is fixed to this one'
 )
 NOT_FINITE_MOMENTUM = 'stored momentum with a NaN or infinite value'
 OTHER_MOMENTUM_FRAME = 'stored momentum in another frame'
