@@ -61,12 +61,12 @@ def calibrate(arguments: argparse.Namespace) -> int:
         return EXIT_NOT_DETERMINED
     if output and not result.contradicted:
         write_text(output, _calibrated_urdf(urdf, calibration))
-    write_results(arguments, _as_json(result), lambda: _page(result), lambda: _text(result, arguments))
+    write_results(arguments, _as_json(result), lambda: _text(result, arguments), lambda: _page(result))
     return EXIT_INCONSISTENT if result.contradicted else 0
 
 
 def _page(result: Calibrated) -> str:
-    from mbaid_ros.replay.report.other_pages import calibration_page  # noqa: PLC0415 - matplotlib takes a while
+    from mbaid_ros.replay.report.calibration import calibration_page  # noqa: PLC0415 - matplotlib takes a while
 
     return calibration_page(result)
 

@@ -206,7 +206,7 @@ def replay(arguments: argparse.Namespace) -> int:
         runs = [replace(each, made_by=made, files=hashes(each.bag)) for each in runs]
     results = [as_json(run) for run in runs]
     content = results[0] if len(results) == 1 else results
-    write_results(arguments, content, lambda: _page(runs, truths), lambda: texts(runs))
+    write_results(arguments, content, lambda: texts(runs), lambda: _page(runs, truths))
     return exit_code(runs)
 
 

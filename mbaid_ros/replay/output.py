@@ -32,20 +32,20 @@ _EVENTS = 5  # that a terminal shows
 def check_outputs(arguments: argparse.Namespace, *options: str) -> None:
     """Refuse, before the long work, files of options that could not be written after it."""
     for option in ('json', 'report', *options):
-        path = getattr(arguments, option)
+        path = getattr(arguments, option, None)
         if option != 'json' or path != STDOUT:
             require_writable(f'--{option}', path)
 
 
 def write_results(
-    arguments: argparse.Namespace, content: Any, page: Callable[[], str], summary: Callable[[], str]
+    arguments: argparse.Namespace, content: Any, summary: Callable[[], str], page: Callable[[], str] | None = None
 ) -> None:
-    """Write the JSON of a content and the report where asked for; print the JSON or else the summary."""
+    """Write the JSON of a content and its report where asked for; print the JSON or else the summary."""
     text = json.dumps(content, allow_nan=False, ensure_ascii=False) + '\n'
     # Files first: a reader of the output may leave early (`| head`).
     if arguments.json and arguments.json != STDOUT:
         write_text(arguments.json, text)
-    if arguments.report:
+    if page is not None and arguments.report:
         write_text(arguments.report, page())
     if arguments.json == STDOUT:
         sys.stdout.write(as_utf8(text))
@@ -124,7 +124,6 @@ def as_json(run: Run) -> dict[str, Any]:
         'warnings': run.all_warnings,
         'model': None if run.survey is None else asdict(run.survey),
         'made_by': None if run.made_by is None else provenance.as_json(run.made_by, run.settings, run.files),
-        'state': run.state,
         'advice': run.advice or None,
         'history': [
             {

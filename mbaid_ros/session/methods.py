@@ -28,7 +28,7 @@ from mbaid_ros.core.trajectory.target_runs import TrajectorySettings
 from mbaid_ros.core.two_stage import TwoStageEstimator
 from mbaid_ros.core.unknowns.bodies import KnownTarget
 from mbaid_ros.core.unknowns.catalogue import catalogue, underestimated_text
-from mbaid_ros.session.posterior import KnownRobot, declared_errors, nominal_model
+from mbaid_ros.session.known_robot import KnownRobot, declared_errors, nominal_model
 from mbaid_ros.session.settings import declared_uncertainty
 
 START_WINDOWS = 10  # before the first estimate of trajectory: 5 s of motion, from which a batch start converges

@@ -24,7 +24,7 @@ from mbaid_ros.core.robot.urdf_document import kept_words
 from mbaid_ros.core.robot.urdf_edit import joints_moved, replace_inertial
 from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.files import require_regular
-from mbaid_ros.session.posterior import nominal_model, with_known_errors
+from mbaid_ros.session.known_robot import nominal_model, with_known_errors
 from mbaid_ros.session.settings import PRINCIPAL, debris_frame, marker_frame, springs, storage
 
 _PACKAGE, _FILE = 'package://', 'file://'

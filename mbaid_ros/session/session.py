@@ -25,9 +25,9 @@ from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.core.window_checks import WindowChecks
 from mbaid_ros.messages import number_of, stamp_of, vector_of, wrench_of
+from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact
 from mbaid_ros.session.methods import make_capture, make_estimator, make_reporting, set_thresholds
 from mbaid_ros.session.model_summary import ModelSummary, summarise
-from mbaid_ros.session.posterior import EXACT_ROBOT, declared_exact
 from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, BaseSource, Intake, MessageQueue, make_gyro
 from mbaid_ros.session.robot import Robot
 from mbaid_ros.session.settings import falling_frame, uncertain_thrusters
