@@ -114,8 +114,6 @@ class EstimatorConfig:
     (ignore)."""
     reorder_time: float = parameter(0.05, 's', minimum=0.0, maximum=1.0)
     """Longest time that messages wait for late ones, once a topic has had some; 0 drops late ones."""
-    publish_tf: bool = parameter(default=False, read_only=False)
-    """Send the frames of the links on /tf, if no robot_state_publisher does."""
     frame_prefix: str = parameter('')
     """Prefix of link names in frame names, in received and published messages, as for robot_state_publisher:
     servicer/."""

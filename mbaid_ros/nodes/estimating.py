@@ -55,8 +55,6 @@ class LiveEstimator:
         self._awaited: int | None = None  # end of the window that one waited for
         # Refusals come first: nothing is on the graph then.
         self._read_robot()
-        if config.publish_tf:
-            tf_message("parameter 'publish_tf' is true", 'false')
         self._subscriptions = {
             'joint_states': Subscriptions(node, JointState, 'joint_states', self._on_joint_state),
             **self._base_subscriptions(),
@@ -92,8 +90,7 @@ class LiveEstimator:
         if config.imu.alone:
             return {'imu': Subscriptions(node, Imu, 'imu', self._on_imu)}
         if config.pose.tf_child_frame:
-            message = tf_message("parameter 'pose.tf_child_frame' is set", 'empty')
-            return {'tf': Subscriptions(node, message, '/tf', self._on_odometry)}
+            return {'tf': Subscriptions(node, tf_message(), '/tf', self._on_odometry)}
         others = (PoseWithCovarianceStamped, TransformStamped)
         return {
             'odom': Subscriptions(node, Odometry, 'odom', self._on_odometry),
@@ -140,7 +137,6 @@ class LiveEstimator:
     def _on_joint_state(self, message: Any) -> None:
         session = self._open_session()
         if session is not None:
-            self._publication.display.follow(session.robot.model, message)
             self._add(session.add_joint_state, message)
 
     def _on_odometry(self, message: Any) -> None:
@@ -211,14 +207,8 @@ class LiveEstimator:
         self._publication.publish_waiting()
 
     def adjust(self, config: EstimatorConfig) -> None:
-        """Change the parameters that may change at run time: convergence.*, plan.* and publish_tf.
-
-        Raises ParameterError: Frames are asked for, but the message package for them is not installed.
-        """
-        self._publication.display.send_frames(wanted=config.publish_tf)
-        self._config = replace(
-            self._config, convergence=config.convergence, publish_tf=config.publish_tf, plan=config.plan
-        )
+        """Change the parameters that may change at run time: convergence.* and plan.*."""
+        self._config = replace(self._config, convergence=config.convergence, plan=config.plan)
         if self._state.session is not None:
             self._state.session.judge_by(config.convergence, config.plan)
 
