@@ -26,7 +26,6 @@ from mbaid_ros.config.sensors import ImuConfig, NoiseConfig, PoseConfig
 
 REFERENCES = ('previous', 'first')
 TWIST_FRAMES = ('child', 'inertial')
-TIME_JUMPS = ('reset', 'error', 'ignore')
 
 
 @dataclass(frozen=True)
@@ -109,9 +108,6 @@ class EstimatorConfig:
     """Longest gap between two Odometry messages that is interpolated; joint states in longer gaps are dropped."""
     twist_frame: str = parameter('child', choices=TWIST_FRAMES)
     """Frame of the twist in the Odometry: child (child_frame_id, the ROS convention) or inertial (header.frame_id)."""
-    time_jump: str = parameter('reset', choices=TIME_JUMPS)
-    """After stamps that jump back: start again (reset), stop with an error, or drop messages until time has caught up
-    (ignore)."""
     reorder_time: float = parameter(0.05, 's', minimum=0.0, maximum=1.0)
     """Longest time that messages wait for late ones, once a topic has had some; 0 drops late ones."""
     frame_prefix: str = parameter('')

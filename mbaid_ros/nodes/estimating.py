@@ -181,11 +181,7 @@ class LiveEstimator:
         session = self._state.session
         if session is None:
             return
-        try:
-            estimates = session.process()
-        except DataError as error:
-            self._log.warn_once(str(error))
-            return
+        estimates = session.process()
         self._publication.publish(session, estimates)
         if estimates:
             self._idle_timer.reset()  # the background task comes after the estimates

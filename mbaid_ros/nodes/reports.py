@@ -98,8 +98,8 @@ class SampleReport:
             *((f'partly used, {cause}', count) for cause, count in sorted(session.replaced.items())),
             *((f'reason {index + 1}', reason) for index, reason in enumerate(remarks(session))),
         ]
-        if session.problem or state.halted:
-            return (ERROR, session.problem, values) if session.problem else (WARN, state.halted, values)
+        if state.halted:
+            return WARN, state.halted, values
         self.reasons = '; '.join([*explain(session, dropped), *obstacles(session)])
         lost = dropped.total()
         if not used and self.reasons and heard:

@@ -22,7 +22,7 @@ from std_msgs.msg import String
 from mbaid_ros.cdr import packer
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.files import as_utf8
-from mbaid_ros.messages import stamp_of
+from mbaid_ros.messages.fields import stamp_of
 from mbaid_ros.nodes.runner import RCLError
 from mbaid_ros.outgoing import MessageTypes
 

@@ -21,7 +21,7 @@ from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, UN
 from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
 from mbaid_ros.files import as_utf8, require_writable, write_text
-from mbaid_ros.messages import JOINT_MISSING
+from mbaid_ros.messages.poses import JOINT_MISSING
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.results import Run
 

@@ -17,7 +17,7 @@ from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.samples import Stamps
 from mbaid_ros.core.sensors.levels import SensorLevels
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.messages import joint_state_shape, odometry_shape, positions_of
+from mbaid_ros.messages.fields import joint_state_shape, odometry_shape, positions_of
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.holdout import Holdout
 from mbaid_ros.session.model_summary import ModelSummary

@@ -20,7 +20,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.published_inertia import Debris, DebrisPublication, InertiaPublication
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.messages import stamps_of
+from mbaid_ros.messages.fields import stamps_of
 from mbaid_ros.outgoing import Frames, MessageTypes, debris_message, estimate_message, inertia_message
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.results import Arrivals, History, LastPose, Run, TopicStatistics

@@ -24,7 +24,7 @@ from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.core.window_checks import WindowChecks
-from mbaid_ros.messages import number_of, stamp_of, vector_of, wrench_of
+from mbaid_ros.messages.fields import number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact
 from mbaid_ros.session.methods import make_capture, make_estimator, make_reporting, set_thresholds
 from mbaid_ros.session.model_summary import ModelSummary, summarise
@@ -76,7 +76,7 @@ class Session:
     def reset(self) -> None:
         """Forget everything and start again."""
         self._gyro = self.config.imu.noise_density > 0.0
-        self.queue = MessageQueue((JOINTS, ODOMETRY, IMU) if self._gyro else (JOINTS, ODOMETRY), self.config)
+        self.queue = MessageQueue((JOINTS, ODOMETRY, IMU) if self._gyro else (JOINTS, ODOMETRY))
         self.received: Counter[str] = Counter()
         self.base_source = BaseSource(self.config, self.robot)
         self.restarts: list[str] = []
@@ -139,18 +139,12 @@ class Session:
 
     def add_stored_momentum(self, message: Any) -> None:
         """Add a Vector3Stamped of the momentum that wheels or gyros store."""
-        if not self.problem:
-            self.intake.stored_momentum.take(*vector_of(message))
+        self.intake.stored_momentum.take(*vector_of(message))
 
     def process(self) -> list[Estimate]:
-        """Process the added messages and return the new estimates; how calls are spread makes no difference to them.
-
-        Raises DataError: The stamps have jumped back, and the parameter time_jump makes this an error.
-        """
+        """Process the added messages and return the new estimates; how calls are spread makes no difference to them."""
         estimates = self._ready + self._work()
         self._ready = []
-        if self.problem and not estimates:
-            raise DataError(self.problem)
         return estimates
 
     def run_slice(self) -> bool:
@@ -198,11 +192,6 @@ class Session:
         return self._segment.closing(self.queue.newest[JOINTS])
 
     @property
-    def problem(self) -> str:
-        """Why it takes no more messages until `reset`; empty while it does."""
-        return self.queue.problem
-
-    @property
     def synchroniser(self) -> Synchroniser:
         """The gates of the readings, and their synchronisation to common stamps."""
         return self._segment.identifier.synchroniser
@@ -231,7 +220,7 @@ class Session:
         stamp = stamp_of(message)
         jumped = self.queue.add(name, stamp, message)
         if jumped is None:
-            return bool(self.problem) or self._segment.is_due(name, stamp, self.queue)
+            return self._segment.is_due(name, stamp, self.queue)
         if jumped:
             self._ready += self._work()
             self._start_again(jumped)

@@ -26,7 +26,7 @@ from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Circle, PushAxes, Pushing
 from mbaid_ros.core.unknowns.sensors import GyroErrors
-from mbaid_ros.messages import ImuReader
+from mbaid_ros.messages.imu import ImuReader
 
 PRINCIPAL = 'principal'
 

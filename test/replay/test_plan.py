@@ -14,7 +14,7 @@ from mbaid_ros.bags import BagReader
 from mbaid_ros.config.trajectory import as_yaml, read_trajectory
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.messages import trajectory_of
+from mbaid_ros.messages.joints import trajectory_of
 from mbaid_ros.replay import planning
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.run import replay_bag
