@@ -16,7 +16,7 @@ from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.simulation.sensors import BaseReadings, ImuReadings, JointReadings
 
 if TYPE_CHECKING:
-    from mbaid_ros.core.capture.handover import Capture
+    from mbaid_ros.core.capture.known_momentum import Capture
 
 
 @dataclass(frozen=True)

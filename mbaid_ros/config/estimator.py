@@ -8,7 +8,6 @@ from mbaid_ros.config.capture import (
     CaptureConfig,
     DebrisConfig,
     DisturbanceConfig,
-    SelfCalibrationConfig,
     ThrustConfig,
 )
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig
@@ -120,7 +119,6 @@ class EstimatorConfig:
     momentum: MomentumConfig = field(default_factory=MomentumConfig)
     time_offset: TimeOffsetConfig = field(default_factory=TimeOffsetConfig)
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
-    calibration: SelfCalibrationConfig = field(default_factory=SelfCalibrationConfig)
     known_links: KnownLinksConfig = field(default_factory=KnownLinksConfig)
     known_joints: KnownJointsConfig = field(default_factory=KnownJointsConfig)
     flexible: FlexibleConfig = field(default_factory=FlexibleConfig)

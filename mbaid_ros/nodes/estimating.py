@@ -18,7 +18,7 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from mbaid_ros.config.capture import DebrisConfig, SelfCalibrationConfig
+from mbaid_ros.config.capture import DebrisConfig
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import read_robot_description
 from mbaid_ros.config.model_errors import KnownLinksConfig
@@ -111,7 +111,7 @@ class LiveEstimator:
             return
         # Names of links can only be checked with the robot.
         config = replace(self._config, base_link='', target_link='', debris=DebrisConfig())
-        Session(replace(config, known_links=KnownLinksConfig(), calibration=SelfCalibrationConfig()), _ANY_ROBOT)
+        Session(replace(config, known_links=KnownLinksConfig()), _ANY_ROBOT)
 
     def _on_description(self, message: String) -> None:
         state = self._state

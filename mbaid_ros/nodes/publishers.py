@@ -111,7 +111,6 @@ class EstimatePublication:
         self._missing = missing
         self._publishers = Publishers(node, with_debris=config.debris.report)
         self._restarted = 0  # restarts of the session that have been reported
-        self._calibrated = ''  # summary of the calibration that has been reported
         self._debris = DebrisPublication()
         self._waiting: tuple[str, ...] | None = None  # warnings of the last estimate of status 'waiting'
 
@@ -124,10 +123,6 @@ class EstimatePublication:
             frames = _frames(session)
             self._publishers.publish(estimate, frames, session.robot.urdf)
             self._log.estimate(estimate)
-            calibrated = session.robot.calibrated
-            if calibrated and calibrated != self._calibrated:
-                self._calibrated = calibrated
-                self._log.event(calibrated)
             debris = self._debris.follow(session.robot.debris(estimate))
             if debris is not None:
                 message = debris_message(debris, estimate, TYPES, frames, session.robot.captured(estimate))

@@ -152,7 +152,6 @@ def estimate_report(state: RunState) -> Report:
         ('method', estimate.method),
         ('stage', estimate.stage),
         ('phase', robot.phase if robot else ''),
-        ('known bodies', (robot.calibrated if robot else '') or 'as in the robot description'),
         ('time (s)', f'{estimate.time:.3f}'),
         ('samples', estimate.samples),
         ('residual', f'{estimate.residual:.3g}'),

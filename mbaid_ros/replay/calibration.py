@@ -12,7 +12,7 @@ import numpy as np
 from mbaid_ros.calibration.calibrate import CalibrationSettings
 from mbaid_ros.calibration.calibrate import calibrate as estimate_bodies
 from mbaid_ros.calibration.result import Calibration, LinkResult
-from mbaid_ros.calibration.structure import BaseParameter, base_parameter, formula, parameter
+from mbaid_ros.calibration.structure import BaseParameter, formula, parameter
 from mbaid_ros.calibration.unknowns import OF_A_JOINT, OF_THE_MOUNT, LinkPrior
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line
 from mbaid_ros.config.calibration import NODE, CalibrationParameters, calibration_parameters
@@ -219,7 +219,6 @@ def _base_parameter(result: Calibrated, combination: BaseParameter) -> dict[str,
     calibration, links = result.calibration, result.kernel.unknown
     factors = combination.factors
     return {
-        'words': base_parameter(calibration.mechanism, combination),
         'formula': formula(links, factors),
         'factors': {parameter(links, int(index)): float(factors[index]) for index in np.flatnonzero(factors)},
         'cad': float(factors @ calibration.prior.mean),

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.cli import one_line
-from mbaid_ros.core.capture.handover import Capture
+from mbaid_ros.core.capture.known_momentum import Capture
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array, Flags, quaternion_from_rotation
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
@@ -184,7 +184,6 @@ def _capture(capture: Capture) -> dict[str, Any]:
             'residual': plain(chaser.residual),
             'samples': chaser.samples,
         },
-        'calibrated': capture.calibrated or None,
     }
 
 
@@ -241,8 +240,7 @@ def likely_causes(run: Run) -> list[str]:
 
 
 def _capture_lines(capture: Capture) -> list[str]:
-    rows = [f'  {capture.calibrated}'] if capture.calibrated else []
-    rows.append(f'  captured at {capture.time:.6g} s; before that the captured body had')
+    rows = [f'  captured at {capture.time:.6g} s; before that the captured body had']
     std = np.sqrt(np.diag(capture.covariance))
     for kind, part, unit in (('linear', slice(0, 3), 'N s'), ('angular', slice(3, 6), 'N m s')):
         values = ', '.join(with_band(*pair, digits=4) for pair in zip(capture.momentum[part], std[part], strict=True))

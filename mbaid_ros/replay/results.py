@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mbaid_ros.cdr import Packets
-from mbaid_ros.core.capture.handover import Capture
+from mbaid_ros.core.capture.known_momentum import Capture
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import CapturePhase, Estimate
 from mbaid_ros.core.results.published_inertia import Debris

@@ -13,7 +13,7 @@ from tqdm import tqdm
 from mbaid_ros.bags import BagReader, BagWriter, Recorded, message_class
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
-from mbaid_ros.core.capture.handover import Capture
+from mbaid_ros.core.capture.known_momentum import Capture
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate

@@ -194,7 +194,7 @@ class Intake:
         self.imu_reader: ImuReader = imu_reader(config, robot.model)
         self.stored_momentum = StoredMomentum(robot.model, config.wheels.momentum_frame)
         self.alone = config.imu.alone
-        limit, beside = round(config.reorder_time * 1e9), robot.described.storage.count
+        limit, beside = round(config.reorder_time * 1e9), robot.kernel.storage.count
         turning = ~np.array(robot.model.prismatic, dtype=bool)[robot.model.transmission.independent]
         turning = np.append(turning, np.zeros(beside, dtype=bool))
         self.merge = JointMerge(

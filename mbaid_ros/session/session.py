@@ -260,16 +260,17 @@ class _Segment:
         self._left = [round(1e9 * part * config.window) for part in _LEFT]
         self._processed = (-1, 0)  # end of the window last processed in, and how many of the times of `_LEFT` passed
         self.intake = Intake(config, robot)
-        model, described = robot.model, robot.described
-        method = partial(make or partial(make_estimator, judge=self._make_reporting), config)
-        self._capture = make_capture(config, described, robot.known, method)
+        model, described = robot.model, robot.kernel
+        make = make or partial(make_estimator, judge=self._make_reporting)
+        method = partial(make, config, described, robot.known)
+        self._capture = make_capture(config, described, method)
         robot.begin(self._capture)
         self.thrust = Thrust(model, round(config.thrust.hold * 1e9), uncertain_thrusters(config.thrust, model))
         noise, gyro = config.noise, make_gyro(config, model)
         on_base = gyro is not None and gyro.on_base
         checks = WindowChecks(config.twist_frame, HeldBase(described), JointRates(model.joint_names), gyro=on_base)
         self.identifier = Identifier(
-            self._capture or method(described, robot.known),
+            self._capture or method(),
             config.window,
             config.maximum_gap,
             checks,
@@ -362,6 +363,6 @@ class _Segment:
             set_thresholds(reporting, convergence)
 
     def _make_reporting(self, _config: EstimatorConfig, kernel: MomentumKernel) -> Reporting:
-        # The present thresholds: a capture makes its method with the parameters of the segment's begin.
+        # The present thresholds: a capture that is moved makes its method with the parameters of the segment's begin.
         self._reportings.append(make_reporting(self._config, kernel))
         return self._reportings[-1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.calibration.result import LinkResult
-from mbaid_ros.calibration.structure import base_parameter, formula
+from mbaid_ros.calibration.structure import formula
 from mbaid_ros.cli import one_line
 from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.replay.calibrated import HEAD, JOINTS_HEAD, Calibrated, headline, joint_rows, rows, sentences
@@ -58,6 +58,5 @@ def _combinations(result: Calibrated) -> str:
         factors = each.factors
         std = float(np.sqrt(factors @ calibration.covariance @ factors))
         cad, value = number(float(factors @ calibration.prior.mean)), number(float(factors @ calibration.theta))
-        words = base_parameter(calibration.mechanism, each), formula(result.kernel.unknown, factors)
-        cells.append((*words, cad, value, number(std, 2)))
-    return table(('combination', 'of kg, kg m, kg m²', 'CAD', 'calibrated', 'std'), cells)
+        cells.append((formula(result.kernel.unknown, factors), cad, value, number(std, 2)))
+    return table(('combination, of kg, kg m, kg m²', 'CAD', 'calibrated', 'std'), cells)
