@@ -17,9 +17,6 @@ class DebrisConfig:
 
     report: bool = parameter(default=False)
     """Also report the captured body alone: the estimate less the target link's <inertial>."""
-    frame: str = parameter('')
-    """Frame of the captured body: a link fixed to the target link, or principal for its principal axes through its
-    centre of mass; empty: the target link's."""
 
 
 @dataclass(frozen=True)

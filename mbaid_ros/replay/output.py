@@ -15,7 +15,7 @@ import numpy as np
 from mbaid_ros.cli import one_line
 from mbaid_ros.core.capture.known_momentum import Capture
 from mbaid_ros.core.errors import listing
-from mbaid_ros.core.geometry import Array, Flags, quaternion_from_rotation
+from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
 from mbaid_ros.core.results.published_inertia import Debris
@@ -156,15 +156,8 @@ def _noise(levels: SensorLevels) -> dict[str, Any]:
 
 
 def _debris(alone: Debris) -> dict[str, Any]:
-    """Return the captured body with its frame, which is given in the target link's."""
-    frame = alone.frame
-    orientation = quaternion_from_rotation(frame.rotation)
-    return {
-        **shaped(alone.parameters),
-        'std': shaped_std(alone.std),
-        'covariance': matrix(alone.covariance),
-        'frame': plain({'name': frame.name, 'position': frame.position, 'orientation': orientation}),
-    }
+    """Return the captured body in the target link's frame."""
+    return {**shaped(alone.parameters), 'std': shaped_std(alone.std), 'covariance': matrix(alone.covariance)}
 
 
 def _capture(capture: Capture) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from mbaid_ros.core.robot.urdf_document import kept_words
 from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.files import require_regular
 from mbaid_ros.session.known_robot import nominal_model, with_known_errors
-from mbaid_ros.session.settings import PRINCIPAL, debris_frame, marker_frame, springs, storage
+from mbaid_ros.session.settings import marker_frame, springs, storage
 
 _PACKAGE, _FILE = 'package://', 'file://'
 
@@ -84,7 +84,6 @@ class Robot:
 
     def __init__(self, config: EstimatorConfig, urdf: str) -> None:
         self._report_debris = config.debris.report
-        self._in_principal_axes = config.debris.frame == PRINCIPAL
         self.model = load_model(urdf, config.base_link)
         self.urdf = urdf
         self.target_link = config.target_link or self.model.last_link
@@ -94,7 +93,6 @@ class Robot:
         # Read once: a run that starts again keeps its calibration.
         self.known = nominal_model(config, self.kernel) if config.known_links.calibration else None
         self.marker: AttachedFrame | None = marker_frame(config)
-        self._debris_frame = debris_frame(config.debris.frame, self.model, kernel.target)
         self._capture: CaptureEstimator | None = None
 
     def begin(self, capture: CaptureEstimator | None) -> None:
@@ -115,18 +113,11 @@ class Robot:
         """Return the captured body alone: the estimate less the URDF's link; None if not wanted or not determined."""
         if not self._report_debris:
             return None
-        return debris(
-            estimate,
-            self.kernel.target.parameters,
-            self._debris_frame,
-            in_principal_axes=self._in_principal_axes,
-            link_covariance=self._link_covariance,
-        )
+        return debris(estimate, self.kernel.target.parameters, self._link_covariance)
 
     def captured(self, estimate: Estimate) -> Capture | None:
         """Return the momenta at the capture, given the latest estimate; None before a capture."""
         if self._capture is None:
             return None
-        target = self.kernel.target
-        alone = debris(estimate, target.parameters, debris_frame('', self.model, target))
+        alone = debris(estimate, self.kernel.target.parameters)
         return self._capture.capture(None if alone is None else alone.parameters)
