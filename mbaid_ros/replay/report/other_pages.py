@@ -101,16 +101,16 @@ def plan_page(plan: Plan, model: RobotModel, start: Array, made_by: Sequence[str
         paragraph(plan.verdict, f'verdict {"good" if plan.reached else "bad"}'),
         listed(plan.notes, 'warnings'),
         '<h2>Precision</h2>',
-        table(('', 'now', 'after the motion', 'as the body may be', 'wanted'), _precision(plan)),
+        table(('', 'now', 'after the motion', 'over the posterior', 'wanted'), _precision(plan)),
         paragraph(
             'One standard deviation: of the mass relative to it, of the centre of mass to convergence.length, of the '
-            f'inertia to its moments. As the body may be: after the motion, for {len(plan.may_be)} bodies drawn from '
-            'the present posterior.',
+            f'inertia to its moments. Over the posterior: after the motion, for {len(plan.may_be)} bodies drawn from '
+            'it.',
             'note',
         ),
         figure(_curves(plan), 'Predicted standard deviations, relative to the wanted ones: the motion suffices at 1.'),
         '<h2>Motion of the joints</h2>',
-        figure(_joints(plan), 'Away from where they begin; the points are those of the trajectory.'),
+        figure(_joints(plan), 'Relative to the start; the points are those of the trajectory.'),
         table(('', 'of its range', 'of its velocity', 'of its acceleration', 'of its effort'), _use(plan)),
         figure(
             _poses(plan, model, start), 'The arm at equal times, in base axes: blue at the begin, green at the end.'
@@ -118,11 +118,11 @@ def plan_page(plan: Plan, model: RobotModel, start: Array, made_by: Sequence[str
         '<h2>Motion of the base</h2>',
         table(('', 'most', 'for certain below', 'limit'), _excursions(plan)),
         paragraph(
-            'From where the base would be with the joints at rest; for certain is five standard deviations, and all '
-            'of the robots that were drawn.',
+            'Relative to the base with the joints at rest. "For certain" covers five standard deviations, and all '
+            'robots that were drawn.',
             'note',
         ),
-        figure(_base(plan), 'Away from where the base would be with the joints at rest; dashed: the limit.'),
+        figure(_base(plan), 'Relative to the base with the joints at rest; dashed: the limit.'),
         listed((f'best of {plan.compared} motions', *made_by), 'model'),
     ]
     return page(f'Planned motion of {model.name}', parts)
