@@ -110,12 +110,8 @@ def declared(condition: Condition, seed: int) -> dict[str, object]:
         off = {name: value for name, value in settings(DEFAULT).items() if not name.startswith('noise.')}
         return {**EXACT, **off}
     if condition.differs == KNOWN_PANEL:
-        off = _FREQUENCY_OFF * np.random.default_rng([seed, 2]).normal()
-        return {
-            **EXACT,
-            'flexible.joints': [_PANEL_JOINT],
-            f'flexible.{_PANEL_JOINT}.frequency': _FREQUENCY * (1.0 + off),
-        }
+        frequency = _FREQUENCY * (1.0 + _FREQUENCY_OFF * np.random.default_rng([seed, 2]).normal())
+        return {**EXACT, 'flexible.joints': [_PANEL_JOINT], f'flexible.{_PANEL_JOINT}.frequency': frequency}
     return {**EXACT, **(ORBIT if condition.differs == IN_ORBIT else {})}
 
 
