@@ -213,7 +213,7 @@ def _pushes(windows: WindowModel, variables: Variables) -> list[dict[Axes, Array
 
 
 LINEARISED = 5  # work of linearising a window, in steps of the filter
-_FEWEST, _MOST = 8, 128  # windows linearised at once: fewer waste the first's overhead, more gain no time
+_FEWEST, _MOST = 8, 32  # windows linearised at once: fewer waste the first's overhead, more do not fit the cache
 
 
 class LinearisationCache:

@@ -58,7 +58,7 @@ class StartingSwing(Unknown):
     """Of each passive joint: deflection (rad or m) and rate at the first instant after a gap or the start."""
 
     words: ClassVar = {
-        SWING: Words('how passive joints swing at the start', 'flexible.<joint>.initial_std'),
+        SWING: Words('the swing of passive joints at the start', 'flexible.<joint>.initial_std'),
     }
     in_equations = False
     of_a_motion = True
