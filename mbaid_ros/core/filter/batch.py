@@ -24,6 +24,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, is_physical, project
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import unknown_scale
+from mbaid_ros.core.robot.momentum import physical_shift
 from mbaid_ros.core.unknowns.environment import Hypothesis
 
 Outcome = TypeVar('Outcome')
@@ -276,6 +277,7 @@ class BatchIteration:
             step = moments.factor @ draws.standard_normal(moments.factor.shape[1])
             part = near_part(moments.mean[self.layout.parameters], step[self.layout.parameters])
             shift = yield from self._shift(stacks, filtered, moments, part * step)
+            shift[BODY] = physical_shift(moments.mean[BODY], part * step[BODY], shift[BODY])
             shifts.append(shift / part**2)  # of second order in the step
         moved = np.array(shifts)
         unknowns = moved[:, BODY.stop :] @ self.layout.known.whitening.T

@@ -135,7 +135,7 @@ class MeanAndCovariance:
         upper = dpotri(self.gaussian.root[first:, first:-2])[0][:count, :count]
         return np.where(_upper(count), upper, upper.T)
 
-    def sizes(self, layout: Layout, moved: Array) -> PriorScaleFactors:
+    def sizes(self, layout: Layout, moved: Array | None = None) -> PriorScaleFactors:
         """Return the scale factors of the unknowns' priors; `moved` (d, e) as of `Curvature.unknowns`."""
         return PriorScaleFactors.of(*self.unknowns(layout), layout.cause_of, layout.part_of, moved)
 

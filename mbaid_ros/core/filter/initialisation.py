@@ -86,11 +86,6 @@ class Initialisation:
         """Whether work is left to be done before the next window."""
         return self._search.is_due or self._curvature_task.is_due or self._displacement_task.is_due
 
-    @property
-    def unknowns_moved(self) -> Array:
-        """How far the unknowns' independent numbers move where windows are linearised elsewhere, (d, e)."""
-        return self._curvature.unknowns if self._curvature else np.zeros((0, self._batch.layout.size - BODY.stop))
-
     def curvatures(self, *, explained: bool) -> tuple[Curvature, ...]:
         """Return the nonlinearity of the windows; about the present estimate only where the model explains the data."""
         known = (self._curvature, self._displacement if explained else None)

@@ -41,7 +41,7 @@ class PriorScaleFactors:
 
     @staticmethod
     def of(
-        values: Array, covariance: Array, causes: Sequence[str], parts: Sequence[str], moved: Array
+        values: Array, covariance: Array, causes: Sequence[str], parts: Sequence[str], moved: Array | None = None
     ) -> PriorScaleFactors:
         """Return the factors that data make likely.
 
@@ -56,7 +56,8 @@ class PriorScaleFactors:
         table = np.zeros((3, len(names), groups.alike[-1][1].shape[1] if names else 0))
         table[1] = 1.0  # beyond its numbers a row has nothing that the data observe
         for rows, own in groups.alike:
-            numbers = PriorComparison.of(values[own], covariance[own[:, :, None], own[:, None, :]], moved[:, own])
+            shifts = None if moved is None else moved[:, own]
+            numbers = PriorComparison.of(values[own], covariance[own[:, :, None], own[:, None, :]], shifts)
             table[:, rows, : own.shape[1]] = numbers.mean, numbers.variance, numbers.curved
         numbers = PriorComparison(table[0], table[1], table[2] > 0.0)
         likely, away = numbers.likely_sizes(*groups.chances), numbers.distances

@@ -240,7 +240,8 @@ class FilterRun:
 
     def sizes(self, moments: MeanAndCovariance) -> PriorScaleFactors:
         """Return the scale factors of the unknowns' priors at a mean and covariance of this run."""
-        return moments.sizes(self._layout, self._initialisation.unknowns_moved)
+        known = self.curvatures(explained=False)
+        return moments.sizes(self._layout, known[0].unknowns if known else None)
 
     def gaussian_before(self, time: float, slack: float) -> SquareRootInformation | None:
         """Return the information before a jump of the momentum near a time, s, if nothing drifts."""

@@ -9,7 +9,7 @@ planar arm holds, which only the tilts of its own axes observe.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,8 +32,7 @@ class Curvature:
     shifts: Array
     covariance: Array
     largest: float = LARGEST_SHIFT  # standard deviations that a near linear one moves by at most
-    # (d, e) by which the unknowns' independent numbers have moved; of none where they are not asked for
-    unknowns: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    unknowns: Array | None = None  # (d, e) by which the unknowns' independent numbers have moved
 
     def straight(self, jacobian: Array) -> Flags:
         """Return of which numbers (m,), by their Jacobian (m, 10), the equations are near linear."""

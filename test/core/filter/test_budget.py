@@ -73,7 +73,7 @@ def test_each_prior_has_its_share_and_noise_the_rest(name: str, given: bool) -> 
     prior = SquareRootInformation.prior(of_filter)
     gaussian, rows = measured(prior, 1, of_filter.gather @ state)
     moments = MeanAndCovariance.of(gaussian, of_filter)
-    declared = replace(moments.sizes(layout, np.zeros((0, layout.size - BODY.stop))), each=np.ones(layout.size - BODY.stop))
+    declared = replace(moments.sizes(layout), each=np.ones(layout.size - BODY.stop))
     found = error_budget(moments, layout, known, declared, np.ones(10, dtype=bool))
     zeros = np.array([cause.startswith('zero') for unknown in layout.unknowns for cause in unknown.causes])
     wrong = replace(declared, each=np.where(zeros, 3.0, 1.0))

@@ -119,7 +119,7 @@ def said(truth: Array, seed: int, parts: tuple[str, ...] = PARTS) -> PriorScaleF
     """Return what is said of numbers that data see with noise."""
     seen = 1.0 / (1.0 + NOISE**2)
     values = seen * (truth + NOISE * np.random.default_rng(seed).normal(size=len(truth)))
-    return PriorScaleFactors.of(values, (1.0 - seen) * np.eye(len(truth)), CAUSES, parts, np.zeros((0, len(truth))))
+    return PriorScaleFactors.of(values, (1.0 - seen) * np.eye(len(truth)), CAUSES, parts)
 
 
 def off(place: int, far: float) -> Array:
@@ -151,7 +151,7 @@ def test_causes_of_all_sizes_together_are_scaled_as_each_alone() -> None:
     causes = tuple(np.repeat(('link:a', 'zero:a', 'zero:b', 'axis:a', 'mount'), (10, 1, 1, 2, 6)).tolist())
     root = rng.normal(size=(len(causes), len(causes)))
     covariance, values = np.linalg.inv(np.eye(len(causes)) + root @ root.T), 3.0 * rng.normal(size=len(causes))
-    together = PriorScaleFactors.of(values, covariance, causes, ('',) * len(causes), np.zeros((0, len(causes))))
+    together = PriorScaleFactors.of(values, covariance, causes, ('',) * len(causes))
     for cause, size in together.sizes.items():
         own = np.flatnonzero([each == cause or each.startswith(f'{cause}:') for each in causes])
         numbers = PriorComparison.of(values[own], covariance[np.ix_(own, own)])
@@ -160,7 +160,7 @@ def test_causes_of_all_sizes_together_are_scaled_as_each_alone() -> None:
         if cause in together.distances:
             assert together.distances[cause] == pytest.approx([float(part) for part in numbers.distances])
         assert np.all(together.each[own] >= size.factor)
-    nothing = PriorScaleFactors.of(np.zeros(0), np.zeros((0, 0)), (), (), np.zeros((0, 0)))
+    nothing = PriorScaleFactors.of(np.zeros(0), np.zeros((0, 0)), (), ())
     assert (nothing.as_declared, nothing.sure, nothing.sizes) == (True, (), {})
 
 
