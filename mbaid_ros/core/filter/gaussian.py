@@ -135,9 +135,9 @@ class MeanAndCovariance:
         upper = dpotri(self.gaussian.root[first:, first:-2])[0][:count, :count]
         return np.where(_upper(count), upper, upper.T)
 
-    def sizes(self, layout: Layout) -> PriorScaleFactors:
-        """Return the scale factors of the unknowns' priors."""
-        return PriorScaleFactors.of(*self.unknowns(layout), layout.cause_of, layout.part_of)
+    def sizes(self, layout: Layout, moved: Array | None = None) -> PriorScaleFactors:
+        """Return the scale factors of the unknowns' priors; `moved` (d, e) as of `Curvature.unknowns`."""
+        return PriorScaleFactors.of(*self.unknowns(layout), layout.cause_of, layout.part_of, moved)
 
     def contributions(self, factor: Array, layout: Layout) -> Array:
         """Return the contributions (e, m) of the unknowns' independent numbers to the errors of m numbers.
