@@ -58,7 +58,7 @@ def conventions(kernel: MomentumKernel) -> Iterator[Convention]:
     order = np.arange(count, dtype=np.int64)
     yield Convention('', kernel)
     for joint, name in enumerate(names):
-        text = f'the sign of {name} is wrong: turn it round in the driver or the URDF'
+        text = f'the sign of {name} is wrong: reverse it in the driver or the URDF'
         yield Convention(
             text, kernel, partial(_joints, change=partial(np.multiply, np.where(order == joint, -1.0, 1.0)))
         )
@@ -70,7 +70,9 @@ def conventions(kernel: MomentumKernel) -> Iterator[Convention]:
     for delay in _DELAYS.tolist():
         more = ' or more' if abs(delay) == _DELAYS[-1] else ''
         how = f'{1e3 * abs(delay):.0f} ms{more} {"late" if delay > 0.0 else "early"}'
-        text = f'the joints are stamped some {how} against the poses: mend the stamps, or raise time_offset.prior_std'
+        text = (
+            f'the joints are stamped some {how} against the poses: correct the stamps, or raise time_offset.prior_std'
+        )
         yield Convention(text, kernel, partial(_stamped, delay=delay))
     slides = np.array(kernel.model.prismatic, dtype=bool)
     for text, scale in (
@@ -139,7 +141,7 @@ def _in_millimetres(knots: Knots) -> Knots:
 
 _POSES: tuple[tuple[str, Callable[[Knots], Knots], float], ...] = (
     (
-        'the orientation of the odometry is the inverse: in ROS it turns from the base to the odometry frame',
+        'the orientation of the odometry is the inverse: in ROS it rotates from the base to the odometry frame',
         _inverse,
         0.0,
     ),

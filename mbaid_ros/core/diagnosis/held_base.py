@@ -23,8 +23,8 @@ _ROUNDING = 1e-12  # squared, of the motion of the centre of mass
 _CERTAIN = 1e6  # log-likelihood that it counts as: more than a filter finds for any other cause
 
 HELD = (
-    'the base does not move while the arm does: is it held, or bolted to the ground, or is its odometry another '
-    "body's? The method needs a base that floats"
+    'the base does not move while the arm does: it is held or bolted to the ground, or the odometry is that of another '
+    'body; the method needs a base that floats'
 )
 
 

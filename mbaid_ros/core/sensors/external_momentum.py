@@ -24,9 +24,9 @@ from mbaid_ros.core.samples import BaseStream, JointStream, Samples
 NOT_FINITE_THRUST = 'thrust with a NaN or infinite value'
 UNKNOWN_FRAME = 'thrust in a frame that is no link'
 FAR_THRUST = 'thrust stamped far from the samples'
-LATE_THRUST = 'a thrust command came after the samples that it acts on had been used: its impulse counts from then on'
+LATE_THRUST = 'a thrust command arrived after its samples had been used: its impulse counts from then on'
 EXACT_THRUST = (
-    'thrust is taken as exactly as commanded: weaker, turned or late, it leaves intervals that are too narrow; give '
+    'thrust counts as exactly as commanded: if it is weaker, misaligned or late, the intervals are too narrow; set '
     'thrust.scale_std, thrust.direction_std and thrust.delay_std'
 )
 NOT_FINITE_MOMENTUM = 'stored momentum with a NaN or infinite value'

@@ -38,7 +38,7 @@ class KnownBodies(Unknown):
         'link': Words(
             'the links',
             'known_links.relative_std',
-            'how well link {} is known: weigh it, or calibrate before the capture (known_links)',
+            'the uncertainty of link {}: weigh it, or calibrate before the capture (known_links)',
             _link_deviation,
         ),
         'mass': Words(parameter='known_links.relative_std'),

@@ -70,7 +70,7 @@ class StartingSwing(_OfSprings):
     """Of each passive joint: deflection (rad or m) and rate at the first instant after a gap or the start."""
 
     words: ClassVar = {
-        SWING: Words('how passive joints swing at the start', 'flexible.<joint>.initial_std'),
+        SWING: Words('the swing of passive joints at the start', 'flexible.<joint>.initial_std'),
     }
     of_a_motion = True
     of_a_chain = True
