@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mbaid_ros.config.model_errors import LinkPriorConfig
 from mbaid_ros.config.parameters import parameter
 
 CONSTANT_FORCES = ('none', 'inertial', 'body')
@@ -18,9 +17,6 @@ class DebrisConfig:
 
     report: bool = parameter(default=False)
     """Also report the captured body alone: the estimate minus the target link's <inertial>."""
-    frame: str = parameter('')
-    """Frame of the captured body: a link fixed to the target link, or principal for its principal axes through its
-    centre of mass; empty: the target link's."""
 
 
 @dataclass(frozen=True)
@@ -76,17 +72,3 @@ class CaptureConfig:
     """Interpret a jump of the momentum as the capture, once pre_capture has lasted five seconds."""
     margin: float = parameter(0.5, 's', minimum=0.0)
     """Time before and after the capture in which bodies touch and slip: windows with such samples are not used."""
-
-
-@dataclass(frozen=True)
-class SelfCalibrationConfig(LinkPriorConfig):
-    """The calibration of the robot's bodies in a run that begins before the capture."""
-
-    enabled: bool = parameter(default=False)
-    """At the capture, calibrate links, joints and the mount of the odometry from the latest 600 windows before it, as
-    calibrate does, and continue with its values and covariance. The prior of joints and mount is known_joints and
-    odometry_mount."""
-    weighed_links: tuple[str, ...] = parameter(())
-    """Links whose mass is known better, in the order of calibration.weighed_stds: one fixes the scale."""
-    weighed_stds: tuple[float, ...] = parameter((), minimum=0.0)
-    """Relative standard deviation of the mass of each link in calibration.weighed_links."""

@@ -8,7 +8,6 @@ from mbaid_ros.config.capture import (
     CaptureConfig,
     DebrisConfig,
     DisturbanceConfig,
-    SelfCalibrationConfig,
     ThrustConfig,
 )
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig
@@ -26,7 +25,6 @@ from mbaid_ros.config.sensors import ImuConfig, NoiseConfig, PoseConfig
 
 REFERENCES = ('previous', 'first')
 TWIST_FRAMES = ('child', 'inertial')
-TIME_JUMPS = ('reset', 'error', 'ignore')
 
 
 @dataclass(frozen=True)
@@ -109,13 +107,8 @@ class EstimatorConfig:
     """Longest gap between two Odometry messages that is interpolated; joint states in longer gaps are dropped."""
     twist_frame: str = parameter('child', choices=TWIST_FRAMES)
     """Frame of the twist in the Odometry: child (child_frame_id, the ROS convention) or inertial (header.frame_id)."""
-    time_jump: str = parameter('reset', choices=TIME_JUMPS)
-    """After stamps that jump back: start again (reset), stop with an error, or drop messages until time has caught up
-    (ignore)."""
     reorder_time: float = parameter(0.05, 's', minimum=0.0, maximum=1.0)
     """Longest time that messages wait for late ones, once a topic has had some; 0 drops late ones."""
-    publish_tf: bool = parameter(default=False, read_only=False)
-    """Send the frames of the links on /tf, if no robot_state_publisher does."""
     frame_prefix: str = parameter('')
     """Prefix of link names in frame names, in received and published messages, as for robot_state_publisher:
     servicer/."""
@@ -126,7 +119,6 @@ class EstimatorConfig:
     momentum: MomentumConfig = field(default_factory=MomentumConfig)
     time_offset: TimeOffsetConfig = field(default_factory=TimeOffsetConfig)
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
-    calibration: SelfCalibrationConfig = field(default_factory=SelfCalibrationConfig)
     known_links: KnownLinksConfig = field(default_factory=KnownLinksConfig)
     known_joints: KnownJointsConfig = field(default_factory=KnownJointsConfig)
     flexible: FlexibleConfig = field(default_factory=FlexibleConfig)

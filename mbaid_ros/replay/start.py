@@ -116,17 +116,20 @@ def _plan_parser() -> ArgumentParser:
         'Ctrl-C takes the best motion so far.\n'
         'Exit code: 0 the motion reaches the precision, 2 bad input, 3 no motion within the limits does: the best is\n'
         'written, 4 the data of the run contradict the model.',
-        'ros2 run mbaid_ros plan result.json --model robot.urdf -p plan.base_rotation:=0.035 --yaml motion.yaml\n'
-        '  with result.json of: replay run1 --model robot.urdf --params estimator.yaml --json result.json',
+        'ros2 run mbaid_ros plan run1 --model robot.urdf --params estimator.yaml -p plan.base_rotation:=0.035 '
+        '--yaml motion.yaml',
     )
     add = parser.add_argument
-    add('start', metavar='RESULT', help='the run to continue: a result of replay --json, or its bag')
+    add(
+        'bag', metavar='BAG', help='the run to continue: rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file'
+    )
+    _add_slice(parser)
     _add_model(parser)
-    _add_parameters(parser, "the estimator node's parameter file (default: the parameters of RESULT)")
-    _add_topics(parser)  # of a bag
+    _add_parameters(parser, "the estimator node's parameter file")
+    _add_topics(parser)
     add('--yaml', metavar='FILE', help='write the motion for ros2 topic pub and simulate --trajectory')
     add('--output', metavar='BAG', help='write the motion as a message into a new bag')
-    _add_results(parser, 'the plan')
+    _add_json(parser, 'the plan')
     return parser
 
 
@@ -223,8 +226,12 @@ def _add_parameters(parser: ArgumentParser, words: str) -> None:
     add('-p', dest='assignments', action='append', default=[], metavar='NAME:=VALUE', help='set one parameter')
 
 
-def _add_results(parser: ArgumentParser, words: str = 'the result') -> None:
+def _add_json(parser: ArgumentParser, words: str) -> None:
     parser.add_argument('--json', metavar='FILE', help=f'write {words} as JSON; - for standard output')
+
+
+def _add_results(parser: ArgumentParser, words: str = 'the result') -> None:
+    _add_json(parser, words)
     parser.add_argument('--report', metavar='HTML', help='write a report')
 
 

@@ -16,14 +16,12 @@ from defects import JOINTS, ODOMETRY, Arrival, arrivals, changed, estimates, shi
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.sensors.outliers import OUTLIER, REPEATED_POSE
 from mbaid_ros.core.sensors.streams import (
-    JUMPED_BACK,
     LATE,
     OTHER_CLOCK,
     REPEATED,
@@ -31,7 +29,8 @@ from mbaid_ros.core.sensors.streams import (
     ZERO_STAMP,
 )
 from mbaid_ros.core.two_stage import YOUNG
-from mbaid_ros.messages import (
+from mbaid_ros.messages.fields import stamp_of
+from mbaid_ros.messages.poses import (
     BAD_QUATERNION,
     JOINT_MISSING,
     LOST_TRACKING,
@@ -39,7 +38,6 @@ from mbaid_ros.messages import (
     POSE_COVARIANCE,
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
-    stamp_of,
 )
 from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles
 from mbaid_ros.session.session import Session
@@ -432,15 +430,6 @@ def test_a_loop_starts_again_and_says_why(at_once: int) -> None:
     assert not any(session.restarts[0] in estimate.warnings for estimate in result[:half])
     assert session.dropped[OTHER_CLOCK] > 0
     assert session.used > 2 * 12 * 95
-
-
-def test_a_loop_can_be_an_error_or_be_waited_out() -> None:
-    with pytest.raises(DataError, match=r'stamps on joint_states jumped back by 11\.99 s .* time_jump: error'):
-        estimates(ROBOT, looped(), {'time_jump': 'error'}, at_once=1)
-    result, session = estimates(ROBOT, looped(), {'time_jump': 'ignore'})
-    assert session.restarted == 0
-    assert session.dropped[JUMPED_BACK] > 2000
-    assert np.array_equal(first_columns(result), first_columns(estimates(ROBOT, clean())[0]))
 
 
 def test_stray_and_zero_stamps_are_dropped_alone() -> None:

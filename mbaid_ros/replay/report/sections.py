@@ -159,8 +159,8 @@ def captured_body(run: Run) -> str:
         return ''
     rows = estimates(PARAMETERS, run.debris.parameters, run.debris.std, SHOWN_UNITS)
     note = (
-        f"The captured body alone, in frame '{run.debris.frame.name}': the estimate less the <inertial> of link "
-        f"'{run.target_link}' in the robot description."
+        f"The captured body alone, in the frame of link '{run.target_link}': the estimate less the <inertial> of that "
+        'link in the robot description.'
     )
     return (
         '<h3>Captured body</h3>' + table(('parameter', 'estimate', PLUS_MINUS, 'unit'), rows) + paragraph(note, 'note')
