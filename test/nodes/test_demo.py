@@ -59,7 +59,7 @@ def test_the_demo_shows_the_estimate_converging_to_the_truth(tmp_path: Path) -> 
     assert f'report    {tmp_path / "report.html"}' in out
     report = (tmp_path / 'report.html').read_text()
     assert report.lstrip().startswith('<!')
-    assert 'Furthest from the truth that came with the bag is' in report
+    assert 'Largest deviation from the truth beside the bag:' in report
     assert '>truth</th>' in report
     result = json.loads((tmp_path / 'report.json').read_text())
     assert result['estimate']['mass'] == pytest.approx(934.45, rel=0.01)
