@@ -121,7 +121,7 @@ def test_the_truth_is_compared() -> None:
     text = page_with_the_truth()
     assert cells(text, 'mass') == ['162.000', '0.059', 'kg', 'yes', '162.015', '-0.015', '-0.5']
     assert 'Largest deviation from the truth beside the bag:' in text
-    assert 'by 0.5 standard deviations' in text
+    assert ', 0.5 standard deviations.' in text
 
 
 @pytest.mark.parametrize(
