@@ -165,6 +165,6 @@ def beyond_motion(motions: Motions, speeds: Array, grid: Grid, wanted: Wanted) -
         return ''
     cause = int(np.argmax(shares[worst]))
     return (
-        f'{100.0 * shares[worst, cause]:.0f} % of the variance that the motion leaves of {PARAMETERS[worst]} comes '
-        f'from {causes[cause]}: better known by calibrating or weighing it than by moving more'
+        f'{100.0 * shares[worst, cause]:.0f} % of the remaining variance of {PARAMETERS[worst]} comes from '
+        f'{causes[cause]}: calibrate or weigh it, because more motion hardly helps'
     )

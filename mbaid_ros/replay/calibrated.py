@@ -180,8 +180,8 @@ def _ratio_words(link: LinkResult) -> str:
     each = zip(ratios.principal.tolist(), ratios.principal_std.tolist(), strict=True)
     parts = ', '.join(' ± '.join(rounded(value, std)) for value, std in each)
     return (
-        f'inertia of {one_line(link.name)}: known but for a factor, {100.0 * BAND * ratios.scale_std:.2g} % either '
-        f'way; principal moments over their sum: {parts} (95 %)'
+        f'inertia of {one_line(link.name)}: known up to a factor, ± {100.0 * BAND * ratios.scale_std:.2g} %; '
+        f'principal moments over their sum: {parts} (95 %)'
     )
 
 
