@@ -143,8 +143,8 @@ def single_joint(motions: Motions, wanted: Wanted, base: BaseLimits) -> str:
         instead = beyond_motion(alone, speeds[best], alone.coarse, wanted)
         return f'no single joint improves {PARAMETERS[worst]}, known to {before}' + (f': {instead}' if instead else '')
     return (
-        f'of single joints {model.independent_joints[joint]} improves {PARAMETERS[worst]} most: {turn} there and back '
-        f'in {_LENGTH:g} s reduce it from {before} to {then}'
+        f'best single joint: {model.independent_joints[joint]}, {turn} there and back in {_LENGTH:g} s reduce '
+        f'{PARAMETERS[worst]} from {before} to {then}'
     )
 
 

@@ -105,9 +105,9 @@ def test_a_planned_motion_is_followed_and_tells_what_was_uncertain(graph: Graph,
     graph.start('simulator', '--ros-args', *words(given))
     graph.wait(lambda: estimates and estimates[-1].span.sec >= 7, 'an estimate after the first motion')
     before = estimates[-1]
-    graph.wait(lambda: 'next: of single joints ' in estimator.stderr, 'in the log what would help')
-    graph.wait(lambda: "key='next', value='of single joints " in str(diagnostics), 'the same in the diagnostics')
-    graph.wait(lambda: ', next: of single joints ' in watch.stdout, 'the same in the terminal')
+    graph.wait(lambda: 'next: best single joint: ' in estimator.stderr, 'in the log what would help')
+    graph.wait(lambda: "key='next', value='best single joint: " in str(diagnostics), 'the same in the diagnostics')
+    graph.wait(lambda: ', next: best single joint: ' in watch.stdout, 'the same in the terminal')
     answer = call(graph)
     assert answer.success, answer.message
     assert 'the motion comes on ~/motion' in answer.message
