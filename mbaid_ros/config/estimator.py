@@ -45,9 +45,9 @@ class PaperConfig:
     initial_covariance: float = parameter(1e6, minimum=0.0, exclusive_minimum=True)
     """Each diagonal entry of the covariance that the recursion starts from."""
     reference: str = parameter('previous', choices=REFERENCES)
-    """Sample that the angular equations are differenced against: the previous one or the first."""
+    """Reference sample of the differenced angular equations: the previous one or the first."""
     lag: int = parameter(0, 'samples', minimum=0)
-    """Number of samples between the two that are differenced, in place of the reference; 0: off."""
+    """Number of samples between the two differenced ones, in place of paper.reference; 0: off."""
     total_angular_momentum: tuple[float, ...] = parameter((), 'N m s', lengths=(0, 3))
     """Total angular momentum about the origin of the odometry frame, which paper_main needs; empty: not given."""
 
@@ -59,10 +59,10 @@ class TimeOffsetConfig:
     estimate: bool = parameter(default=True)
     """Estimate how late JointState is stamped relative to Odometry (trajectory only)."""
     prior_std: float = parameter(0.02, 's', minimum=0.0, exclusive_minimum=True)
-    """Standard deviation of that offset about zero, before the data."""
+    """Prior standard deviation of the time offset between JointState and Odometry, about zero."""
     drift_std: float = parameter(5e-5, minimum=0.0, maximum=0.01)
-    """Standard deviation of the drift of the clock of JointState relative to the other one, s a second: 2e-5 for a
-    computer's own quartz; 0: one clock, or synchronised clocks."""
+    """Standard deviation of the drift between the clocks of JointState and Odometry, s a second: 2e-5 for a computer's
+    own quartz; 0: one clock, or synchronised clocks."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class MarkerConfig:
     position: tuple[float, ...] = parameter((), 'm', lengths=(0, 3))
     """Origin, in the base link's frame, of a child_frame_id that is no link of the robot; empty: refused."""
     orientation: tuple[float, ...] = parameter((0.0, 0.0, 0.0, 1.0), lengths=(4,))
-    """Orientation of that frame in the base link's: quaternion x, y, z, w."""
+    """Orientation of the marker's frame in the base link's: quaternion x, y, z, w."""
 
 
 @dataclass(frozen=True)

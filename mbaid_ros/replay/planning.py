@@ -122,7 +122,7 @@ def _read_begin(arguments: argparse.Namespace, urdf: str) -> Begin:
 
 def _summary(plan: Plan) -> str:
     """Return a plan as a table for a terminal."""
-    rows = [plan.verdict, '', '             now        after      wanted     as the body may be']
+    rows = [plan.verdict, '', '             now        after      wanted     over the posterior']
     columns = zip(PARAMETERS, plan.before, plan.after, plan.wanted, *plan.between, plan.asked, strict=True)
     for name, now, then, wanted, least, most, asked in columns:
         if asked:
@@ -132,7 +132,7 @@ def _summary(plan: Plan) -> str:
             rows.append(f'  {name:6} determined by no motion of this robot')
     rows += [
         '  one standard deviation, as convergence.relative_std has it',
-        f'  as the body may be: after the motion, for {len(plan.may_be)} bodies drawn from the present estimate',
+        f'  over the posterior: after the motion, for {len(plan.may_be)} bodies drawn from the present estimate',
         *(f'  {line}' for line in plan.excursions),
         f'  {len(plan.trajectory.joints)} joints: {", ".join(plan.trajectory.joints)}',
     ]

@@ -19,7 +19,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, Thrust
+from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust
 from mbaid_ros.core.sensors.joint_rates import JointRates
 from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
@@ -137,6 +137,8 @@ class Session:
         for noted, text in ((self.thrust.late, LATE_THRUST), (self.thrust.exact, EXACT_THRUST)):
             if noted:
                 self._segment.identifier.note(text)
+        if self.thrust.shared:
+            self.intake.faults.name('thrust', stamp, SHARED_THRUST.format(self.thrust.shared))
 
     def add_stored_momentum(self, message: Any) -> None:
         """Add a Vector3Stamped of the momentum that wheels or gyros store."""

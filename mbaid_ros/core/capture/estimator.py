@@ -18,7 +18,7 @@ from mbaid_ros.core.robot.orbit import brought
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.posterior import Posterior
 
-BEFORE = 'before the capture: the known model alone is checked, nothing is identified'
+BEFORE = 'before the capture only the known model is checked; nothing is identified'
 MARGIN = 0.5  # s, before and after the capture, in which bodies touch and slip: those windows are not used
 _SLACK = 1e-9  # s, by which times of stamps in nanoseconds may differ as numbers
 _REMEMBERED = 200  # estimates, in which an event that is found late has to lie: those before are final
@@ -190,7 +190,7 @@ class CaptureEstimator:
             return ()
         doubt = (
             f'before the capture the momentum of the known model changes {chaser.residual:.1f} times as much as the '
-            'noise parameters explain: the model, the frames or the noise values are wrong, or something pushes'
+            'noise parameters explain: the model, the frames or the noise values are wrong, or an external force acts'
         )
         return (doubt,)
 

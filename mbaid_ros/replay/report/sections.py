@@ -120,11 +120,11 @@ def _sentences(budget: ErrorBudget, std: Array) -> list[str]:
     for cause, groups in budget.dominant(std).items():
         names = _joined(list(groups))
         shares = _joined([percent(share) for share in groups.values()])
-        sentences.append(f'{names[0].upper()}{names[1:]}: {shares} of the variance is {remedy_text(cause)}.')
+        sentences.append(f'{names[0].upper()}{names[1:]}: {shares} of the variance is due to {remedy_text(cause)}.')
     if unobservable := budget.unobservable():
         sentences.append(
-            f'Unobservable with this motion: {unobservable}. The intervals hold if these are as declared; no residual '
-            'shows a wrong one.'
+            f'Unobservable with this motion: {unobservable}. The intervals are valid if these are as declared; no '
+            'residual shows a wrong declaration.'
         )
     left = budget.left_of_std(_TIMES)
     little = [name for name, share in zip(PARAMETERS, left, strict=True) if share >= _LITTLE]
