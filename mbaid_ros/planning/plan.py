@@ -113,8 +113,7 @@ class Plan:
             )
         if self.shortest:
             return (
-                f'{wanted} is out of reach within plan.longest {self.longest:g} s{at}; {length} reach {then} for '
-                f'{known}, now {now}'
+                f'{wanted} is out of reach within {self.longest:g} s{at}; {length} reach {then} for {known}, now {now}'
             )
         return f'{length} of motion bring {known} from {now} to {then}, not to the wanted {wanted}{at}'
 

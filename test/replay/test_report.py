@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import recorded
-from made_runs import BODY, HOSTILE, STD, estimate, event, hostile_urdf, planar, pose, run
+from made_runs import BODY, HOSTILE, STD, estimate, event, hostile_urdf, last_sample, planar, run
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.replay.report.page import comparison, html
@@ -65,7 +65,7 @@ def brief(**changes: Any) -> Run:
 
 def nothing() -> Run:
     empty = Estimate(method='difference', status='waiting')
-    return run(empty, history=(), pose=None, topics=(), dropped={}, warnings=('no joint of the robot in the bag',))
+    return run(empty, history=(), last=None, topics=(), dropped={}, warnings=('no joint of the robot in the bag',))
 
 
 def svgs(text: str) -> list[ET.Element]:
@@ -184,7 +184,7 @@ def hostile_run() -> Run:
         bag=HOSTILE,
         target_link=HOSTILE.replace('\x1b', '').replace('\x07', ''),
         urdf=table1,
-        pose=pose(4),
+        last=last_sample(4),
         topics=tuple(replace(topic, topic=f'/{HOSTILE}', type=HOSTILE) for topic in run().topics),
         dropped={HOSTILE: 1},
         warnings=(HOSTILE,),

@@ -169,8 +169,8 @@ def _triple(values: Sequence[float | None]) -> str:
 
 
 def _robot(run: Run, name: str) -> str:
-    if run.pose is None or not run.urdf:
-        return paragraph('Not drawn: the bag holds no pose that can be read.', 'note')
+    if run.last is None or not run.urdf:
+        return paragraph('Not drawn: the bag holds no sample that can be used.', 'note')
     try:
         return figure(*drawing(run, name))
     except MbaidError as error:

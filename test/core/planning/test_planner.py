@@ -148,7 +148,7 @@ def test_the_same_seed_gives_the_same_motion_and_whoever_waits_no_longer_gets_th
 def test_what_is_out_of_reach_is_told_with_the_limit_that_makes_it_so(identified: Begun) -> None:
     plan = planner(identified, relative=np.full(10, 1e-5), longest=12.0).plan()
     assert not plan.reached
-    assert plan.verdict.startswith('0.001 % is out of reach within plan.longest 12 s; the motion is at ')
+    assert plan.verdict.startswith('0.001 % is out of reach within 12 s; the motion is at ')
     assert 'the velocity limits of the joints' in plan.verdict
 
 
