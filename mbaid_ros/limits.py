@@ -25,7 +25,6 @@ NAME_CHARACTERS = 500
 LENGTH = 1e6  # m, each coordinate of an origin; rad, each of its angles
 LIGHTEST = 1e-12  # kg, a mass that is not 0
 QUANTITY = 1e15  # kg, kg m^2: a mass, or an element of an inertia; any number that is a parameter
-SHAPES_DRAWN = 300
 MESH_BYTES = 20_000_000  # the file of a collision mesh
 
 # Bags.

@@ -13,10 +13,10 @@ from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.simulation.sensors import BaseReadings, ImuReadings, JointReadings
 
 if TYPE_CHECKING:
-    from mbaid_ros.core.capture.handover import Capture
+    from mbaid_ros.core.capture.known_momentum import Capture
+    from mbaid_ros.simulation.sensors import BaseReadings, ImuReadings, JointReadings
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def estimate_message(
 def debris_message(
     alone: Debris, estimate: Estimate, types: MessageTypes, frames: Frames, capture: Capture | None = None
 ) -> Any:
-    """Return the captured body alone as a mbaid_msgs/InertiaEstimate in its own frame.
+    """Return the captured body alone as a mbaid_msgs/InertiaEstimate.
 
     Its momenta are those that the body alone had before the capture; NaN where the run began after it. It has no error
     budget: that of the estimate is of the whole link.
@@ -100,7 +100,7 @@ def debris_message(
         momentum=np.full(6, np.nan) if capture is None else capture.momentum,
         momentum_covariance=np.full((6, 6), np.nan) if capture is None else capture.covariance,
     )
-    return estimate_message(body, types, replace(frames, target_link=alone.frame.name))
+    return estimate_message(body, types, frames)
 
 
 def inertia_message(estimate: Estimate, types: MessageTypes, frames: Frames) -> Any:

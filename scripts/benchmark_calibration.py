@@ -28,8 +28,8 @@ from mbaid_ros.core.robot.model_errors import ModelErrors, displaced
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.declaration import NominalModel
+from mbaid_ros.session.known_robot import KnownRobot
 from mbaid_ros.session.methods import make_estimator
-from mbaid_ros.session.posterior import KnownRobot
 from mbaid_ros.simulation.true_robot import ErrorSizes, true_robot
 
 SECONDS = 120.0

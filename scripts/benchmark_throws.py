@@ -1,4 +1,4 @@
-"""Print the tables of measured/hardware.md on throws of TU Delft, beside the geometry of the thrown objects.
+"""Print the tables of measured/throws.md, beside the geometry of the thrown objects.
 
     git clone https://github.com/tudelft/inertiaEstimation
     python scripts/benchmark_throws.py inertiaEstimation

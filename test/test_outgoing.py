@@ -7,7 +7,7 @@ import numpy as np
 from mbaid_ros.bags import deserialize, serialize
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.parameters import ErrorBudget
-from mbaid_ros.core.results.published_inertia import Debris, Frame
+from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message
 from mbaid_ros.replay.run import BAG_TYPES
 
@@ -78,7 +78,7 @@ def test_an_estimate_of_nothing_is_nan() -> None:
 
 def test_the_captured_body_alone_has_its_own_standard_deviations_and_no_budget() -> None:
     estimate = example()
-    alone = Debris(Frame('grasp', np.eye(3), np.zeros(3)), estimate.parameters, 4.0 * estimate.covariance)
+    alone = Debris(estimate.parameters, 4.0 * estimate.covariance)
     message = debris_message(alone, estimate, BAG_TYPES, FRAMES)
     np.testing.assert_allclose(message.standard_deviation, 2.0 * estimate.std)
     assert (message.stage, message.budget_causes) == ('trajectory', [])

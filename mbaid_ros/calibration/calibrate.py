@@ -64,7 +64,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     widened = normals.as_far_off()
     values, covariance = widened.blocks()
     covariance = covariance * widening(gaussian.innovations, 1.0)
-    values, corrections = _physical(values, covariance, kernel, [std.empty for std in settings.priors])
+    values, corrections = _physical(values, covariance, kernel)
     size = len(prior.mean)
     gained = _gained(normals.links)
     momentum, momentum_covariance = _momenta(settled.passed, motions)
@@ -74,7 +74,6 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         block_covariance=covariance,
         thrusters=widened.thrusters(),
         flexible=widened.passive_joints(kernel, max(float(run[-1].time[-1] - run[0].time[0]) for run in runs)),
-        carried=widened.carried,
         corrections=corrections,
         momentum=momentum,
         momentum_covariance=momentum_covariance,
@@ -145,8 +144,8 @@ def _moving(windows: list[Samples], noise: SensorNoise) -> tuple[Array, Flags]:
     return np.mean(means, axis=0), np.ptp(means, axis=0) > _MOVES * position / np.sqrt(count)
 
 
-def _physical(x: Array, covariance: Array, kernel: MomentumKernel, empty: Sequence[bool]) -> tuple[Array, Array]:
-    """Return x with links that can exist, or are empty, and by how much each had to give way.
+def _physical(x: Array, covariance: Array, kernel: MomentumKernel) -> tuple[Array, Array]:
+    """Return x with links that can exist, and by how much each had to give way.
 
     A link that is none moves in its own metric to the nearest that is; everything else follows by the covariance.
     """
@@ -154,7 +153,7 @@ def _physical(x: Array, covariance: Array, kernel: MomentumKernel, empty: Sequen
     corrections = np.zeros(len(kernel.unknown))
     fixed = np.zeros(len(x), dtype=bool)
     for _ in range(len(kernel.unknown)):
-        for index in np.flatnonzero(~np.array(empty)).tolist():
+        for index in range(len(kernel.unknown)):
             place = np.arange(10 * index, 10 * index + 10)
             body, distance = project(x[place], covariance[np.ix_(place, place)], scale)
             if distance == 0.0:

@@ -14,7 +14,6 @@ from mbaid_ros.core.results.estimate import PassiveJoint, Thruster
 from mbaid_ros.core.results.physical_consistency import InertiaRatios, inertia_ratios
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian
-from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
 # Part of a prior variance that the data have to take away for a value to count as theirs.
 _MOVED = 0.5
@@ -78,7 +77,6 @@ class Calibration:
     block_covariance: Array
     thrusters: tuple[Thruster, ...]  # deviations from their commands, of those that may deviate
     flexible: tuple[PassiveJoint, ...]  # passive joints
-    carried: UnknownsPrior  # posterior of the trajectory filter's unknowns, for later runs
     corrections: Array  # (k,) sizes of the projections on bodies that can exist
     # momentum, momentum_covariance: (R, 6), (R, 6, 6) of each motion (P, L), odometry frame, L about its origin
     momentum: Array

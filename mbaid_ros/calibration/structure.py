@@ -1,4 +1,4 @@
-"""Directions of the standard parameters in an engineer's words."""
+"""The combinations of standard parameters that momentum determines."""
 
 from __future__ import annotations
 
@@ -8,52 +8,17 @@ from functools import cached_property
 
 import numpy as np
 
-from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array, Flags, exp
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.model import Link
 
 STANDARD = ('m', 'hx', 'hy', 'hz', 'Ixx', 'Ixy', 'Ixz', 'Iyy', 'Iyz', 'Izz')
-_MEANING = (
-    'mass',
-    *(f'first moment along {axis}' for axis in 'xyz'),
-    *(f'{kind} {axes}' for kind, axes in zip(('moment', 'product', 'product', 'moment', 'product', 'moment'),
-                                            ('about x', 'xy', 'xz', 'about y', 'yz', 'about z'), strict=True)),
-)  # fmt: skip
-_KINDS = (('mass', slice(0, 1)), ('first moment', slice(1, 4)), ('inertia', slice(4, 10)))
 _LONGEST_FORMULA = 6  # terms: a longer one explains nothing
 
 
 def parameter(links: Sequence[Link], index: int) -> str:
     """Return a standard parameter's short name: ``link3.hx``."""
     return f'{links[index // 10].name}.{STANDARD[index % 10]}'
-
-
-def base_parameter(mechanism: Mechanism, combination: BaseParameter) -> str:
-    """Return a base parameter in words: its leading parameter, and the parts of other links that count with it."""
-    links = mechanism.kernel.unknown
-    leading, own = divmod(combination.leading, 10)
-    factors = combination.factors.reshape(-1, 10)
-    words = f'{_MEANING[own]} of {links[leading].name}'
-    also = [_MEANING[each] for each in np.flatnonzero(factors[leading]) if each != own]
-    if also:
-        words += f', with its {" and ".join(also)}'
-    groups: dict[str, list[Link]] = {}
-    for index, other in enumerate(links):
-        kinds = [kind for kind, place in _KINDS if np.any(factors[index, place])]
-        if index != leading and kinds:
-            groups.setdefault(' and '.join(kinds), []).append(other)
-    return words + ''.join(f', with {_of_links(mechanism, kinds, others)}' for kinds, others in groups.items())
-
-
-def _of_links(mechanism: Mechanism, kinds: str, links: Sequence[Link]) -> str:
-    """Return the links whose mass, for example, counts: a few, or all that a joint carries."""
-    kernel = mechanism.kernel
-    for joint, name in enumerate(kernel.model.joint_names):
-        carried = [link for link in kernel.unknown if kernel.kinematics.ancestors[link.body, joint]]
-        if len(carried) > 1 and {link.name for link in carried} == {link.name for link in links}:
-            return f'all the {kinds} that {name} carries'
-    return f'{kinds} of {listing(link.name for link in links)}'
 
 
 def formula(links: Sequence[Link], factors: Array) -> str:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from mbaid_ros.calibration.iteration import CalibrationIteration
 from mbaid_ros.core.errors import ModelError, ParameterError
@@ -19,6 +18,7 @@ from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.state import BODY
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.linear_algebra import block_diag
 from mbaid_ros.core.results.estimate import PassiveJoint, Thruster
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
@@ -94,11 +94,6 @@ class Normals:
             self, gaussian=UnknownsPrior(mean, np.concatenate((factor, self.sizes.beside(seen @ seen.T)), axis=1))
         )
 
-    @cached_property
-    def carried(self) -> UnknownsPrior:
-        """Mean and covariance of the unknowns, for any target link."""
-        return UnknownsPrior(self.gaussian.mean[10:], self.gaussian.factor[10:])
-
     @property
     def links(self) -> UnknownsPrior:
         """Mean and covariance of the links' numbers, ten each."""
@@ -164,7 +159,6 @@ class Normals:
 
 # Standard deviation, in typical sizes, of an unknown without a prior (as in difference).
 NO_PRIOR = 100.0
-_EMPTY = 1e-9  # standard deviation, in typical sizes, of a link that is known to have no mass
 # Smallest eigenvalue of a pseudo-inertia, relative to the largest, that still counts as a body: flat ones are common.
 _FLAT = -1e-9
 # Least size of an element of inertia that its deviation is relative to, in thirds of the trace: a thin rod has zeros.
@@ -180,7 +174,6 @@ class LinkPrior:
     mass: float  # relative; the inertia goes with it
     com: float  # m, of each coordinate of the centre of mass
     inertia: float  # of the element I_ij about the centre of mass at a given mass, relative to sqrt(I_ii I_jj)
-    empty: bool = False  # whether a link without <inertial> is known to have no mass
 
     @property
     def given(self) -> Flags:
@@ -233,7 +226,7 @@ def make_prior(kernel: MomentumKernel, stds: Sequence[LinkPrior]) -> Prior:
             given[index] = std.given
             covariance[place, place] = _covariance(link, std, scale)
         else:
-            covariance[place, place] = np.diag(((_EMPTY if std.empty else NO_PRIOR) * scale) ** 2)
+            covariance[place, place] = np.diag((NO_PRIOR * scale) ** 2)
     if not np.any(kernel.known[:, 0]) and not np.any(given[:, [0, 4]]):
         raise ParameterError(
             'nothing fixes the scale: all bodies are unknown, and no mass or inertia has a prior; accepted: '

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mbaid_ros.config.model_errors import LinkPriorConfig
 from mbaid_ros.config.parameters import parameter
 
 CONSTANT_FORCES = ('none', 'inertial', 'body')
@@ -17,10 +16,7 @@ class DebrisConfig:
     """The captured body alone."""
 
     report: bool = parameter(default=False)
-    """Also report the captured body alone: the estimate less the target link's <inertial>."""
-    frame: str = parameter('')
-    """Frame of the captured body: a link fixed to the target link, or principal for its principal axes through its
-    centre of mass; empty: the target link's."""
+    """Also report the captured body alone: the estimate minus the target link's <inertial>."""
 
 
 @dataclass(frozen=True)
@@ -28,22 +24,21 @@ class DisturbanceConfig:
     """External forces and torques."""
 
     constant: str = parameter('none', choices=CONSTANT_FORCES)
-    """Axes of a constant external force and torque that trajectory estimates: body, on the base link, or inertial, on
-    the base or at the common centre of mass as the data show; none: estimated only if the data show one."""
+    """Constant external force and torque that trajectory estimates: body (axes of the base link), inertial (on the base
+    or at the common centre of mass, as the data show), or none (only if the data show one)."""
     torque_std: float = parameter(0.0, 'N m', minimum=0.0)
     """Standard deviation of an external torque about each axis, different in every motion, as from air on a thrown
     body; 0: none."""
     torque_time: float = parameter(0.0, 's', minimum=0.0)
-    """Time constant with which this torque varies in a motion, as a Gauss-Markov process: drag and venting vary in
-    minutes; 0: it is constant."""
+    """Time constant of the external torque within a motion, a Gauss-Markov process: drag and venting vary in minutes;
+    0: constant."""
     force_std: float = parameter(0.0, 'N', minimum=0.0)
     """Standard deviation of an external force along each axis, through the common centre of mass, different in every
     motion; 0: none."""
     force_time: float = parameter(0.0, 's', minimum=0.0)
-    """Time constant with which this force varies in a motion; 0: it is constant."""
+    """Time constant of the external force within a motion; 0: constant."""
     axes: str = parameter('body', choices=PUSH_AXES)
-    """Axes in which this torque and this force are constant or vary: body, of the base; inertial; or orbit, LVLH of the
-    declared orbit."""
+    """Axes of the external torque and force: body (the base), inertial, or orbit (LVLH of the declared orbit)."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +51,11 @@ class ThrustConfig:
     """Relative standard deviation of the strength of a thruster, constant, estimated by trajectory; 0: commands are
     exact."""
     direction_std: float = parameter(0.0, 'rad', minimum=0.0)
-    """Standard deviation of its misalignment about each axis of its frame, constant; 0: exact."""
+    """Standard deviation of a thruster's constant misalignment about each axis of its frame; 0: exact."""
     delay_std: float = parameter(0.02, 's', minimum=0.0, maximum=1.0)
-    """Standard deviation of its delay after the stamps of its commands, constant; 0: in time."""
+    """Standard deviation of a thruster's constant delay after the stamps of its commands; 0: in time."""
     frames: tuple[str, ...] = parameter(())
-    """Frames of the thrusters with these errors, each with its own; empty: the base link if a scale or a direction is
+    """Frames of the thrusters that have such errors, each its own; empty: the base link if a scale or a direction is
     uncertain, otherwise none."""
 
 
@@ -69,25 +64,11 @@ class CaptureConfig:
     """The capture, in data that begin before it."""
 
     phase: str = parameter('post_capture', choices=PHASES)
-    """Phase to begin in: post_capture identifies from the first sample on; pre_capture checks the known model until
-    ~/capture is called."""
+    """First phase: post_capture identifies from the first sample on; pre_capture checks the known model until ~/capture
+    is called."""
     time: float = parameter(0.0, 's', minimum=0.0)
     """Time of the capture after the first sample, if known beforehand; 0: phase decides."""
     detect: bool = parameter(default=False)
     """Interpret a jump of the momentum as the capture, once pre_capture has lasted five seconds."""
     margin: float = parameter(0.5, 's', minimum=0.0)
     """Time before and after the capture in which bodies touch and slip: windows with such samples are not used."""
-
-
-@dataclass(frozen=True)
-class SelfCalibrationConfig(LinkPriorConfig):
-    """The calibration of the robot's bodies in a run that begins before the capture."""
-
-    enabled: bool = parameter(default=False)
-    """At the capture, calibrate links, joints and the mount of the odometry from the latest 600 windows before it, as
-    calibrate does, and continue with its values and covariance. The prior of joints and mount is known_joints and
-    odometry_mount."""
-    weighed_links: tuple[str, ...] = parameter(())
-    """Links whose mass is known better, in the order of calibration.weighed_stds: one fixes the scale."""
-    weighed_stds: tuple[float, ...] = parameter((), minimum=0.0)
-    """Relative standard deviation of the mass of each link in calibration.weighed_links."""

@@ -25,8 +25,8 @@ class SimulatedOrbitConfig:
     mean_motion: float = parameter(0.0, 'rad/s', minimum=0.0, maximum=0.1)
     """Mean motion: 0.00113 at 400 km above the Earth; 0 is no orbit."""
     frame: str = parameter('inertial', choices=FRAMES)
-    """Frame of the odometry, its origin on the orbit: inertial, which falls along and does not turn, or with the orbit
-    turning lvlh or hill, as CCSDS 500.0-G has them."""
+    """Frame of the odometry, with its origin on the orbit (CCSDS 500.0-G): inertial axes, or axes that rotate with the
+    orbit (lvlh, hill)."""
     nadir: tuple[float, ...] = parameter((), lengths=(0, 3))
     """Direction to the centre at the epoch in an inertial frame of the odometry."""
     normal: tuple[float, ...] = parameter((), lengths=(0, 3))
@@ -36,7 +36,8 @@ class SimulatedOrbitConfig:
     true_anomaly: float = parameter(0.0, 'rad')
     """True anomaly at the epoch, from the lowest point; without effect on a circle."""
     twist: str = parameter('relative', choices=TWISTS)
-    """Twist of odometry in a frame that turns: relative to it, as ROS has it, or inertial, as a gyro measures it."""
+    """Twist in a rotating orbit.frame: relative to that frame (the ROS convention), or inertial, as a gyro measures
+    it."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,8 @@ class OrbitConfig(SimulatedOrbitConfig):
     """The same with the time at which the directions are as given."""
 
     epoch: float = parameter(0.0, 's', minimum=0.0)
-    """Stamp at which nadir has the given direction, and at which a turning frame has the axes of the reported momentum;
-    0: the first sample."""
+    """Stamp at which nadir has the given direction, and a rotating frame has the axes of the reported momentum; 0: the
+    first sample."""
     undeclared_rate: float = parameter(1.2e-3, 'rad/s', minimum=0.0, maximum=0.1)
     """Without orbit.mean_motion: largest rate of an undeclared orbit, whose gravity gradient is estimated; 0: none."""
     undeclared_eccentricity: float = parameter(0.002, minimum=0.0, maximum=0.02)
@@ -93,7 +94,8 @@ class WheelBodies:
     axes: tuple[float, ...] = parameter(())
     """Axis of each wheel in the base link's frame, three numbers each; any length but zero."""
     spin_inertias: tuple[float, ...] = parameter((), 'kg m^2', minimum=0.0, exclusive_minimum=True)
-    """Moment of inertia of each wheel about its axis; the base link has it, too, with the wheels locked."""
+    """Moment of inertia of each wheel about its axis; the base link's inertia also includes it, with the wheels
+    locked."""
 
 
 @dataclass(frozen=True)
@@ -103,10 +105,10 @@ class WheelsConfig(WheelBodies):
     spin_inertia_relative_std: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Relative standard deviation of each spin inertia, estimated by trajectory; 0: exact."""
     momentum_frame: str = parameter('')
-    """Link in whose axes stored_momentum has the angular momentum of wheels or gyros, without wheels.names; samples
-    without such a message are not used. Empty: the topic is not used."""
+    """Link whose axes stored_momentum uses for the angular momentum of wheels or gyros, in place of wheels.names;
+    samples without such a message are not used. Empty: the topic is not used."""
     momentum_std: float = parameter(0.0, 'N m s', minimum=0.0)
-    """Standard deviation of each coordinate of that momentum."""
+    """Standard deviation of each coordinate of stored_momentum."""
 
 
 @dataclass(frozen=True)
@@ -116,9 +118,9 @@ class SimulatedWheelsConfig(WheelBodies):
     speeds: tuple[float, ...] = parameter((), 'rad/s')
     """Speed of each wheel relative to the base at time 0; empty means zero."""
     accelerations: tuple[float, ...] = parameter((), 'rad/s^2')
-    """Change of that speed, constant: held without, ramped with one; empty means zero."""
+    """Constant acceleration of each wheel; empty means zero."""
     wander: float = parameter(0.0, 'rad/s', minimum=0.0)
-    """Largest amplitude of a variation beside that, as drawn sinusoids."""
+    """Largest amplitude of an additional variation of the wheel speeds, as drawn sinusoids."""
     seed: int = parameter(0, minimum=0)
     """The same seed gives the same wander."""
     speed_noise: float = parameter(0.0, 'rad/s', minimum=0.0)

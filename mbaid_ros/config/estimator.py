@@ -8,7 +8,6 @@ from mbaid_ros.config.capture import (
     CaptureConfig,
     DebrisConfig,
     DisturbanceConfig,
-    SelfCalibrationConfig,
     ThrustConfig,
 )
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig
@@ -26,7 +25,6 @@ from mbaid_ros.config.sensors import ImuConfig, NoiseConfig, PoseConfig
 
 REFERENCES = ('previous', 'first')
 TWIST_FRAMES = ('child', 'inertial')
-TIME_JUMPS = ('reset', 'error', 'ignore')
 
 
 @dataclass(frozen=True)
@@ -47,9 +45,9 @@ class PaperConfig:
     initial_covariance: float = parameter(1e6, minimum=0.0, exclusive_minimum=True)
     """Each diagonal entry of the covariance that the recursion starts from."""
     reference: str = parameter('previous', choices=REFERENCES)
-    """Sample that the angular equations are differenced against: the previous one or the first."""
+    """Reference sample of the differenced angular equations: the previous one or the first."""
     lag: int = parameter(0, 'samples', minimum=0)
-    """Number of samples between the two that are differenced, in place of the reference; 0: off."""
+    """Number of samples between the two differenced ones, in place of paper.reference; 0: off."""
     total_angular_momentum: tuple[float, ...] = parameter((), 'N m s', lengths=(0, 3))
     """Total angular momentum about the origin of the odometry frame, which paper_main needs; empty: not given."""
 
@@ -61,10 +59,10 @@ class TimeOffsetConfig:
     estimate: bool = parameter(default=True)
     """Estimate how late JointState is stamped relative to Odometry (trajectory only)."""
     prior_std: float = parameter(0.02, 's', minimum=0.0, exclusive_minimum=True)
-    """Standard deviation of that offset about zero, before the data."""
+    """Prior standard deviation of the time offset between JointState and Odometry, about zero."""
     drift_std: float = parameter(5e-5, minimum=0.0, maximum=0.01)
-    """Standard deviation of the drift of the clock of JointState relative to the other one, s a second: 2e-5 for a
-    computer's own quartz; 0: one clock, or synchronised clocks."""
+    """Standard deviation of the drift between the clocks of JointState and Odometry, s a second: 2e-5 for a computer's
+    own quartz; 0: one clock, or synchronised clocks."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ class MarkerConfig:
     position: tuple[float, ...] = parameter((), 'm', lengths=(0, 3))
     """Origin, in the base link's frame, of a child_frame_id that is no link of the robot; empty: refused."""
     orientation: tuple[float, ...] = parameter((0.0, 0.0, 0.0, 1.0), lengths=(4,))
-    """Orientation of that frame in the base link's: quaternion x, y, z, w."""
+    """Orientation of the marker's frame in the base link's: quaternion x, y, z, w."""
 
 
 @dataclass(frozen=True)
@@ -109,13 +107,8 @@ class EstimatorConfig:
     """Longest gap between two Odometry messages that is interpolated; joint states in longer gaps are dropped."""
     twist_frame: str = parameter('child', choices=TWIST_FRAMES)
     """Frame of the twist in the Odometry: child (child_frame_id, the ROS convention) or inertial (header.frame_id)."""
-    time_jump: str = parameter('reset', choices=TIME_JUMPS)
-    """After stamps that jump back: start again (reset), stop with an error, or drop messages until time has caught up
-    (ignore)."""
     reorder_time: float = parameter(0.05, 's', minimum=0.0, maximum=1.0)
     """Longest time that messages wait for late ones, once a topic has had some; 0 drops late ones."""
-    publish_tf: bool = parameter(default=False, read_only=False)
-    """Send the frames of the links on /tf, if no robot_state_publisher does."""
     frame_prefix: str = parameter('')
     """Prefix of link names in frame names, in received and published messages, as for robot_state_publisher:
     servicer/."""
@@ -126,7 +119,6 @@ class EstimatorConfig:
     momentum: MomentumConfig = field(default_factory=MomentumConfig)
     time_offset: TimeOffsetConfig = field(default_factory=TimeOffsetConfig)
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
-    calibration: SelfCalibrationConfig = field(default_factory=SelfCalibrationConfig)
     known_links: KnownLinksConfig = field(default_factory=KnownLinksConfig)
     known_joints: KnownJointsConfig = field(default_factory=KnownJointsConfig)
     flexible: FlexibleConfig = field(default_factory=FlexibleConfig)

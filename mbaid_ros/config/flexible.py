@@ -17,17 +17,17 @@ class PassiveJointConfig:
     """Natural frequency of this joint with everything else held still (cantilever); required for every joint of
     flexible.joints."""
     frequency_relative_std: float = parameter(0.05, minimum=0.0, maximum=0.5)
-    """Relative standard deviation of that frequency; 0: exact."""
+    """Relative standard deviation of the natural frequency; 0: exact."""
     damping: float = parameter(0.01, minimum=0.0, maximum=1.0)
     """Damping ratio, a fraction of critical."""
     damping_std: float = parameter(0.01, minimum=0.0, maximum=1.0)
     """Standard deviation of the damping ratio; 0: exact."""
     initial_std: float = parameter(0.05, 'rad', minimum=0.0)
-    """Standard deviation of the deflection at the start (m for a prismatic joint); that of its rate follows from the
-    frequency. 0: at rest at the zero."""
+    """Standard deviation of the deflection at the start (m for a prismatic joint); that of the rate follows from the
+    frequency. 0: at rest at zero."""
     disturbance_std: float = parameter(1e-4, 'rad', minimum=0.0)
-    """Standard deviation of an unmodelled deflection (m for a prismatic joint): a spring that is not linear, noise of
-    the joints around. 0: none."""
+    """Standard deviation of an unmodelled deflection (m for a prismatic joint), as from a nonlinear spring or encoder
+    noise. 0: none."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class FlexibleConfig:
     """Passive joints."""
 
     joints: tuple[str, ...] = parameter(())
-    """Joints of the URDF that no JointState reports and that a spring holds: panels, booms, propellant, a grasp that
+    """Joints of the URDF that a spring holds and no JointState reports: panels, booms, propellant, a grasp that
     gives."""
     each: Mapping[str, Mapping[str, float]] = by_name(PassiveJointConfig, 'joint')
 

@@ -47,10 +47,10 @@ class LinkDeviations:
     mass_relative_std: float = parameter(0.01, minimum=0.0, maximum=1.0)
     """Relative standard deviation of the mass of this link and everything fixed to it; the inertia scales with it."""
     com_std: float = parameter(0.01, 'm', minimum=0.0)
-    """Standard deviation of each coordinate of their centre of mass."""
+    """Standard deviation of each coordinate of the centre of mass of this link and everything fixed to it."""
     inertia_relative_std: float = parameter(0.01, minimum=0.0, maximum=1.0)
-    """Standard deviation of each element of their inertia about the centre of mass at a given mass, relative to the
-    mean moment."""
+    """Standard deviation of each element of this link's inertia about the centre of mass at a given mass, relative to
+    the mean moment."""
 
 
 @dataclass(frozen=True)
@@ -114,10 +114,10 @@ class OdometryConfig:
     """Constant errors of the odometry, beside its noise."""
 
     scale_std: float = parameter(0.0, minimum=0.0, maximum=0.1)
-    """Relative standard deviation of its length scale, as from the baseline of a stereo camera; 0: exact."""
+    """Relative standard deviation of the odometry's length scale, as from the baseline of a stereo camera; 0: exact."""
     angular_velocity_bias_std: float = parameter(1e-4, 'rad/s', minimum=0.0)
-    """Standard deviation of the bias of its angular velocity about each axis of the base, if a gyro measures it: 10
-    deg/h are 5e-5 rad/s; 0: exact."""
+    """Standard deviation of the bias of the odometry's angular velocity about each axis of the base, if a gyro measures
+    it: 10 deg/h are 5e-5 rad/s; 0: exact."""
 
 
 @dataclass(frozen=True)
@@ -127,8 +127,8 @@ class TargetPriorConfig:
     mass: float = parameter(0.0, 'kg', minimum=0.0)
     """Mass of the target link, if known."""
     mass_std: float = parameter(0.0, 'kg', minimum=0.0)
-    """Standard deviation of that mass; 0: unknown."""
+    """Standard deviation of the target's mass; 0: unknown."""
     com: tuple[float, ...] = parameter((), 'm', lengths=(0, 3))
-    """Its centre of mass in the link's frame, if known."""
+    """Centre of mass of the target link in its frame, if known."""
     com_std: float = parameter(0.0, 'm', minimum=0.0)
-    """Standard deviation of each of its coordinates, which needs mass_std too; 0: unknown."""
+    """Standard deviation of each coordinate of target_prior.com; needs mass_std too; 0: unknown."""

@@ -17,19 +17,20 @@ class PlanConfig:
     duration: float = parameter(0.0, 's', minimum=0.0, maximum=3600.0, read_only=False)
     """Length of the most informative motion; 0: the shortest that reaches relative_std."""
     longest: float = parameter(300.0, 's', minimum=0.0, maximum=3600.0, exclusive_minimum=True, read_only=False)
-    """Longest motion that is looked for."""
+    """Longest motion of the search."""
     joint_velocity: float = parameter(0.0, 'rad/s', minimum=0.0, read_only=False)
-    """Velocity that no joint exceeds, beside its limit in the URDF (m/s for a prismatic joint); 0: that alone."""
+    """Velocity that no joint exceeds, in addition to its limit in the URDF (m/s for a prismatic joint); 0: the URDF's
+    limit alone."""
     joint_acceleration: float = parameter(0.1, 'rad/s^2', minimum=0.0, exclusive_minimum=True, read_only=False)
     """Acceleration that no joint exceeds (m/s^2 for a prismatic joint)."""
     base_rotation: float = parameter(0.0, 'rad', minimum=0.0, read_only=False)
     """Largest rotation of the base by the motion, against a base with the joints at rest; 0: any."""
     base_translation: float = parameter(0.0, 'm', minimum=0.0, read_only=False)
-    """Largest displacement of the base link's origin, likewise; 0: any."""
+    """Largest displacement of the base link's origin by the motion, against a base with the joints at rest; 0: any."""
     base_rate: float = parameter(0.0, 'rad/s', minimum=0.0, read_only=False)
-    """Largest change of the angular velocity of the base, likewise; 0: any."""
+    """Largest change of the base's angular velocity by the motion, against a base with the joints at rest; 0: any."""
     clearance: float = parameter(0.02, 'm', minimum=0.0, read_only=False)
-    """Distance that collision shapes of the URDF keep from each other; 0: they may touch, and do not overlap."""
+    """Smallest distance between collision shapes of the URDF; 0: they may touch, but not overlap."""
     stuck: tuple[str, ...] = parameter((), read_only=False)
     """Joints that are not moved."""
     effort: int = parameter(1200, minimum=10, maximum=1_000_000, read_only=False)

@@ -17,4 +17,4 @@ class RecorderConfig:
     """Topics to record; empty means joint_states, odom, pose, imu, thrust, stored_momentum and robot_description under
     these names, the estimates of the body, and the diagnostics, as they appear; no /tf, markers or motions."""
     duration: float = parameter(0.0, 's', minimum=0.0)
-    """Recording ends so long after the first message; 0 means when it is stopped."""
+    """Length of the recording from the first message on; 0 means until it is stopped."""

@@ -75,29 +75,29 @@ class ImuConfig:
     """The angular velocity of an IMU; with `noise_density` the topic imu is used."""
 
     noise_density: float = parameter(0.0, 'rad/s/sqrt(Hz)', minimum=0.0)
-    """Density of the white noise of its angular velocity, as in data sheets: the standard deviation of a reading over
-    the square root of the rate. 0: the topic imu is not used."""
+    """White noise density of the gyro, as in data sheets: standard deviation of a reading over the square root of the
+    rate. 0: the topic imu is not used."""
     alone: bool = parameter(default=False)
-    """Nothing locates the base: the gyro alone measures its rotation about the common centre of mass. Method
-    trajectory; odom and pose are not used, linear momentum and heading are unobservable."""
+    """Nothing locates the base: the gyro alone measures its rotation about the common centre of mass. Only for method
+    trajectory; odom and pose are ignored, linear momentum and heading are unobservable."""
     orientation: bool = parameter(default=False)
-    """With alone: its messages hold the orientation, too, like those of a star tracker; used if its covariance is not
-    -1 (REP 145). The gyro then fills the gaps between them, and the heading is known."""
+    """With imu.alone: also use the orientation in the messages, as from a star tracker, unless its covariance is -1
+    (REP 145). The gyro then fills the gaps between messages, and the heading is observable."""
     bias_std: float = parameter(0.01, 'rad/s', minimum=0.0)
-    """Standard deviation of the initial bias about each axis."""
+    """Standard deviation of the gyro's initial bias about each axis."""
     bias_walk: float = parameter(2e-5, 'rad/s/sqrt(s)', minimum=0.0)
-    """Random walk of the bias: standard deviation of its change in a second, which grows with the square root of
+    """Random walk of the gyro's bias: standard deviation of its change in a second; grows with the square root of
     time."""
     scale_std: float = parameter(0.01, minimum=0.0)
-    """Relative standard deviation of the scale of each axis; 0: exact."""
+    """Relative standard deviation of the gyro's scale on each axis; 0: exact."""
     cross_axis_std: float = parameter(0.0, minimum=0.0)
-    """Standard deviation of the cross-axis sensitivity, beside the common misalignment; data sheets of MEMS give 0.01
-    to 0.02 as a maximum. 0: exact."""
+    """Standard deviation of the gyro's cross-axis sensitivity, without the common misalignment; data sheets of MEMS
+    have 0.01 to 0.02 as a maximum. 0: exact."""
     orientation_std: float = parameter(0.01, 'rad', minimum=0.0)
-    """Standard deviation of its misalignment on the base, about each axis; 0: exact."""
+    """Standard deviation of the IMU's misalignment about each axis; 0: exact."""
     range: float = parameter(0.0, 'rad/s', minimum=0.0)
-    """Largest measurable angular velocity: readings at that limit are not used. 0: unknown; then readings that repeat
-    to the last bit are not used."""
+    """Largest measurable angular velocity: readings at that limit are not used. 0: unknown; then fast readings that
+    repeat to the last bit are not used."""
     frame: str = parameter('')
-    """Link that it is fixed to, in whose axes it measures: on the base, or moved by joints, but not the target or a
-    link that the target carries. Empty: the frame_id of its messages, a link on the base."""
+    """Link that carries the IMU and whose axes it measures in: on the base or moved by joints, but not the target or a
+    link that the target carries. Empty: the frame_id of the messages, a link on the base."""

@@ -40,14 +40,14 @@ class MotionConfig:
     """Motion of the joints: passive (no torque; random for a robot with joints that mimic others), sinusoids (those
     given), random (drawn ones) or trajectory (a file)."""
     amplitudes: tuple[float, ...] = parameter((), 'rad')
-    """Sinusoids: amplitudes, as many for each joint: q(t) = q(0) + sum of a (sin(2 pi f t + p) - sin p)."""
+    """Sinusoids: amplitudes, the same number for each joint: q(t) = q(0) + sum of a (sin(2 pi f t + p) - sin p)."""
     frequencies: tuple[float, ...] = parameter((), 'Hz')
     """Sinusoids: frequencies, one for each amplitude."""
     phases: tuple[float, ...] = parameter((), 'rad')
     """Sinusoids: phases, one for each amplitude; empty means zero."""
     within_limits: bool = parameter(default=True)
-    """Random: keep joints within the position and velocity limits of the URDF, by smaller motions; where
-    initial.joint_positions is empty, they start where these fit."""
+    """Random: reduce the motion so that joints stay within the position and velocity limits of the URDF; if
+    initial.joint_positions is empty, the start fits them too."""
     seed: int = parameter(0, minimum=0)
     """Random: the same seed gives the same motion."""
     terms: int = parameter(2, minimum=1, maximum=100)
@@ -70,12 +70,12 @@ class SimulatedThrustConfig:
     """A pulse of thrust, and whether it is published."""
 
     time: float = parameter(0.0, 's', minimum=0.0)
-    """Begin of a pulse of thrust."""
+    """Start of a pulse of thrust."""
     duration: float = parameter(0.0, 's', minimum=0.0)
-    """Its length; 0 means that there is none."""
+    """Length of the pulse; 0 means no thrust."""
     link: str = parameter('')
-    """Link it acts on, at the origin and in the axes of its frame; empty means the base link. The name of the odometry
-    frame makes it one on the base that is constant in that frame."""
+    """Link that the thrust acts on, at the origin and in the axes of its frame; empty means the base link. With the
+    name of the odometry frame it acts on the base and is constant in that frame."""
     force: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'N', lengths=(3,))
     """Commanded force."""
     torque: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'N m', lengths=(3,))
@@ -83,9 +83,9 @@ class SimulatedThrustConfig:
     scale: float = parameter(1.0, minimum=0.0, exclusive_minimum=True)
     """Relative excess of force and torque over the command."""
     turn: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'rad', lengths=(3,))
-    """Rotation of the true thrust against the command, a rotation vector."""
+    """Rotation of the true thrust relative to the command, a rotation vector."""
     delay: float = parameter(0.0, 's', minimum=0.0, maximum=1.0)
-    """Delay of its begin and end after the command."""
+    """Delay of the thrust's start and end after the command."""
     publish: bool = parameter(default=True)
     """Publish the commanded wrench on thrust, ten times a second while it acts."""
 
@@ -99,13 +99,13 @@ class SimulatedCaptureConfig:
     mass: float = parameter(0.0, 'kg', minimum=0.0)
     """Mass of the captured body."""
     com: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'm', lengths=(3,))
-    """Its centre of mass in the target link's frame, once captured."""
+    """Centre of mass of the captured body in the target link's frame."""
     inertia: tuple[float, ...] = parameter((), 'kg m^2', lengths=(0, 6))
-    """Its inertia about the centre of mass in the target link's axes: ixx, ixy, ixz, iyy, iyz, izz."""
+    """Inertia of the captured body about its centre of mass in the target link's axes: ixx, ixy, ixz, iyy, iyz, izz."""
     linear_velocity: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'm/s', lengths=(3,))
-    """Velocity of its centre of mass just before, in odometry axes."""
+    """Velocity of the captured body's centre of mass just before the capture, in odometry axes."""
     angular_velocity: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'rad/s', lengths=(3,))
-    """Its angular velocity just before, in odometry axes."""
+    """Angular velocity of the captured body just before the capture, in odometry axes."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class SimulatedModelErrorsConfig:
     mount_position_std: float = parameter(0.0, 'm', minimum=0.0)
     """Error of each coordinate of the odometry's mount on the base."""
     mount_orientation_std: float = parameter(0.0, 'rad', minimum=0.0, maximum=1.0)
-    """Error of its orientation, about each axis."""
+    """Error of the orientation of the odometry's mount, about each axis."""
     frequency_relative_std: float = parameter(0.0, minimum=0.0, maximum=0.5)
     """Relative error of the natural frequency of each joint in `flexible.joints`."""
     seed: int = parameter(0, minimum=0)
@@ -156,20 +156,20 @@ class SimulatedImuConfig:
     rate: float = parameter(0.0, 'Hz', minimum=0.0, maximum=1e4)
     """Imu messages a second; 0 is no IMU."""
     noise_density: float = parameter(0.0, 'rad/s/sqrt(Hz)', minimum=0.0)
-    """Density of the white noise of its angular velocity."""
+    """White noise density of the gyro."""
     bias: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'rad/s', lengths=(3,))
-    """Its bias at the begin."""
+    """Bias of the gyro at the start."""
     bias_walk: float = parameter(0.0, 'rad/s/sqrt(s)', minimum=0.0)
     """Standard deviation of the change of the bias in a second."""
     scale: tuple[float, ...] = parameter((0.0, 0.0, 0.0), lengths=(3,))
-    """Relative error of the scale of each axis."""
+    """Relative error of the gyro's scale on each axis."""
     delay: float = parameter(0.0, 's')
-    """Delay of its stamps after the measurements."""
+    """Delay of the IMU's stamps after the measurements."""
     orientation_noise: float = parameter(0.0, 'rad', minimum=0.0)
-    """It measures its orientation, too, like a star tracker: standard deviation of each reading; 0: no orientation
-    (covariance -1, REP 145)."""
+    """Noise of an orientation in the Imu messages, as from a star tracker; 0: no orientation (covariance -1, REP
+    145)."""
     link: str = parameter('')
-    """Link that it is on; empty means the base link."""
+    """Link that carries the IMU; empty means the base link."""
 
 
 @dataclass(frozen=True)
@@ -187,11 +187,11 @@ class SimulatorConfig:
     seed: int = parameter(0, minimum=0)
     """The same seed gives the same sensor noise."""
     real_time_factor: float = parameter(1.0, minimum=0.0, maximum=1e3, exclusive_minimum=True)
-    """Simulated seconds that pass in a second of the node; fewer where the machine does not keep up."""
+    """Simulated seconds in a second of the node; fewer if the machine does not keep up."""
     publish_clock: bool = parameter(default=False)
     """Publish /clock and stamp with simulated time from 0, for nodes with use_sim_time."""
     wait_for_subscribers: int = parameter(0, minimum=0, maximum=1000)
-    """Let the run of the node begin only when joint_states and odom have this many subscribers each."""
+    """Subscribers of joint_states and of odom that the node waits for before it starts."""
     base_link: str = parameter('')
     """Link that floats, even if the URDF attaches it to another; empty: the root, or the child of 'world'."""
     target_link: str = parameter('')

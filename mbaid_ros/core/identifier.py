@@ -20,15 +20,15 @@ from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.core.window_checks import WindowChecks
 
-RATE_MISSING = 'velocity missing, and too few positions to take it from'
+RATE_MISSING = 'velocity missing, and too few positions to derive it'
 
 JOINT_RATES_DERIVED = (
-    'JointState without velocities: taken from the positions of each window, with the noise that implies; method '
-    'trajectory needs none'
+    'JointState without velocities: derived from the positions of each window, with the resulting noise; method '
+    'trajectory does not need them'
 )
 TWIST_DERIVED = (
-    'no twist of the base: taken from the poses of each window, with the noise that implies; method trajectory '
-    'needs none'
+    'no twist of the base: derived from the poses of each window, with the resulting noise; method trajectory does '
+    'not need it'
 )
 POSES_ALONE = 'no twist of the base: the poses alone are used'
 GYRO_ALONE = 'nothing locates the base: the angular velocity of the IMU alone is used, about the common centre of mass'

@@ -15,7 +15,7 @@ def estimator_arguments() -> ArgumentParser:
         'ros2 run mbaid_ros estimator --ros-args -p robot_description_file:=robot.urdf -p noise.joint_position:=1e-4\n'
         '  ros2 run mbaid_ros estimator --ros-args --params-file estimator.yaml -r __ns:=/servicer -r odom:=/base/odom',
     )
-    parser.add_argument('--lifecycle', action='store_true', help='be a managed node, which waits to be configured')
+    parser.add_argument('--lifecycle', action='store_true', help='run as a managed (lifecycle) node')
     return parser
 
 
@@ -69,9 +69,9 @@ def watch_arguments() -> ArgumentParser:
     """Return the parser of `watch`."""
     parser = ArgumentParser(
         'watch',
-        'Show the estimate of a running estimator in the terminal as it converges: intervals of 95 %, and bars that\n'
-        'are full at a standard deviation of 0.1 %; and the most informative motion (next), if one is needed.\n'
-        'Written to a file or pipe, one line an update.',
+        'Show the estimate of a running estimator in the terminal: values with 95 % intervals, bars that are full at\n'
+        'a standard deviation of 0.1 %, and the most informative motion (next). Into a file or pipe it writes one\n'
+        'line an update.',
         'ros2 run mbaid_ros watch /servicer/estimator\n  ros2 run mbaid_ros watch --once | tee now.txt',
     )
     parser.add_argument('estimator', nargs='?', default='', metavar='NAME', help='node or topic (default: any)')

@@ -116,8 +116,6 @@ class Diagnostics:
         ]
         if silent:
             return f'no messages on {listing(silent)} for more than {STALE_AFTER:g} s'
-        if state.session is not None and state.session.problem:
-            return state.session.problem
         if self._time - self._used_at > STALE_AFTER:
             unused = f'messages arrive, and none could be used for more than {STALE_AFTER:g} s'
             return f'{unused}: {self._samples.reasons}' if self._samples.reasons else unused

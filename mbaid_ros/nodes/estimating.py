@@ -18,7 +18,7 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from mbaid_ros.config.capture import DebrisConfig, SelfCalibrationConfig
+from mbaid_ros.config.capture import DebrisConfig
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import read_robot_description
 from mbaid_ros.config.model_errors import KnownLinksConfig
@@ -55,8 +55,6 @@ class LiveEstimator:
         self._awaited: int | None = None  # end of the window that one waited for
         # Refusals come first: nothing is on the graph then.
         self._read_robot()
-        if config.publish_tf:
-            tf_message("parameter 'publish_tf' is true", 'false')
         self._subscriptions = {
             'joint_states': Subscriptions(node, JointState, 'joint_states', self._on_joint_state),
             **self._base_subscriptions(),
@@ -92,8 +90,7 @@ class LiveEstimator:
         if config.imu.alone:
             return {'imu': Subscriptions(node, Imu, 'imu', self._on_imu)}
         if config.pose.tf_child_frame:
-            message = tf_message("parameter 'pose.tf_child_frame' is set", 'empty')
-            return {'tf': Subscriptions(node, message, '/tf', self._on_odometry)}
+            return {'tf': Subscriptions(node, tf_message(), '/tf', self._on_odometry)}
         others = (PoseWithCovarianceStamped, TransformStamped)
         return {
             'odom': Subscriptions(node, Odometry, 'odom', self._on_odometry),
@@ -114,7 +111,7 @@ class LiveEstimator:
             return
         # Names of links can only be checked with the robot.
         config = replace(self._config, base_link='', target_link='', debris=DebrisConfig())
-        Session(replace(config, known_links=KnownLinksConfig(), calibration=SelfCalibrationConfig()), _ANY_ROBOT)
+        Session(replace(config, known_links=KnownLinksConfig()), _ANY_ROBOT)
 
     def _on_description(self, message: String) -> None:
         state = self._state
@@ -140,7 +137,6 @@ class LiveEstimator:
     def _on_joint_state(self, message: Any) -> None:
         session = self._open_session()
         if session is not None:
-            self._publication.display.follow(session.robot.model, message)
             self._add(session.add_joint_state, message)
 
     def _on_odometry(self, message: Any) -> None:
@@ -185,11 +181,7 @@ class LiveEstimator:
         session = self._state.session
         if session is None:
             return
-        try:
-            estimates = session.process()
-        except DataError as error:
-            self._log.warn_once(str(error))
-            return
+        estimates = session.process()
         self._publication.publish(session, estimates)
         if estimates:
             self._idle_timer.reset()  # the background task comes after the estimates
@@ -211,14 +203,8 @@ class LiveEstimator:
         self._publication.publish_waiting()
 
     def adjust(self, config: EstimatorConfig) -> None:
-        """Change the parameters that may change at run time: convergence.*, plan.* and publish_tf.
-
-        Raises ParameterError: Frames are asked for, but the message package for them is not installed.
-        """
-        self._publication.display.send_frames(wanted=config.publish_tf)
-        self._config = replace(
-            self._config, convergence=config.convergence, publish_tf=config.publish_tf, plan=config.plan
-        )
+        """Change the parameters that may change at run time: convergence.* and plan.*."""
+        self._config = replace(self._config, convergence=config.convergence, plan=config.plan)
         if self._state.session is not None:
             self._state.session.judge_by(config.convergence, config.plan)
 

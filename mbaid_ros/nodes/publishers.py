@@ -12,12 +12,13 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.published_inertia import DebrisPublication, InertiaPublication, is_complete
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
-from mbaid_ros.nodes.markers import Display
+from mbaid_ros.nodes.markers import cleared, markers
 from mbaid_ros.nodes.planning import Planning
 from mbaid_ros.nodes.reports import RunLog, RunState
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, quiet_publisher
@@ -28,11 +29,16 @@ _PATIENCE = Duration(nanoseconds=50_000_000)  # with a subscriber that has died,
 
 
 class Publishers:
-    """The latched topics of the estimate: ~/estimate, ~/inertia, ~/robot_description and, if asked for, ~/debris."""
+    """The latched topics: ~/estimate, ~/inertia, ~/robot_description, ~/markers and, if asked for, ~/debris."""
 
     def __init__(self, node: Node, *, with_debris: bool = False) -> None:
         self._node = node
-        self._topics = {'~/estimate': InertiaEstimate, '~/inertia': InertiaStamped, '~/robot_description': String}
+        self._topics: dict[str, type] = {
+            '~/estimate': InertiaEstimate,
+            '~/inertia': InertiaStamped,
+            '~/robot_description': String,
+            '~/markers': MarkerArray,
+        }
         if with_debris:
             self._topics['~/debris'] = InertiaEstimate
         self._publishers: dict[str, Publisher] = {}
@@ -54,6 +60,7 @@ class Publishers:
     def publish(self, estimate: Estimate, frames: Frames, urdf: str) -> None:
         """Publish an estimate in all the forms that it determines, and withdraw the last one from the others."""
         self.send('~/estimate', estimate_message(estimate, TYPES, frames))
+        self.send('~/markers', markers(estimate, f'{frames.prefix}{frames.target_link}'))
         inertia = self._inertia.follow(estimate)
         if inertia is not None:
             self.send('~/inertia', inertia_message(inertia, TYPES, frames))
@@ -102,10 +109,8 @@ class EstimatePublication:
         self._log = log
         self._planning = planning
         self._missing = missing
-        self.display = Display(node, with_frames=config.publish_tf, prefix=config.frame_prefix)
         self._publishers = Publishers(node, with_debris=config.debris.report)
         self._restarted = 0  # restarts of the session that have been reported
-        self._calibrated = ''  # summary of the calibration that has been reported
         self._debris = DebrisPublication()
         self._waiting: tuple[str, ...] | None = None  # warnings of the last estimate of status 'waiting'
 
@@ -118,15 +123,10 @@ class EstimatePublication:
             frames = _frames(session)
             self._publishers.publish(estimate, frames, session.robot.urdf)
             self._log.estimate(estimate)
-            calibrated = session.robot.calibrated
-            if calibrated and calibrated != self._calibrated:
-                self._calibrated = calibrated
-                self._log.event(calibrated)
             debris = self._debris.follow(session.robot.debris(estimate))
             if debris is not None:
                 message = debris_message(debris, estimate, TYPES, frames, session.robot.captured(estimate))
                 self._publishers.send('~/debris', message)
-            self.display.show(estimate, f'{frames.prefix}{frames.target_link}')
         if session.restarted != self._restarted:
             self._report_restart(session)
 
@@ -164,13 +164,12 @@ class EstimatePublication:
         self._debris = DebrisPublication()
         self._planning.withdraw()
         self._publishers.clear()
-        self.display.clear()
+        self._publishers.send('~/markers', cleared())
         self.publish_waiting()
 
     def close(self) -> None:
         """Leave the graph."""
         self._publishers.close()
-        self.display.close()
 
     def _report_restart(self, session: Session) -> None:
         self._restarted = session.restarted

@@ -98,8 +98,8 @@ class SampleReport:
             *((f'partly used, {cause}', count) for cause, count in sorted(session.replaced.items())),
             *((f'reason {index + 1}', reason) for index, reason in enumerate(remarks(session))),
         ]
-        if session.problem or state.halted:
-            return (ERROR, session.problem, values) if session.problem else (WARN, state.halted, values)
+        if state.halted:
+            return WARN, state.halted, values
         self.reasons = '; '.join([*explain(session, dropped), *obstacles(session)])
         lost = dropped.total()
         if not used and self.reasons and heard:
@@ -152,7 +152,6 @@ def estimate_report(state: RunState) -> Report:
         ('method', estimate.method),
         ('stage', estimate.stage),
         ('phase', robot.phase if robot else ''),
-        ('known bodies', (robot.calibrated if robot else '') or 'as in the robot description'),
         ('time (s)', f'{estimate.time:.3f}'),
         ('samples', estimate.samples),
         ('residual', f'{estimate.residual:.3g}'),

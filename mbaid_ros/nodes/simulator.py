@@ -23,7 +23,7 @@ from mbaid_ros.cli import run
 from mbaid_ros.config.files import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import DataError, ParameterError
-from mbaid_ros.messages import trajectory_of
+from mbaid_ros.messages.joints import trajectory_of
 from mbaid_ros.nodes.arguments import simulator_arguments
 from mbaid_ros.nodes.runner import declare_parameters, own_arguments, ros, spin
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, qos

@@ -22,7 +22,7 @@ from std_msgs.msg import String
 from mbaid_ros.cdr import packer
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.files import as_utf8
-from mbaid_ros.messages import stamp_of
+from mbaid_ros.messages.fields import stamp_of
 from mbaid_ros.nodes.runner import RCLError
 from mbaid_ros.outgoing import MessageTypes
 
@@ -74,10 +74,8 @@ def type_name_of(message_type: type) -> str:
     return message_type.__module__.split('.')[0] + '/msg/' + message_type.__name__
 
 
-def tf_message(because: str, accepted: str) -> Any:
+def tf_message() -> Any:
     """Return the class of the messages on /tf, which not every installation has.
-
-    An error names the parameter (`because`) that needs it, and its value (`accepted`) without.
 
     Raises ParameterError: It is not installed.
     """
@@ -85,8 +83,8 @@ def tf_message(because: str, accepted: str) -> Any:
         return import_module('tf2_msgs.msg').TFMessage
     except ImportError as error:
         raise ParameterError(
-            f'{because}, but the message package tf2_msgs is not installed; accepted: {accepted}, '
-            'or apt install ros-jazzy-tf2-msgs'
+            "parameter 'pose.tf_child_frame' is set, but the message package tf2_msgs is not installed; accepted: "
+            'empty, or apt install ros-jazzy-tf2-msgs'
         ) from error
 
 

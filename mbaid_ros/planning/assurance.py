@@ -11,7 +11,7 @@ from mbaid_ros.core.filter.state import Point
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.planning.collisions import Collisions
+from mbaid_ros.planning.collisions import INSTANTS, Collisions
 from mbaid_ros.planning.floating import Floating
 from mbaid_ros.planning.goal import BaseLimits, Wanted
 from mbaid_ros.planning.information import Grid
@@ -54,7 +54,7 @@ class Assurance:
         """Return the largest part of its size that keeps a motion (K, k) clear of the robot; 0 where none does."""
         if not self._collisions.pairs:
             return 1.0
-        times = np.linspace(0.0, motions.splines.duration, self._collisions.instants)
+        times = np.linspace(0.0, motions.splines.duration, INSTANTS)
         return next(
             (part for part in _PARTS if self._collisions.clear(motions.joints(part * speeds[None], times)[0][:, 0])),
             0.0,

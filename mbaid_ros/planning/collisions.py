@@ -8,7 +8,6 @@ from xml.etree import ElementTree as ET
 import coal
 import numpy as np
 import pinocchio
-from scipy.spatial import ConvexHull
 
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
@@ -18,7 +17,7 @@ from mbaid_ros.core.robot.urdf_document import kept_words, tree_of, triple
 
 ReadMesh = Callable[[str], Array]
 
-_DENSE = 60  # instants of a motion at which distances are asked for
+INSTANTS = 60  # of a motion, at which distances are asked for
 
 
 def no_mesh(name: str) -> Array:
@@ -74,11 +73,6 @@ class Collisions:
     def clear(self, positions: Array) -> bool:
         """Return whether nothing comes near anything at (T, n) joint positions."""
         return not self.pairs or all(not self._near(position, first_only=True) for position in positions)
-
-    @property
-    def instants(self) -> int:
-        """How many instants of a motion to ask for."""
-        return _DENSE
 
     def _add(self, meshes: list[tuple[str, ET.Element]], read: ReadMesh) -> list[str]:
         """Add the hulls of meshes by link, and return in a line which cannot be read, and why the first cannot."""
@@ -180,6 +174,8 @@ def _hull(shape: ET.Element, read: ReadMesh) -> coal.ConvexBase:
 
     Raises ModelError: The mesh cannot be read, or has no volume.
     """
+    from scipy.spatial import ConvexHull  # noqa: PLC0415 - robots without meshes start sooner
+
     element = shape.find('geometry/mesh')
     assert element is not None, 'a shape without a mesh is none of these'
     name = element.get('filename', '')

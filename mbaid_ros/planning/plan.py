@@ -54,8 +54,7 @@ class Plan:
     wanted: Array
     asked: Flags  # (10,) which of them a motion can determine
     course: Course  # relative standard deviations on the way, (W, 10)
-    base: Course  # displacement of the base from its coasting motion, (T, 3): rad, m, rad/s
-    bounds: Bounds  # of that displacement
+    bounds: Bounds  # of the base's displacement from its coasting motion
     base_limits: Array  # (3,) its limits, infinite where there is none
     use: Array  # (4, k) share of position, velocity, acceleration and effort limits that the joints use; 1 is all
     binding: tuple[str, ...]  # names of the limits that it is at
@@ -65,7 +64,6 @@ class Plan:
     may_be: Array  # relative standard deviations after the motion for bodies as the target may be, (D, 10)
     stuck: tuple[str, ...]  # joints that are not moved
     notes: tuple[str, ...]  # further notes, a line each
-    shapes: int  # collision shapes of the robot
 
     @property
     def after(self) -> Array:

@@ -197,7 +197,6 @@ class Planner:
         model = motions.knowledge.layout.kernel.model
         names = model.independent_joints
         moved = np.flatnonzero(motions.limits.moved)
-        times, _, away = motions.course(candidate.speeds[None])
         bounds = self._assurance.bounds(candidate)
         use = np.concatenate(
             (
@@ -215,7 +214,6 @@ class Planner:
             wanted=settings.relative,
             asked=self.information.asked,
             course=Course(grid.ends, relative),
-            base=Course(times, away[:, 0]),
             bounds=bounds,
             base_limits=settings.base.array,
             use=use,
@@ -230,7 +228,6 @@ class Planner:
             may_be=relative[-1] * self._assurance.may_be(motions, trajectory),
             stuck=tuple(name for place, name in enumerate(names) if place not in moved),
             notes=(*self._advice(candidate), *self._notes(), *self._collisions.notes),
-            shapes=self._collisions.shapes,
         )
 
 

@@ -20,7 +20,7 @@ _COLUMN_KEYS = ('column', 'scale', 'offset')
 
 
 def read_csv(path: Path, columns: Path) -> Recording:
-    """Return a log in CSV, whose columns a YAML file describes (docs/measured/hardware.md).
+    """Return a log in CSV, whose columns a YAML file describes (docs/how-to/bench-logs.md).
 
     Raises DataError: The table cannot be used.
     Raises ParameterError: The YAML file cannot be used, or does not fit the table.

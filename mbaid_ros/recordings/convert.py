@@ -30,8 +30,8 @@ Make an MCAP bag of a log. If the format has them, the folder also gets robot.ur
 estimator.yaml, with parameters for replay, and truth.json.
 
   tudelft-throw *.BFL or CSV of TU Delft's throwing device: gyro, accelerometer and flywheel in free flight, no pose
-  spot-2021     *__stitched.mat of Carleton University's SPOT: planar chaser, arm as commanded, thrusters off
-  spot-2023     ExpLog* of the same chaser: arm as measured, thrusters on nearly always
+  spot-2021     *__stitched.mat of Carleton University's SPOT: planar chaser, commanded arm, thrusters off
+  spot-2023     ExpLog* of the same chaser: measured arm, thrusters on nearly always
   iss-mimic     folder with a day of the space station's telemetry: attitude, rates, gyros' torque, array joints
   csv           any table; --columns assigns its columns
 
@@ -97,19 +97,19 @@ def _parser() -> cli.ArgumentParser:
     add('--output', type=Path, metavar='BAG', help="folder to make (default: the log's name, here)")
     add('--from', dest='begin', type=cli.number(unit='s'), metavar='S', help="first time, s (default: the format's)")
     add('--to', dest='end', type=cli.number(unit='s'), metavar='S', help="last time, s (default: the format's)")
-    add('--start', type=cli.number(unit='h'), metavar='H', help='iss-mimic: begin, hours as the files count')
+    add('--start', type=cli.number(unit='h'), metavar='H', help='iss-mimic: begin, day of the year x 24 + hour')
     add('--end', dest='end_hour', type=cli.number(unit='h'), metavar='H', help='iss-mimic: end')
     add('--columns', type=Path, metavar='YAML', help='csv: assignment of the columns')
     add('--commands', type=Path, metavar='MAT', help="spot-2021: the arm's motion (default: in a folder above the log)")
     add(
         '--object',
         metavar='NAME',
-        help="tudelft-throw: thrown object: device-only, proof-body, empty, a, b, c (default: as the folder's name)",
+        help="tudelft-throw: thrown object: device-only, proof-body, empty, a, b, c (default: from the folder's name)",
     )
     add(
         '--dead-reckon',
         action='store_true',
         default=None,
-        help='tudelft-throw: also write /odom, the gyro and the accelerometer integrated in a frame that falls along',
+        help='tudelft-throw: also write /odom, integrated from gyro and accelerometer, in a falling frame',
     )
     return parser

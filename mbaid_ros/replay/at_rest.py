@@ -68,7 +68,7 @@ def measure(bag: str, joint_states: str, odom: str, part: tuple[float, float] = 
     if loose:
         warnings.append(
             f"bag '{bag}': {listing(loose)} {'is' if len(loose) == 1 else 'are'} not noise about a smooth curve alone: "
-            'the base was pushed or tumbles fast, or errors last for a while; the number is too large or means little'
+            'the base was pushed or tumbles fast, or errors are correlated; the value is too large or not meaningful'
         )
     channels = {**recording.joint_channels, **recording.base_channels}
     return Measured({name: scatter(values) for name, values in channels.items()}, tuple(warnings))

@@ -12,7 +12,7 @@ import numpy as np
 from mbaid_ros.calibration.calibrate import CalibrationSettings
 from mbaid_ros.calibration.calibrate import calibrate as estimate_bodies
 from mbaid_ros.calibration.result import Calibration, LinkResult
-from mbaid_ros.calibration.structure import BaseParameter, base_parameter, formula, parameter
+from mbaid_ros.calibration.structure import BaseParameter, formula, parameter
 from mbaid_ros.calibration.unknowns import OF_A_JOINT, OF_THE_MOUNT, LinkPrior
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line
 from mbaid_ros.config.calibration import NODE, CalibrationParameters, calibration_parameters
@@ -27,7 +27,7 @@ from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.files import write_text
 from mbaid_ros.replay.calibrated import Calibrated, summary, why_not
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.output import check_outputs, plain, shaped, shaped_momentum, write_results
+from mbaid_ros.replay.output import check_outputs, passive_joints, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.replay.run import read_motions
 from mbaid_ros.session.settings import springs, storage, with_surroundings
 
@@ -61,12 +61,12 @@ def calibrate(arguments: argparse.Namespace) -> int:
         return EXIT_NOT_DETERMINED
     if output and not result.contradicted:
         write_text(output, _calibrated_urdf(urdf, calibration))
-    write_results(arguments, _as_json(result), lambda: _page(result), lambda: _text(result, arguments))
+    write_results(arguments, _as_json(result), lambda: _text(result, arguments), lambda: _page(result))
     return EXIT_INCONSISTENT if result.contradicted else 0
 
 
 def _page(result: Calibrated) -> str:
-    from mbaid_ros.replay.report.other_pages import calibration_page  # noqa: PLC0415 - matplotlib takes a while
+    from mbaid_ros.replay.report.calibration import calibration_page  # noqa: PLC0415 - matplotlib takes a while
 
     return calibration_page(result)
 
@@ -150,7 +150,7 @@ def _as_json(result: Calibrated) -> dict[str, Any]:
             'position_std': calibration.stds[-3:].tolist(),
         },
         'thrusters': [plain(vars(each)) for each in calibration.thrusters],
-        'flexible': [plain(vars(each)) for each in calibration.flexible],
+        'flexible': passive_joints(calibration.flexible),
         'covariance': {
             'order': [
                 *(parameter(links, index) for index in range(len(calibration.theta))),
@@ -219,7 +219,6 @@ def _base_parameter(result: Calibrated, combination: BaseParameter) -> dict[str,
     calibration, links = result.calibration, result.kernel.unknown
     factors = combination.factors
     return {
-        'words': base_parameter(calibration.mechanism, combination),
         'formula': formula(links, factors),
         'factors': {parameter(links, int(index)): float(factors[index]) for index in np.flatnonzero(factors)},
         'cad': float(factors @ calibration.prior.mean),

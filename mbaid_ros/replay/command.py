@@ -8,18 +8,15 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, MutableSequence, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from ctypes import c_double
 from dataclasses import dataclass, replace
-from multiprocessing import get_context, parent_process
-from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
+from multiprocessing import active_children, get_context, parent_process
 from multiprocessing.sharedctypes import RawArray
-from queue import SimpleQueue
-from traceback import format_exc
 from types import TracebackType
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from tqdm import tqdm
 
@@ -40,54 +37,24 @@ from mbaid_ros.replay.saved import Truth, read_truth, truth_beside
 T = TypeVar('T')
 
 
-class ProcessDiedError(Exception):
-    """A process has died over its work: it was killed, or memory ran out."""
-
-
 class Workers:
     """Processes that work, as a context: at its end they end; after an error or an interrupt, at once.
 
-    They are new ones (spawn), not copies of this one with locks that its threads hold. Each has a pipe of its own and a
-    thread here that waits for it: none shares a lock or a queue with another, which one that is killed could keep. An
-    interrupt from the terminal, which reaches every process, is left to this one, and they end when it is killed.
-    Every call gets `common` as its first argument.
+    They are new ones (spawn), not copies of this one with locks that its threads hold. Every call gets `common` as its
+    first argument. Where one dies, all results that are due are a BrokenProcessPool.
     """
 
     def __init__(self, count: int, common: object) -> None:
-        context = get_context('spawn')
-        self._threads = ThreadPoolExecutor(count)
-        self._idle: SimpleQueue[Connection] = SimpleQueue()
-        self._processes: list[SpawnProcess] = []
-        for _ in range(count):
-            ours, theirs = context.Pipe()
-            process = context.Process(target=_work, args=(theirs, common), daemon=True)
-            # It inherits the mask, for it could be interrupted before it begins to ignore that.
-            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-            try:
-                process.start()
-            finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
-            theirs.close()
-            self._processes.append(process)
-            self._idle.put(ours)
+        self._pool = ProcessPoolExecutor(count, get_context('spawn'), _begin, (common,))
 
     def submit(self, function: Callable[..., T], *arguments: object) -> Future[T]:
-        """Call a function in one of the processes; the result raises its error, or a ProcessDiedError."""
-        return self._threads.submit(self._called, function, *arguments)
-
-    def _called(self, function: Callable[..., T], *arguments: object) -> T:
-        """Return what a function leads to in a process that is idle: there are as many of them as threads."""
-        pipe = self._idle.get()
+        """Call a function in one of the processes."""
+        # Processes begin here, and inherit the mask: an interrupt, which reaches all of them, is left to this one.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            pipe.send((function, arguments))
-            result, error, trace = pipe.recv()
-        except (EOFError, OSError) as lost:
-            raise ProcessDiedError from lost
+            return self._pool.submit(_called, function, *arguments)
         finally:
-            self._idle.put(pipe)
-        if error is not None:
-            raise error from RuntimeError(trace)  # where it was raised
-        return cast('T', result)
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def __enter__(self) -> Workers:
         """Return the processes."""
@@ -98,28 +65,23 @@ class Workers:
     ) -> None:
         """End the processes."""
         if kind is not None:
-            for process in self._processes:
+            for process in active_children():
                 process.kill()
-        self._threads.shutdown(cancel_futures=True)
-        while not self._idle.empty():
-            self._idle.get().close()
-        for process in self._processes:
-            process.join()
+        self._pool.shutdown(cancel_futures=True)
 
 
-def _work(pipe: Connection, common: object) -> None:
-    """Call what comes through a pipe until it is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+_common: Any = None  # of a worker
+
+
+def _begin(common: object) -> None:
+    """Keep the first argument of all calls, and end this process when its parent does."""
+    global _common  # noqa: PLW0603 - a process of a pool has no other place
+    _common = common
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    while True:
-        try:
-            function, arguments = pipe.recv()
-        except EOFError:
-            return
-        try:
-            pipe.send((function(common, *arguments), None, ''))
-        except Exception as error:  # noqa: BLE001  # raised where the result is asked for
-            pipe.send((None, error, format_exc()))
+
+
+def _called(function: Callable[..., T], *arguments: object) -> T:
+    return function(_common, *arguments)
 
 
 def _end_with_parent() -> None:
@@ -174,7 +136,7 @@ def _result(future: Future[Run], done: MutableSequence[float], bar: tqdm[None]) 
         bar.update(sum(done) - bar.n)
     try:
         return future.result()
-    except ProcessDiedError as error:
+    except BrokenProcessPool as error:
         raise DataError(
             'a process died over a bag: it was killed, or memory ran out; fewer --processes take less of it'
         ) from error
@@ -206,7 +168,7 @@ def replay(arguments: argparse.Namespace) -> int:
         runs = [replace(each, made_by=made, files=hashes(each.bag)) for each in runs]
     results = [as_json(run) for run in runs]
     content = results[0] if len(results) == 1 else results
-    write_results(arguments, content, lambda: _page(runs, truths), lambda: texts(runs))
+    write_results(arguments, content, lambda: texts(runs), lambda: _page(runs, truths))
     return exit_code(runs)
 
 

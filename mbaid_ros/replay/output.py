@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.cli import one_line
-from mbaid_ros.core.capture.handover import Capture
+from mbaid_ros.core.capture.known_momentum import Capture
 from mbaid_ros.core.errors import listing
-from mbaid_ros.core.geometry import Array, Flags, quaternion_from_rotation
-from mbaid_ros.core.results.estimate import WITHHELD, Estimate
+from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate, PassiveJoint
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
 from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
 from mbaid_ros.files import as_utf8, require_writable, write_text
-from mbaid_ros.messages import JOINT_MISSING
+from mbaid_ros.messages.poses import JOINT_MISSING
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.results import Run
 
@@ -32,20 +32,20 @@ _EVENTS = 5  # that a terminal shows
 def check_outputs(arguments: argparse.Namespace, *options: str) -> None:
     """Refuse, before the long work, files of options that could not be written after it."""
     for option in ('json', 'report', *options):
-        path = getattr(arguments, option)
+        path = getattr(arguments, option, None)
         if option != 'json' or path != STDOUT:
             require_writable(f'--{option}', path)
 
 
 def write_results(
-    arguments: argparse.Namespace, content: Any, page: Callable[[], str], summary: Callable[[], str]
+    arguments: argparse.Namespace, content: Any, summary: Callable[[], str], page: Callable[[], str] | None = None
 ) -> None:
-    """Write the JSON of a content and the report where asked for; print the JSON or else the summary."""
+    """Write the JSON of a content and its report where asked for; print the JSON or else the summary."""
     text = json.dumps(content, allow_nan=False, ensure_ascii=False) + '\n'
     # Files first: a reader of the output may leave early (`| head`).
     if arguments.json and arguments.json != STDOUT:
         write_text(arguments.json, text)
-    if arguments.report:
+    if page is not None and arguments.report:
         write_text(arguments.report, page())
     if arguments.json == STDOUT:
         sys.stdout.write(as_utf8(text))
@@ -109,7 +109,7 @@ def as_json(run: Run) -> dict[str, Any]:
         if math.isnan(final.time_offset)
         else {'value': final.time_offset, 'std': plain(final.time_offset_std)},
         'noise': None if final.noise is None else _noise(final.noise),
-        'flexible': [plain(vars(joint)) for joint in final.flexible],
+        'flexible': passive_joints(final.flexible),
         'thrusters': [plain(vars(thruster)) for thruster in final.thrusters],
         'events': events(run),
         'residual': plain(final.residual),
@@ -124,7 +124,6 @@ def as_json(run: Run) -> dict[str, Any]:
         'warnings': run.all_warnings,
         'model': None if run.survey is None else asdict(run.survey),
         'made_by': None if run.made_by is None else provenance.as_json(run.made_by, run.settings, run.files),
-        'state': run.state,
         'advice': run.advice or None,
         'history': [
             {
@@ -136,6 +135,12 @@ def as_json(run: Run) -> dict[str, Any]:
             for estimate in run.history
         ],
     }
+
+
+def passive_joints(joints: Sequence[PassiveJoint]) -> dict[str, dict[str, Any]] | None:
+    """Return the numbers of each passive joint by its name; None where none is declared."""
+    numbers = {joint.joint: plain(vars(joint)) for joint in joints}
+    return {numbers[name].pop('joint'): numbers[name] for name in numbers} or None
 
 
 def events(run: Run) -> list[dict[str, Any]]:
@@ -157,15 +162,8 @@ def _noise(levels: SensorLevels) -> dict[str, Any]:
 
 
 def _debris(alone: Debris) -> dict[str, Any]:
-    """Return the captured body with its frame, which is given in the target link's."""
-    frame = alone.frame
-    orientation = quaternion_from_rotation(frame.rotation)
-    return {
-        **shaped(alone.parameters),
-        'std': shaped_std(alone.std),
-        'covariance': matrix(alone.covariance),
-        'frame': plain({'name': frame.name, 'position': frame.position, 'orientation': orientation}),
-    }
+    """Return the captured body in the target link's frame."""
+    return {**shaped(alone.parameters), 'std': shaped_std(alone.std), 'covariance': matrix(alone.covariance)}
 
 
 def _capture(capture: Capture) -> dict[str, Any]:
@@ -185,7 +183,6 @@ def _capture(capture: Capture) -> dict[str, Any]:
             'residual': plain(chaser.residual),
             'samples': chaser.samples,
         },
-        'calibrated': capture.calibrated or None,
     }
 
 
@@ -242,8 +239,7 @@ def likely_causes(run: Run) -> list[str]:
 
 
 def _capture_lines(capture: Capture) -> list[str]:
-    rows = [f'  {capture.calibrated}'] if capture.calibrated else []
-    rows.append(f'  captured at {capture.time:.6g} s; before that the captured body had')
+    rows = [f'  captured at {capture.time:.6g} s; before that the captured body had']
     std = np.sqrt(np.diag(capture.covariance))
     for kind, part, unit in (('linear', slice(0, 3), 'N s'), ('angular', slice(3, 6), 'N m s')):
         values = ', '.join(with_band(*pair, digits=4) for pair in zip(capture.momentum[part], std[part], strict=True))

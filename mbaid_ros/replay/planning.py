@@ -1,4 +1,4 @@
-"""The executable `plan`: the next motion, planned from the end of a run, as a result or its bag holds it."""
+"""The executable `plan`: the next motion, planned from the end of a recorded run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from mbaid_ros import limits
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line, warn
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -25,21 +24,16 @@ from mbaid_ros.config.trajectory import as_yaml
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.files import read_json, write_text
+from mbaid_ros.files import write_text
 from mbaid_ros.outgoing import trajectory_message
 from mbaid_ros.planning.plan import Plan
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import check_outputs, plain, write_results
-from mbaid_ros.replay.provenance import in_words, made_by, sha256
+from mbaid_ros.replay.provenance import made_by
 from mbaid_ros.replay.run import BAG_TYPES, progress_bar, replay_bag
-from mbaid_ros.replay.saved import usable
 from mbaid_ros.session.planning import make_planner
-from mbaid_ros.session.posterior import from_numbers
-from mbaid_ros.session.robot import Robot
 
 TOPIC, TYPE = '/joint_trajectory', 'trajectory_msgs/msg/JointTrajectory'
-_ACCEPTED = 'accepted: a file of replay --json, or a bag'
-_FILES = ('robot_description_file',)  # parameters of a result that need not be there any more
 _BASE = (('rotation', 'rad'), ('translation', 'm'), ('rate', 'rad/s'))
 
 
@@ -64,7 +58,7 @@ def plan(arguments: argparse.Namespace) -> int:
     begin = _read_begin(arguments, read_robot_description(arguments.model))
     if begin.status == 'inconsistent':
         print(
-            f'mbaid_ros plan: {one_line(arguments.start)} contradicts its model, so that its numbers cannot be '
+            f'mbaid_ros plan: {one_line(arguments.bag)} contradicts its model, so that its numbers cannot be '
             'planned from; accepted: a run that does not',
             file=sys.stderr,
         )
@@ -107,81 +101,28 @@ def _write(found: Plan, begin: Begin, arguments: argparse.Namespace) -> None:
             bag.add_topic(TOPIC, TYPE, latched=True)
             bag.write(TOPIC, trajectory_message(found.trajectory, BAG_TYPES), 0)
 
-    def page() -> str:
-        from mbaid_ros.replay.report.other_pages import plan_page  # noqa: PLC0415 - matplotlib takes a while
-
-        start = begin.posterior.end.joint_position
-        return plan_page(found, begin.posterior.layout.kernel.model, start, in_words(made))
-
-    write_results(arguments, {**_as_json(found), 'made_by': asdict(made)}, page, lambda: _summary(found))
+    write_results(arguments, {**_as_json(found), 'made_by': asdict(made)}, lambda: _summary(found))
 
 
 def _read_begin(arguments: argparse.Namespace, urdf: str) -> Begin:
-    """Return where a plan begins; warnings about a bag go to stderr."""
-    path = arguments.start
+    """Replay the bag, and return where a plan begins; warnings about the bag go to stderr."""
+    path = arguments.bag
     values = load_parameter_file(arguments.params, 'estimator') if arguments.params else {}
-    values |= dict(map(parse_assignment, arguments.assignments))
-    if Path(path).suffix.lower() != '.json':
-        config = build(EstimatorConfig, values)
-        with progress_bar(path) as progress:
-            run = replay_bag(path, config, urdf, Inputs.from_arguments(arguments, config), progress=progress)
-        warn('plan', run.warnings)
-        return _begin(path, config, urdf, run.final.status, run.state)
-    content = _result(path)
-    made = content.get('made_by') or {}
-    _require_the_robot(path, made, arguments.model)
-    if not arguments.params:
-        values = {**{k: v for k, v in made.get('parameters', {}).items() if k not in _FILES}, **values}
-    target = values.get('target_link')
-    if target and target != content.get('target_link'):
-        raise ParameterError(
-            f"parameter 'target_link' is '{str(target)[:60]}', and '{path}' is about '{content.get('target_link')}'; "
-            'accepted: that one, or a result of the other'
-        )
-    return _begin(path, build(EstimatorConfig, values), urdf, str(content.get('status')), content.get('state'))
-
-
-def _result(path: str) -> dict[str, Any]:
-    content = read_json(path, 'result', limits.JSON_CHARACTERS, _ACCEPTED)
-    if isinstance(content, list) and len(content) == 1:
-        content = content[0]
-    if not isinstance(content, dict) or 'status' not in content:
-        raise DataError(f"'{path}' is no result of one run; {_ACCEPTED}")
-    return content
-
-
-def _require_the_robot(path: str, made: dict[str, Any], model: str) -> None:
-    """Refuse another robot description than the one a result was made with."""
-    robot = made.get('robot') or {}
-    if robot.get('sha256') and Path(model).is_file() and robot['sha256'] != sha256(Path(model)):
+    config = build(EstimatorConfig, values | dict(map(parse_assignment, arguments.assignments)))
+    with progress_bar(path) as progress:
+        run = replay_bag(path, config, urdf, Inputs.from_arguments(arguments, config), progress=progress)
+    warn('plan', run.warnings)
+    if run.posterior is None:
         raise DataError(
-            f"'{path}' was made with another robot description, {robot.get('file')}, SHA-256 "
-            f'{str(robot["sha256"])[:12]}...; accepted: that very file'
+            f"bag '{path}' leads to no state to plan from: it needs a solution of method trajectory (status "
+            f'{run.final.status})'
         )
-
-
-def _begin(path: str, config: EstimatorConfig, urdf: str, status: str, state: Any) -> Begin:
-    """Return the begin of a state as JSON has it."""
-    if config.calibration.enabled:
-        raise ParameterError(
-            "parameter 'calibration.enabled' is true: the result of such a run lacks the calibrated robot; "
-            'accepted: false, or the service ~/plan of the estimator'
-        )
-    if not state:
-        raise DataError(
-            f"'{path}' has no state to plan from: it needs a solution of method trajectory (status {status})"
-        )
-    kernel = Robot(config, urdf).kernel
-    with usable(path, _ACCEPTED):
-        try:
-            return Begin(config, urdf, status, from_numbers(state, config, kernel))
-        except DataError as error:
-            raise DataError(f"'{path}': {error}") from error
+    return Begin(config, urdf, run.final.status, run.posterior)
 
 
 def _summary(plan: Plan) -> str:
     """Return a plan as a table for a terminal."""
-    rows = [plan.verdict, '', '             now        after      wanted     as the body may be']
+    rows = [plan.verdict, '', '             now        after      wanted     over the posterior']
     columns = zip(PARAMETERS, plan.before, plan.after, plan.wanted, *plan.between, plan.asked, strict=True)
     for name, now, then, wanted, least, most, asked in columns:
         if asked:
@@ -191,7 +132,7 @@ def _summary(plan: Plan) -> str:
             rows.append(f'  {name:6} determined by no motion of this robot')
     rows += [
         '  one standard deviation, as convergence.relative_std has it',
-        f'  as the body may be: after the motion, for {len(plan.may_be)} bodies drawn from the present estimate',
+        f'  over the posterior: after the motion, for {len(plan.may_be)} bodies drawn from the present estimate',
         *(f'  {line}' for line in plan.excursions),
         f'  {len(plan.trajectory.joints)} joints: {", ".join(plan.trajectory.joints)}',
     ]

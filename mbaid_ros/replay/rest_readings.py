@@ -16,7 +16,7 @@ from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.sensors.joints import turns_between
 from mbaid_ros.core.sensors.levels import TYPICAL
 from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, Outliers, joint_channels
-from mbaid_ros.messages import OdometryReader
+from mbaid_ros.messages.odometry import OdometryReader
 from mbaid_ros.replay.inputs import JOINT_STATE_TYPE, ODOMETRY_TYPE
 
 FEWEST = 50  # messages

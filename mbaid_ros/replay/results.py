@@ -9,14 +9,15 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mbaid_ros.cdr import Packets
-from mbaid_ros.core.capture.handover import Capture
+from mbaid_ros.core.capture.known_momentum import Capture
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import CapturePhase, Estimate
 from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.samples import Stamps
 from mbaid_ros.core.sensors.levels import SensorLevels
-from mbaid_ros.messages import joint_state_shape, odometry_shape, positions_of
+from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.messages.fields import joint_state_shape, odometry_shape, positions_of
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.holdout import Holdout
 from mbaid_ros.session.model_summary import ModelSummary
@@ -69,8 +70,7 @@ class Run:
     made_by: provenance.MadeBy | None = None
     # SHA-256 of each file of the bag, by its name; None for one that is too large
     files: Mapping[str, str | None] = field(default_factory=dict)
-    # the posterior, from which the next motion is planned; None where the method has none
-    state: Mapping[str, Any] | None = None
+    posterior: Posterior | None = None  # from which the next motion is planned; None where the method has none
     advice: str = ''  # the motion that would help most, in words; empty where none is needed or known
     holdout: Holdout | None = None  # how well the rest predicts the last part of the run; None where not asked for
 

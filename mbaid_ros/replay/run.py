@@ -13,19 +13,18 @@ from tqdm import tqdm
 from mbaid_ros.bags import BagReader, BagWriter, Recorded, message_class
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
-from mbaid_ros.core.capture.handover import Capture
+from mbaid_ros.core.capture.known_momentum import Capture
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.published_inertia import Debris, DebrisPublication, InertiaPublication
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.messages import stamps_of
+from mbaid_ros.messages.fields import stamps_of
 from mbaid_ros.outgoing import Frames, MessageTypes, debris_message, estimate_message, inertia_message
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.results import Arrivals, History, LastPose, Run, TopicStatistics
 from mbaid_ros.session.explanation import intake_warnings, missing_joints
-from mbaid_ros.session.posterior import as_numbers
 from mbaid_ros.session.session import Session
 
 BAG_TYPES = MessageTypes(find=message_class, flags=np.asarray)  # of messages made without a graph
@@ -127,7 +126,7 @@ def replay_bag(
         topics = intake.statistics(bag)
         survey = session.model_summary()
         warnings = (*bag.warnings, *intake.warnings, *survey.warnings, *intake_warnings(session))
-    knowledge = session.posterior()
+    posterior = session.posterior()
     final = history.last or Estimate(method=config.method, status='waiting')
     return Run(
         bag=path,
@@ -146,16 +145,16 @@ def replay_bag(
         debris=robot.debris(history.last) if history.last else None,
         phase=robot.phase,
         capture=robot.captured(history.last) if history.last else None,
-        state=None if knowledge is None else as_numbers(knowledge),
-        advice='' if knowledge is None or final.contradicted else _advice(config, knowledge),
+        posterior=posterior,
+        advice='' if posterior is None or final.contradicted else _advice(config, posterior),
     )
 
 
-def _advice(config: EstimatorConfig, knowledge: Posterior) -> str:
+def _advice(config: EstimatorConfig, posterior: Posterior) -> str:
     """Return the motion that would help most."""
     from mbaid_ros.session.planning import advice  # noqa: PLC0415 - takes a while, and many a run ends without it
 
-    return advice(config, knowledge)
+    return advice(config, posterior)
 
 
 class _Intake:

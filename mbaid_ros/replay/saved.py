@@ -164,7 +164,7 @@ def _from_json_file(path: str, result: int, *, alone: bool) -> Identified:
         if body is None:
             raise DataError(f"'{path}' holds no captured body alone; {_DEBRIS_NEEDS}")
         covariance = _covariance(body.get('covariance'), body.get('std'))
-        link = str(body['frame']['name'] if alone else body['target_link'])
+        link = str(chosen['target_link'])
         parameters = _ten(body if alone else body['estimate'])
         warnings = tuple(map(str, chosen.get('warnings', ())))
         return Identified(link, str(chosen['status']), parameters, covariance, warnings)

@@ -111,30 +111,33 @@ def _plan_parser() -> ArgumentParser:
         'plan',
         'Plan the joint motion that reduces the uncertainty of a run most, or the shortest one that reaches a wanted\n'
         'precision, within the limits of the joints (URDF) and of the base.\n'
-        'Nothing is moved. The parameters plan.* hold the wanted precision and the limits: relative_std, duration,\n'
+        'It moves nothing. The parameters plan.* hold the wanted precision and the limits: relative_std, duration,\n'
         'joint_velocity, joint_acceleration, base_rotation, base_translation, base_rate, clearance, stuck, ...\n'
         'Ctrl-C takes the best motion so far.\n'
         'Exit code: 0 the motion reaches the precision, 2 bad input, 3 no motion within the limits does: the best is\n'
         'written, 4 the data of the run contradict the model.',
-        'ros2 run mbaid_ros plan result.json --model robot.urdf -p plan.base_rotation:=0.035 --yaml motion.yaml\n'
-        '  with result.json of: replay run1 --model robot.urdf --params estimator.yaml --json result.json',
+        'ros2 run mbaid_ros plan run1 --model robot.urdf --params estimator.yaml -p plan.base_rotation:=0.035 '
+        '--yaml motion.yaml',
     )
     add = parser.add_argument
-    add('start', metavar='RESULT', help='the run to continue: a result of replay --json, or its bag')
+    add(
+        'bag', metavar='BAG', help='the run to continue: rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file'
+    )
+    _add_slice(parser)
     _add_model(parser)
-    _add_parameters(parser, "the estimator node's parameter file (default: the parameters of RESULT)")
-    _add_topics(parser)  # of a bag
+    _add_parameters(parser, "the estimator node's parameter file")
+    _add_topics(parser)
     add('--yaml', metavar='FILE', help='write the motion for ros2 topic pub and simulate --trajectory')
     add('--output', metavar='BAG', help='write the motion as a message into a new bag')
-    _add_results(parser, 'the plan')
+    _add_json(parser, 'the plan')
     return parser
 
 
 def _calibrate_parser() -> ArgumentParser:
     parser = ArgumentParser(
         'calibrate',
-        'Identify any set of bodies of a free-floating robot from recorded motions, before it captures anything. The\n'
-        'values in the URDF are its start; the parameters prior.* declare how well they are known.\n'
+        'Calibrate bodies, joints and odometry mount of a free-floating robot from motions with an empty hand. The\n'
+        'URDF is the start; the parameters prior.* declare how well its values are known.\n'
         'Exit code: 0 calibrated, 2 bad input, 3 data and prior do not determine the bodies, 4 the data contradict\n'
         'the model: no --output is written.',
         'ros2 run mbaid_ros calibrate before --model robot.urdf --params calibrate.yaml --output calibrated.urdf',
@@ -142,7 +145,11 @@ def _calibrate_parser() -> ArgumentParser:
     add = parser.add_argument
     _add_model(parser, 'the robot description, with the CAD values')
     add('--unknown', nargs='+', metavar='LINK', help='links to calibrate (default: every link with an <inertial>)')
-    add('--params', metavar='YAML', help="parameter file with a section for 'calibrate': prior.*, and the estimator's")
+    add(
+        '--params',
+        metavar='YAML',
+        help="parameter file with a section 'calibrate': prior.* and parameters of the estimator",
+    )
     _add_bags(parser)
     _add_topics(parser)
     _add_results(parser, 'the result with its covariance')
@@ -185,9 +192,9 @@ def _export_parser() -> ArgumentParser:
     add('--model', metavar='URDF', help='the robot description, for the format urdf and for --fill')
     add('--result', type=_whole(1), default=1, metavar='N', help='number of a result in a JSON of several (default: 1)')
     add('--topic', default='', metavar='TOPIC', help='topic of the estimates, if a bag has several estimators')
-    add('--debris', action='store_true', help='write the captured body alone (a run with debris.report: true has it)')
+    add('--debris', action='store_true', help='write the captured body alone (from a run with debris.report: true)')
     add('--principal', action='store_true', help='write the inertia in its principal axes')
-    add('--equivalent', choices=('box', 'ellipsoid'), help='add the uniform body of the same inertia')
+    add('--equivalent', choices=('box', 'ellipsoid'), help='add a uniform body with the same inertia')
     add('--fill', action='store_true', help='take undetermined numbers from the link in --model')
     return parser
 
@@ -195,9 +202,9 @@ def _export_parser() -> ArgumentParser:
 def _noise_parser() -> ArgumentParser:
     parser = ArgumentParser(
         'noise_at_rest',
-        "Print the sensors' noise as a parameter file, from a bag recorded with the joints braked, the base drifting\n"
-        'freely: the standard deviation of each channel about a cubic in time, of the noisiest axis or joint. If\n'
-        'joints move, the longest part of the bag at rest counts, with a warning.\n'
+        'Measure the noise of the sensors in a bag recorded with braked joints and a drifting base, and print it as a\n'
+        'parameter file. Each value is the standard deviation about a cubic in time, of the noisiest axis or joint.\n'
+        'If joints move, the longest part at rest is used, with a warning.\n'
         'Exit code: 0 printed, 2 bad input, or joints that rest for less than five seconds.',
         'ros2 run mbaid_ros noise_at_rest rest_run > noise.yaml',
     )
@@ -219,8 +226,12 @@ def _add_parameters(parser: ArgumentParser, words: str) -> None:
     add('-p', dest='assignments', action='append', default=[], metavar='NAME:=VALUE', help='set one parameter')
 
 
-def _add_results(parser: ArgumentParser, words: str = 'the result') -> None:
+def _add_json(parser: ArgumentParser, words: str) -> None:
     parser.add_argument('--json', metavar='FILE', help=f'write {words} as JSON; - for standard output')
+
+
+def _add_results(parser: ArgumentParser, words: str = 'the result') -> None:
+    _add_json(parser, words)
     parser.add_argument('--report', metavar='HTML', help='write a report')
 
 
@@ -251,7 +262,7 @@ def _add_topics(parser: ArgumentParser) -> None:
         '--pose',
         default='',
         metavar='TOPIC',
-        help='or poses: PoseStamped, PoseWithCovarianceStamped, TransformStamped, or TFMessage with '
+        help='poses in place of Odometry: PoseStamped, PoseWithCovarianceStamped, TransformStamped, or TFMessage with '
         'pose.tf_child_frame (default: /pose, if there is no /odom)',
     )
     stored = 'momentum of wheels or gyros, Vector3Stamped (default: /stored_momentum, if recorded)'

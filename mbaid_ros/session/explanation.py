@@ -11,9 +11,9 @@ from mbaid_ros.core.sensors.joints import PARTNER_GAP
 from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, JOINTS_HELD, OUTLIER, REPEATED_POSE
 from mbaid_ros.core.sensors.streams import LATE, OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.sensors.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
-from mbaid_ros.messages import (
+from mbaid_ros.messages.imu import IMU_FRAME
+from mbaid_ros.messages.poses import (
     BAD_QUATERNION,
-    IMU_FRAME,
     JOINT_MISSING,
     LOST_TRACKING,
     NOT_FINITE,
@@ -79,9 +79,7 @@ def intake_warnings(session: Session) -> list[str]:
 def obstacles(session: Session) -> list[str]:
     """Return the reasons that keep received messages from becoming samples."""
     received, intake, newest = session.received, session.intake, session.queue.newest
-    found = [session.problem] if session.problem else []
-    if _never_held(session):
-        found.append(f'{JOINT_MISSING}: {_lacking(session)}')
+    found = [f'{JOINT_MISSING}: {_lacking(session)}'] if _never_held(session) else []
     for topic, reader in ((JOINTS, intake.joint_reader), (ODOMETRY, intake.odometry_reader)):
         for field, count in reader.not_finite.items():
             if 2 * count > received[topic]:

@@ -1,35 +1,24 @@
-"""From parameters to the method of identification: with a capture before it, and a calibration before that."""
+"""From parameters to the method of identification, with a capture before it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable
 from typing import Literal, cast
 
-from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
-from mbaid_ros.calibration.result import Calibration
-from mbaid_ros.calibration.unknowns import LinkPrior, make_prior
-from mbaid_ros.config.capture import SelfCalibrationConfig
 from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
 from mbaid_ros.core.capture.estimator import CaptureEstimator
-from mbaid_ros.core.capture.handover import Calibrate, Chaser, Handover
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
-from mbaid_ros.core.errors import DataError, ParameterError, listing
+from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
-from mbaid_ros.core.robot.model import Link, RobotModel
-from mbaid_ros.core.robot.model_errors import calibrated, displaced
-from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
 from mbaid_ros.core.trajectory.target_runs import TrajectorySettings
 from mbaid_ros.core.two_stage import TwoStageEstimator
 from mbaid_ros.core.unknowns.bodies import KnownTarget
-from mbaid_ros.core.unknowns.catalogue import catalogue, underestimated_text
-from mbaid_ros.session.posterior import KnownRobot, declared_errors, nominal_model
-from mbaid_ros.session.settings import declared_uncertainty
+from mbaid_ros.core.unknowns.catalogue import catalogue
+from mbaid_ros.session.known_robot import KnownRobot, declared_errors, nominal_model
 
 START_WINDOWS = 10  # before the first estimate of trajectory: 5 s of motion, from which a batch start converges
 _RELINEARISED_WINDOWS = 120  # at most, before the linearisation of trajectory freezes: bounds the time of an update
@@ -185,138 +174,25 @@ def _check_imu(config: EstimatorConfig) -> None:
             raise ParameterError(f"parameter 'imu.alone' is true, and {problem}")
 
 
-# A capture during the run, and the calibration at it
-
-# Where the priors of bodies are declared for a calibration at the capture; the others are those of any run.
-_DECLARED = {
-    'link': 'calibration.mass_relative_std, .com_std, .inertia_relative_std',
-    'mass': 'calibration.mass_relative_std',
-}
-
-
 def make_capture(
-    config: EstimatorConfig, kernel: MomentumKernel, known: KnownRobot | None, make: Callable[..., Estimator]
+    config: EstimatorConfig, kernel: MomentumKernel, make: Callable[[], Estimator]
 ) -> CaptureEstimator | None:
     """Return the estimator of a run that begins before the capture, None of any other run.
 
-    Raises ModelError, ParameterError: A calibration is asked for, and its parameters cannot be used.
-
     Parameters
     ----------
-    kernel : of the robot before the capture
-    known : nominal model with its uncertainty; None for the one that the parameters declare
-    make : makes the method after the capture, of a kernel and a nominal model
+    kernel : of the robot
+    make : makes the method after the capture
     """
-    calibrate_robot = _self_calibration(config, kernel, make)
     if config.capture.phase == 'post_capture' and config.capture.time == 0.0:
-        if calibrate_robot is not None:
-            raise ParameterError(
-                "parameter 'calibration.enabled' is true in a run that begins after the capture; accepted: with "
-                'capture.phase: pre_capture or a capture.time'
-            )
         return None
     capture = CaptureEstimator(
         kernel,
-        make(kernel, known),
+        make,
         config.noise.declared,
         config.capture.margin,
         config.convergence.largest_residual,
         detect=config.capture.detect,
-        calibrate=calibrate_robot,
-        again=partial(make, kernel, known),
     )
     capture.time = config.capture.time or None
     return capture
-
-
-def _self_calibration(
-    config: EstimatorConfig, kernel: MomentumKernel, make: Callable[..., Estimator]
-) -> Calibrate | None:
-    """Return the function that calibrates the robot from the windows before its capture, None if not enabled."""
-    if not config.calibration.enabled:
-        return None
-    known = config.known_links
-    declared = 'calibration' if known.calibration else next(iter(known.links), '')
-    if declared:
-        raise ParameterError(
-            f"parameter 'known_links.{declared}' is given; with 'calibration.enabled', which estimates all "
-            'links, none is accepted'
-        )
-    model, target = kernel.model, kernel.target
-    # The target link comes first: the filter has it unknown after the capture.
-    massive = [link for link in model.links if link.parameters[0] > 0.0 and link.name != target.name]
-    links = [target, *massive]
-    robot = MomentumKernel(model, *(link.name for link in links)).storing(kernel.storage).swinging(kernel.springs)
-    settings = CalibrationSettings(
-        noise=config.noise.declared,
-        priors=_link_priors(config.calibration, links),
-        uncertainty=declared_uncertainty(config, model),
-        window=config.window,
-        gyro=config.imu.noise_density,
-    )
-    make_prior(robot, settings.priors)  # refuses wrong parameters now, not at the capture
-
-    def calibrate_before(windows: list[Samples]) -> Handover:
-        found = calibrate(robot, [windows], settings)
-        if not found.settled:
-            raise DataError('the data before it lead to no convergent solution; accepted: a URDF nearer to the robot')
-        if found.determined == 0:
-            raise DataError('the data before it add nothing to the URDF; accepted: a run in which all joints move')
-        after = MomentumKernel(_calibrated_model(model, found), target.name).storing(kernel.storage)
-        after = after.swinging(kernel.springs)
-        after = after.with_uncertainty(calibrated(links, found.covariance, [target.name]))
-        # From now on the target link may be anything; the rest keeps its posterior, correlations included.
-        before = kernel.with_uncertainty(found.prior.errors(1))
-        known = KnownRobot(before, replace(settings.uncertainty, carried=found.carried))
-        return Handover(
-            kernel=after,
-            after=make(after, known),
-            again=partial(make, after, known),
-            chaser=Chaser(found.momentum[0], found.momentum_covariance[0], found.residual, found.samples),
-            link_covariance=found.covariance[:10, :10] if target.parameters[0] > 0.0 else None,
-            calibration=_summary(found),
-        )
-
-    return calibrate_before
-
-
-def _calibrated_model(model: RobotModel, found: Calibration) -> RobotModel:
-    """Return the robot with the bodies and joint frames of a calibration."""
-    values = dict(zip((link.name for link in found.prior.links), found.theta.reshape(-1, 10), strict=True))
-    links = (
-        replace(link, parameters=values[link.name]) if link.name in values and link.parameters[0] > 0.0 else link
-        for link in model.links
-    )
-    return displaced(replace(model, links=tuple(links)), *found.displacements)
-
-
-def _link_priors(config: SelfCalibrationConfig, links: Sequence[Link]) -> tuple[LinkPrior, ...]:
-    if len(config.weighed_links) != len(config.weighed_stds):
-        raise ParameterError(
-            f"parameter 'calibration.weighed_stds' has {len(config.weighed_stds)} numbers; accepted: "
-            f"{len(config.weighed_links)}, one for each of 'calibration.weighed_links'"
-        )
-    weighed = dict(zip(config.weighed_links, config.weighed_stds, strict=True))
-    names = [link.name for link in links if link.parameters[0] > 0.0]
-    foreign = [name for name in weighed if name not in names]
-    if foreign:
-        raise ParameterError(
-            f"parameter 'calibration.weighed_links' has '{foreign[0][:60]}'; accepted: links with an <inertial>: "
-            f'{listing(names)}'
-        )
-    return tuple(
-        LinkPrior(weighed.get(link.name, config.mass_relative_std), config.com_std, config.inertia_relative_std)
-        if link.parameters[0] > 0.0
-        else LinkPrior(0.0, 0.0, 0.0, empty=True)
-        for link in links
-    )
-
-
-def _summary(found: Calibration) -> str:
-    bodies = sum(not std.empty for std in found.prior.stds)
-    further_off = ''.join('; ' + underestimated_text(kind, size, _DECLARED) for kind, size in found.further_off)
-    return (
-        f'{bodies} bodies calibrated from the {found.span:.3g} s before the capture: '
-        f'they improve {found.determined} combinations over the URDF, total mass known to '
-        f'{100.0 * found.scale.relative_std:.2g} %, residual {found.residual:.2f}{further_off}'
-    )

@@ -20,36 +20,28 @@ from mbaid_ros.core.sensors.external_momentum import StoredMomentum
 from mbaid_ros.core.sensors.gyro import DeadReckoning, Gyro
 from mbaid_ros.core.sensors.joints import JointMerge
 from mbaid_ros.core.sensors.streams import OTHER_CLOCK, Gate, Reorder
-from mbaid_ros.messages import (
-    ImuReader,
-    JointReader,
-    OdometryReader,
-    PoseReader,
-    Source,
-    source_of,
-    stamps_of,
-)
+from mbaid_ros.messages.fields import stamps_of
+from mbaid_ros.messages.imu import ImuReader
+from mbaid_ros.messages.joints import JointReader
+from mbaid_ros.messages.odometry import OdometryReader
+from mbaid_ros.messages.poses import PoseReader, Source, source_of
 from mbaid_ros.session.robot import Robot
 from mbaid_ros.session.settings import imu_link, imu_reader
 
 JOINTS, ODOMETRY, IMU = 'joint_states', 'odom', 'imu'
 
 TIME_JUMP = 1.0  # s between consecutive stamps of a topic: no sensor pauses and resumes in its own past
-STOPPED = 'after the stop by a jump of the stamps'
 OTHER_SOURCE = 'the pose of the base comes from another source'
 
 
 class MessageQueue:
-    """Collects the messages of all topics, each in the order of arrival, until `problem` is set."""
+    """Collects the messages of all topics, each in the order of arrival."""
 
-    def __init__(self, topics: Collection[str], config: EstimatorConfig) -> None:
+    def __init__(self, topics: Collection[str]) -> None:
         self._threshold = round(TIME_JUMP * 1e9)
-        self._stops = config.time_jump == 'error'
-        ignore = config.time_jump == 'ignore'
-        self._gates = {name: Gate(self._threshold, ignore_jumps=ignore) for name in topics}
+        self._gates = {name: Gate(self._threshold) for name in topics}
         self._epoch = 0
         self._dropped: Counter[str] = Counter()
-        self.problem = ''
 
     @property
     def dropped(self) -> Counter[str]:
@@ -74,12 +66,12 @@ class MessageQueue:
     def add(self, name: str, stamp: int, message: Any) -> str | None:
         """Add a message; where it confirms that stamps jumped back, return the reason to start again.
 
-        The reason is empty if another topic jumped first, or the queue has stopped. Messages from before the jump wait;
+        The reason is empty if another topic jumped first. Messages from before the jump wait;
         `confirm_jump` adds those from after it.
         """
         gate = self._gates[name]
         behind = gate.epoch != self._epoch
-        if (behind or self.problem) and not self._takes(stamp):
+        if behind and not self._takes(stamp):
             return None
         jump = gate.take(stamp, message)
         if jump:
@@ -96,7 +88,7 @@ class MessageQueue:
         """Add messages of all topics (lists or packets, as they came) if all stamps are regular; else return False."""
         stamps = {name: stamps_of(part) for name, part in messages.items()}
         gates = self._gates.items()
-        if self.problem or not all(gate.epoch == self._epoch and gate.passes(stamps[name]) for name, gate in gates):
+        if not all(gate.epoch == self._epoch and gate.passes(stamps[name]) for name, gate in gates):
             return False
         for name, gate in gates:
             part = messages[name]
@@ -109,9 +101,6 @@ class MessageQueue:
 
     def _takes(self, stamp: int) -> bool:
         """Return whether to take a message of a topic that has not jumped back with another one."""
-        if self.problem:
-            self._dropped[STOPPED] += 1
-            return False
         jumped = [gate.newest for gate in self._gates.values() if gate.epoch == self._epoch and gate.newest is not None]
         if jumped and stamp > max(jumped) + self._threshold:
             self._dropped[OTHER_CLOCK] += 1
@@ -121,13 +110,10 @@ class MessageQueue:
     def _jumped(self, name: str, amount: int) -> str:
         """Return why to start again; the second topic to jump back only follows the first."""
         gate = self._gates[name]
-        text = f'stamps on {name} jumped back by {amount * 1e-9:.6g} s (a bag or simulation started again, a clock set)'
-        if self._stops:
-            self.problem = f'{text}; stopped by time_jump: error'
-        elif gate.epoch > self._epoch:
-            self._epoch = gate.epoch
-            return text
-        return ''
+        if gate.epoch <= self._epoch:
+            return ''
+        self._epoch = gate.epoch
+        return f'stamps on {name} jumped back by {amount * 1e-9:.6g} s (a bag or simulation started again, a clock set)'
 
 
 class BaseSource:
@@ -208,7 +194,7 @@ class Intake:
         self.imu_reader: ImuReader = imu_reader(config, robot.model)
         self.stored_momentum = StoredMomentum(robot.model, config.wheels.momentum_frame)
         self.alone = config.imu.alone
-        limit, beside = round(config.reorder_time * 1e9), robot.described.storage.count
+        limit, beside = round(config.reorder_time * 1e9), robot.kernel.storage.count
         turning = ~np.array(robot.model.prismatic, dtype=bool)[robot.model.transmission.independent]
         turning = np.append(turning, np.zeros(beside, dtype=bool))
         self.merge = JointMerge(

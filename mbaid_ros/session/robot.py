@@ -12,20 +12,18 @@ import numpy as np
 from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.capture.estimator import CaptureEstimator
-from mbaid_ros.core.capture.handover import Capture
+from mbaid_ros.core.capture.known_momentum import Capture
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import CapturePhase, Estimate
 from mbaid_ros.core.results.published_inertia import Debris, debris
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf_document import kept_words
-from mbaid_ros.core.robot.urdf_edit import joints_moved, replace_inertial
 from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.files import require_regular
-from mbaid_ros.session.posterior import nominal_model, with_known_errors
-from mbaid_ros.session.settings import PRINCIPAL, debris_frame, marker_frame, springs, storage
+from mbaid_ros.session.known_robot import nominal_model, with_known_errors
+from mbaid_ros.session.settings import marker_frame, springs, storage
 
 _PACKAGE, _FILE = 'package://', 'file://'
 
@@ -67,7 +65,7 @@ def _path(name: str) -> Path:
 
 
 class Robot:
-    """The robot of a session, before and after a calibration at the capture.
+    """The robot of a session.
 
     Raises ModelError, ParameterError: The robot, the target link or a combination of parameters cannot be used.
 
@@ -77,26 +75,24 @@ class Robot:
 
     Attributes
     ----------
-    model : of the robot description
+    urdf, model : the robot description
     target_link : name of the link whose inertia is identified
-    described : momentum kernel of the robot description
+    kernel : its momentum, with the uncertainty of its bodies
     known : nominal model of a calibration file; None without one
     marker : frame of the odometry on the base, if the parameters place one
     """
 
     def __init__(self, config: EstimatorConfig, urdf: str) -> None:
         self._report_debris = config.debris.report
-        self._in_principal_axes = config.debris.frame == PRINCIPAL
         self.model = load_model(urdf, config.base_link)
-        self._written: tuple[RobotModel, str] = (self.model, urdf)  # the last result of `urdf`
+        self.urdf = urdf
         self.target_link = config.target_link or self.model.last_link
         kernel = MomentumKernel(self.model, self.target_link).storing(storage(config.wheels, self.model))
         kernel = kernel.swinging(springs(config.flexible, self.model))
-        self.described, self._link_covariance = with_known_errors(kernel, config.known_links)
+        self.kernel, self._link_covariance = with_known_errors(kernel, config.known_links)
         # Read once: a run that starts again keeps its calibration.
-        self.known = nominal_model(config, self.described) if config.known_links.calibration else None
+        self.known = nominal_model(config, self.kernel) if config.known_links.calibration else None
         self.marker: AttachedFrame | None = marker_frame(config)
-        self._debris_frame = debris_frame(config.debris.frame, self.model, kernel.target)
         self._capture: CaptureEstimator | None = None
 
     def begin(self, capture: CaptureEstimator | None) -> None:
@@ -104,55 +100,24 @@ class Robot:
         self._capture = capture
 
     @property
-    def kernel(self) -> MomentumKernel:
-        """The momentum kernel as it is known now, with its uncertainty."""
-        return self.described if self._capture is None else self._capture.kernel
-
-    @property
     def readings(self) -> tuple[str, ...]:
         """Names of the readings: independent joints, then stored momenta."""
-        return (*self.model.independent_joints, *self.described.storage.names)
+        return (*self.model.independent_joints, *self.kernel.storage.names)
 
     @property
     def phase(self) -> CapturePhase:
         """Phase of the run relative to the capture."""
         return 'post_capture' if self._capture is None else self._capture.phase
 
-    @property
-    def calibrated(self) -> str:
-        """Summary of the calibration at the capture, in a line; empty without one."""
-        handover = None if self._capture is None else self._capture.handover
-        return '' if handover is None else handover.calibration
-
-    @property
-    def urdf(self) -> str:
-        """The robot description, with the values of the calibration at the capture."""
-        if self._written[0] is not self.kernel.model:
-            model, text = self.kernel.model, self.model.urdf
-            for old, new in zip(self.model.links, model.links, strict=True):
-                if new.parameters is not old.parameters:
-                    text = replace_inertial(text, new.name, physical(new.parameters))
-            text = joints_moved(text, self.model, model)
-            self._written = model, text
-        return self._written[1]
-
     def debris(self, estimate: Estimate) -> Debris | None:
         """Return the captured body alone: the estimate less the URDF's link; None if not wanted or not determined."""
         if not self._report_debris:
             return None
-        handover = None if self._capture is None else self._capture.handover
-        return debris(
-            estimate,
-            self.kernel.target.parameters,
-            self._debris_frame,
-            in_principal_axes=self._in_principal_axes,
-            link_covariance=self._link_covariance if handover is None else handover.link_covariance,
-        )
+        return debris(estimate, self.kernel.target.parameters, self._link_covariance)
 
     def captured(self, estimate: Estimate) -> Capture | None:
         """Return the momenta at the capture, given the latest estimate; None before a capture."""
         if self._capture is None:
             return None
-        target = self.kernel.target
-        alone = debris(estimate, target.parameters, debris_frame('', self.model, target))
+        alone = debris(estimate, self.kernel.target.parameters)
         return self._capture.capture(None if alone is None else alone.parameters)

@@ -18,16 +18,16 @@ from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, Thrust
+from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust
 from mbaid_ros.core.sensors.joint_rates import JointRates
 from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.core.window_checks import WindowChecks
-from mbaid_ros.messages import number_of, stamp_of, vector_of, wrench_of
+from mbaid_ros.messages.fields import number_of, stamp_of, vector_of, wrench_of
+from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact
 from mbaid_ros.session.methods import make_capture, make_estimator, make_reporting, set_thresholds
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
-from mbaid_ros.session.posterior import EXACT_ROBOT, declared_exact
 from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, BaseSource, Intake, MessageQueue, make_gyro
 from mbaid_ros.session.robot import Robot
 from mbaid_ros.session.settings import falling_frame, uncertain_thrusters
@@ -76,7 +76,7 @@ class Session:
     def reset(self) -> None:
         """Forget everything and start again."""
         self._gyro = self.config.imu.noise_density > 0.0
-        self.queue = MessageQueue((JOINTS, ODOMETRY, IMU) if self._gyro else (JOINTS, ODOMETRY), self.config)
+        self.queue = MessageQueue((JOINTS, ODOMETRY, IMU) if self._gyro else (JOINTS, ODOMETRY))
         self.received: Counter[str] = Counter()
         self.base_source = BaseSource(self.config, self.robot)
         self.restarts: list[str] = []
@@ -136,21 +136,17 @@ class Session:
         for noted, text in ((self.thrust.late, LATE_THRUST), (self.thrust.exact, EXACT_THRUST)):
             if noted:
                 self._segment.identifier.note(text)
+        if self.thrust.shared:
+            self.intake.faults.name('thrust', stamp, SHARED_THRUST.format(self.thrust.shared))
 
     def add_stored_momentum(self, message: Any) -> None:
         """Add a Vector3Stamped of the momentum that wheels or gyros store."""
-        if not self.problem:
-            self.intake.stored_momentum.take(*vector_of(message))
+        self.intake.stored_momentum.take(*vector_of(message))
 
     def process(self) -> list[Estimate]:
-        """Process the added messages and return the new estimates; how calls are spread makes no difference to them.
-
-        Raises DataError: The stamps have jumped back, and the parameter time_jump makes this an error.
-        """
+        """Process the added messages and return the new estimates; how calls are spread makes no difference to them."""
         estimates = self._ready + self._work()
         self._ready = []
-        if self.problem and not estimates:
-            raise DataError(self.problem)
         return estimates
 
     def run_slice(self) -> bool:
@@ -198,11 +194,6 @@ class Session:
         return self._segment.closing(self.queue.newest[JOINTS])
 
     @property
-    def problem(self) -> str:
-        """Why it takes no more messages until `reset`; empty while it does."""
-        return self.queue.problem
-
-    @property
     def synchroniser(self) -> Synchroniser:
         """The gates of the readings, and their synchronisation to common stamps."""
         return self._segment.identifier.synchroniser
@@ -231,7 +222,7 @@ class Session:
         stamp = stamp_of(message)
         jumped = self.queue.add(name, stamp, message)
         if jumped is None:
-            return bool(self.problem) or self._segment.is_due(name, stamp, self.queue)
+            return self._segment.is_due(name, stamp, self.queue)
         if jumped:
             self._ready += self._work()
             self._start_again(jumped)
@@ -271,16 +262,17 @@ class _Segment:
         self._left = [round(1e9 * part * config.window) for part in _LEFT]
         self._processed = (-1, 0)  # end of the window last processed in, and how many of the times of `_LEFT` passed
         self.intake = Intake(config, robot)
-        model, described = robot.model, robot.described
-        method = partial(make or partial(make_estimator, judge=self._make_reporting), config)
-        self._capture = make_capture(config, described, robot.known, method)
+        model, described = robot.model, robot.kernel
+        make = make or partial(make_estimator, judge=self._make_reporting)
+        method = partial(make, config, described, robot.known)
+        self._capture = make_capture(config, described, method)
         robot.begin(self._capture)
         self.thrust = Thrust(model, round(config.thrust.hold * 1e9), uncertain_thrusters(config.thrust, model))
         noise, gyro = config.noise, make_gyro(config, model)
         on_base = gyro is not None and gyro.on_base
         checks = WindowChecks(config.twist_frame, HeldBase(described), JointRates(model.joint_names), gyro=on_base)
         self.identifier = Identifier(
-            self._capture or method(described, robot.known),
+            self._capture or method(),
             config.window,
             config.maximum_gap,
             checks,
@@ -371,6 +363,6 @@ class _Segment:
             set_thresholds(reporting, convergence)
 
     def _make_reporting(self, _config: EstimatorConfig, kernel: MomentumKernel) -> Reporting:
-        # The present thresholds: a capture makes its method with the parameters of the segment's begin.
+        # The present thresholds: a capture that is moved makes its method with the parameters of the segment's begin.
         self._reportings.append(make_reporting(self._config, kernel))
         return self._reportings[-1]

@@ -15,7 +15,6 @@ from mbaid_ros.config.flexible import FlexibleConfig
 from mbaid_ros.config.model_errors import KnownJointsConfig, TargetPriorConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import rotation_from_quaternion
-from mbaid_ros.core.results.published_inertia import Frame
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.momentum import Storage
@@ -26,9 +25,7 @@ from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Circle, PushAxes, Pushing
 from mbaid_ros.core.unknowns.sensors import GyroErrors
-from mbaid_ros.messages import ImuReader
-
-PRINCIPAL = 'principal'
+from mbaid_ros.messages.imu import ImuReader
 
 _UNIT = 1e-3  # largest difference of a quaternion parameter from unit length
 _NO_MOMENTUM = 1e-9  # N s
@@ -85,25 +82,6 @@ def imu_reader(config: EstimatorConfig, model: RobotModel) -> ImuReader:
         axes = {config.imu.frame: np.eye(3)}
     orientation_std = config.noise.declared.base_orientation if config.imu.orientation else None
     return ImuReader(axes, config.imu.frame, orientation_std)
-
-
-def debris_frame(name: str, model: RobotModel, target: Link) -> Frame:
-    """Return the frame of the captured body: a link's, the target link's for '', or PRINCIPAL (its name only).
-
-    Raises ParameterError: There is no such link, or it moves against the target link.
-    """
-    if name == PRINCIPAL:
-        return Frame(f'{target.name}_{PRINCIPAL}', np.eye(3), np.zeros(3))
-    fixed = {link.name: link for link in model.links if link.body == target.body}
-    if name and name not in fixed:
-        known = any(link.name == name for link in model.links)
-        problem = f"moves against the target link '{target.name}'" if known else 'is not in the robot description'
-        raise ParameterError(
-            f"parameter 'debris.frame': link '{name}' {problem}; accepted: {listing(fixed)}, or {PRINCIPAL}"
-        )
-    link = fixed[name or target.name]
-    back = target.rotation.T
-    return Frame(link.name, back @ link.rotation, back @ (link.position - target.position))
 
 
 # Environment

@@ -20,7 +20,7 @@ from mbaid_ros.bags.chunks import (
 )
 from mbaid_ros.bags.types import definition
 from mbaid_ros.cdr import JOINT_STATE_TYPE, Packet
-from mbaid_ros.messages import joint_state_shape
+from mbaid_ros.messages.fields import joint_state_shape
 from small_bags import COUNT, everything
 from wire import as_bytes, joint_state
 

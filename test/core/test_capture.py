@@ -37,7 +37,7 @@ def pieces(seed: int | None = 1) -> list[Samples]:
 def make(margin: float = 0.5, method: str = 'difference') -> CaptureEstimator:
     robot = chaser()
     again = partial(estimator, robot, MID, method=method)
-    return CaptureEstimator(robot, again(), MID, margin, 2.0, again=again)
+    return CaptureEstimator(robot, again, MID, margin, 2.0)
 
 
 def told(margin: float = 0.5, method: str = 'difference') -> CaptureEstimator:
@@ -117,7 +117,7 @@ def test_a_capture_told_too_early_can_be_moved(method: str) -> None:
 
 def test_a_capture_is_detected() -> None:
     robot = chaser()
-    run = CaptureEstimator(robot, estimator(robot, MID, method='difference'), MID, 0.5, 2.0, detect=True)
+    run = CaptureEstimator(robot, lambda: estimator(robot, MID, method='difference'), MID, 0.5, 2.0, detect=True)
     last = [run.update([window], 0) for window in pieces()][-1][-1]
     assert run.time == pytest.approx(BEGIN, abs=0.5)
     found, known = run.capture(body(last)), told()
@@ -130,14 +130,14 @@ def test_a_capture_is_detected() -> None:
 
 def test_nothing_is_taken_for_a_capture_that_is_none() -> None:
     robot = chaser()
-    run = CaptureEstimator(robot, estimator(robot, MID, method='difference'), MID, 0.5, 2.0, detect=True)
+    run = CaptureEstimator(robot, lambda: estimator(robot, MID, method='difference'), MID, 0.5, 2.0, detect=True)
     run.update([window for window in pieces(2) if window.time[-1] < BEGIN], 0)
     assert (run.time, run.phase) == (None, 'pre_capture')
 
 
 def test_a_planar_capture_tells_what_a_plane_can() -> None:
     planar = kernel('table1')
-    run = CaptureEstimator(planar, estimator(planar, MID), MID, 0.5, 2.0)
+    run = CaptureEstimator(planar, lambda: estimator(planar, MID), MID, 0.5, 2.0)
     run.time = 3.0
     run.update(windows(observe(configured_motion('table1', 15.0, 50.0), MID, 1)), 0)
     found = some(run.capture(None))
@@ -154,7 +154,7 @@ def test_a_wrong_known_model_is_doubted_before_and_after() -> None:
     change = np.zeros_like(robot.known)
     change[0] = 0.3 * robot.known[0]
     wrong = robot.corrected(change)
-    run = CaptureEstimator(wrong, estimator(wrong, MID), MID, 0.5, 2.0)
+    run = CaptureEstimator(wrong, lambda: estimator(wrong, MID), MID, 0.5, 2.0)
     run.time = BEGIN
     made = run.update(pieces(), 0)
     doubts = [estimate for estimate in made if any('the known model changes' in text for text in estimate.warnings)]

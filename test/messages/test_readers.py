@@ -14,7 +14,8 @@ import pytest
 from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, Packets, packer
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.messages import (
+from mbaid_ros.messages.joints import JointReader
+from mbaid_ros.messages.poses import (
     BAD_QUATERNION,
     LENGTH_MISMATCH,
     NOT_FINITE,
@@ -22,7 +23,6 @@ from mbaid_ros.messages import (
     POSE_COVARIANCE,
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
-    JointReader,
 )
 from mbaid_ros.session.session import Session
 from recorded import joint_state as plain

@@ -18,7 +18,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from graph import PATIENCE, ROOT, Graph
 from mbaid_ros.config.trajectory import as_yaml
-from mbaid_ros.messages import trajectory_of
+from mbaid_ros.messages.joints import trajectory_of
 from mbaid_ros.nodes.subscriptions import LATCHED, qos
 from planned import first_motion
 from simulated import CONFIG

@@ -5,31 +5,26 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from itertools import count
 from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
-import pinocchio
 import pytest
 import yaml
 from geometry_msgs.msg import InertiaStamped
-from rclpy.serialization import serialize_message
-from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from graph import Graph
 from graph import graph as new_graph
 from made_runs import BODY, STD, estimate, planar
-from mbaid_ros.cdr import packer
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion, unvec
-from mbaid_ros.core.robot.model import load_model, parse
-from mbaid_ros.nodes.markers import LinkFrames, markers
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.nodes.markers import markers
 from mbaid_ros.nodes.publishers import Publishers
-from mbaid_ros.nodes.subscriptions import LATCHED, message_class, qos
+from mbaid_ros.nodes.subscriptions import LATCHED, message_class
 from mbaid_ros.outgoing import Frames
-from simulated import CONFIG, robot
+from simulated import CONFIG
 from streams import urdf
 
 
@@ -69,76 +64,13 @@ def test_a_complete_estimate_has_com_region_axes_and_ellipsoid() -> None:
     assert uniform == pytest.approx(tensor, rel=1e-9, abs=1e-9)
 
 
-def joint_state(names: list[str], positions: list[float], nanoseconds: int = 0) -> JointState:
-    message = JointState(name=names, position=positions)
-    message.header.stamp.nanosec = nanoseconds
-    return message
-
-
-@pytest.mark.parametrize('name', ['servicer7', 'table1', 'ets7'])
-def test_link_frames_are_pinocchios(name: str) -> None:
-    model = robot(name)
-    positions = np.random.default_rng(3).uniform(-1.0, 1.0, model.joints)
-    frames = LinkFrames(model).transforms(joint_state(list(model.joint_names), positions.tolist()))
-    assert sorted(frame.child_frame_id for frame in frames) == sorted(link.name for link in model.links[1:])
-    full = parse(model.urdf)
-    data = full.createData()
-    moved = pinocchio.integrate(full, pinocchio.neutral(full), np.concatenate((np.zeros(6), positions)))
-    pinocchio.framesForwardKinematics(full, data, moved)
-    for frame in frames:
-        parent, child = (
-            data.oMf[full.getFrameId(link, pinocchio.FrameType.BODY)]
-            for link in (frame.header.frame_id, frame.child_frame_id)
-        )
-        expected = parent.actInv(child)
-        assert axes(frame.transform.rotation) == pytest.approx(expected.rotation, abs=1e-12)
-        move = frame.transform.translation
-        assert [move.x, move.y, move.z] == pytest.approx(expected.translation, abs=1e-12)
-
-
-@pytest.mark.parametrize(('second', 'nanosecond'), [(7, 5), (-3, 10**9 - 1), (2**31 - 1, 2**32 - 1)])
-def test_frames_are_those_of_the_message_as_object_and_as_bytes(second: int, nanosecond: int) -> None:
-    model = robot('table1')
-    message = joint_state(list(model.joint_names), [0.1, 0.2, 0.3, 0.4])
-    message.velocity = message.effort = [0.0] * 4  # where one is empty, `serialize_message` adds bytes of its own
-    message.header.stamp.sec, message.header.stamp.nanosec = second, nanosecond
-    pack = packer('sensor_msgs/msg/JointState')
-    assert pack is not None
-    expected = LinkFrames(model).transforms(message)
-    assert LinkFrames(model).transforms(pack(serialize_message(message))) == expected
-    stamp = expected[0].header.stamp
-    assert stamp.sec * 10**9 + stamp.nanosec == min(second * 10**9 + nanosecond, 2**31 * 10**9 - 1)
-
-
 @pytest.fixture(scope='module', name='running')
 def running_estimator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
     """Give a graph with an estimator that expects the robot description as a topic."""
     with new_graph(tmp_path_factory.mktemp('display')) as place:
-        place.start('estimator', '--ros-args', '-p', 'publish_tf:=true')
+        place.start('estimator')
         place.publisher('/robot_description', String, LATCHED).publish(String(data=urdf('table1')))
         yield place
-
-
-def test_frames_reach_tf_on_a_live_graph(running: Graph) -> None:
-    tf = pytest.importorskip('tf2_msgs.msg', reason='tf2_msgs is not installed: it comes with ROS 2, not from PyPI')
-    received = running.collect('/tf', tf.TFMessage, qos(100))
-    model = robot('table1')
-    joints = running.publisher('joint_states', JointState, qos(10))
-    stamps = count(0, 1_000_000)
-    sent: dict[int, JointState] = {}
-
-    def heard() -> bool:
-        # The estimator may take joint states before it has found who listens to /tf.
-        stamp = next(stamps)
-        sent[stamp] = joint_state(list(model.joint_names), [0.1, 0.2, 0.3, 0.4], stamp)
-        joints.publish(sent[stamp])
-        return bool(received)
-
-    running.wait(heard, 'the frames of the links')
-    frames = {frame.child_frame_id: frame for frame in received[0].transforms}
-    message = sent[received[0].transforms[0].header.stamp.nanosec]
-    expected = {frame.child_frame_id: frame for frame in LinkFrames(model).transforms(message)}
-    assert frames == expected
 
 
 # -- Every topic and field of the layouts for RViz, Foxglove and PlotJuggler is one that a running estimator has.

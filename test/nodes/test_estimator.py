@@ -174,22 +174,21 @@ def test_the_quality_of_service_follows_parameters_and_publishers(graph: Graph) 
 def test_a_fully_identified_link_and_the_captured_body_alone_are_published(graph: Graph, tmp_path: Path) -> None:
     messages = run('servicer7', 25.0, rate=50.0)
     (tmp_path / 'robot.urdf').write_text(with_bare_link(), encoding='utf-8')
-    parameters = ('debris.report:=true', 'debris.frame:=grasp')
-    start(graph, f'robot_description_file:={tmp_path / "robot.urdf"}', *parameters, robot='servicer7')
+    start(graph, f'robot_description_file:={tmp_path / "robot.urdf"}', 'debris.report:=true', robot='servicer7')
     descriptions = graph.collect('/estimator/robot_description', String)
     bodies = graph.collect('/estimator/debris', InertiaEstimate)
     publish(graph, messages)
     expected = offline(EstimatorConfig(), 'servicer7', messages)[0][-1]
     assert is_complete(expected)
     text = replace_inertial(with_bare_link(), 'link7', expected.parameters)
-    session = Session(build(EstimatorConfig, {'debris.report': True, 'debris.frame': 'grasp'}), with_bare_link())
+    session = Session(build(EstimatorConfig, {'debris.report': True}), with_bare_link())
     alone = session.robot.debris(expected)
     assert alone is not None
     last = bits([debris_message(alone, expected, TYPES, SERVICER7)])
     graph.wait(lambda: descriptions and descriptions[-1].data == text, 'the robot description')
     graph.wait(lambda: bodies and bits(bodies[-1:]) == last, 'the captured body')
     assert load_model(text).link('link7').parameters[0] == pytest.approx(162.0, rel=0.05)
-    assert bodies[-1].header.frame_id == 'grasp'
+    assert bodies[-1].header.frame_id == 'link7'
     assert bodies[-1].inertia.m == pytest.approx(155.0, rel=0.05)
 
 

@@ -172,7 +172,7 @@ def handlers() -> Iterator[None]:
 # -- The policy for SROS2 admits what the nodes do on the graph: no topic or service of theirs is missing in it.
 
 POLICY = CONFIG / 'sros2' / 'mbaid_ros.policy.xml'
-EVERYTHING = ['publish_tf:=true', 'debris.report:=true', 'wheels.momentum_frame:=base_link']
+EVERYTHING = ['debris.report:=true', 'wheels.momentum_frame:=base_link']
 MOVED = [
     f'robot_description_file:={CONFIG / "servicer7.urdf"}',
     'thrust.duration:=1.0',

@@ -17,7 +17,7 @@ from graph import Graph
 from mbaid_ros.cdr import Packet
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.messages import joint_state_shape
+from mbaid_ros.messages.fields import joint_state_shape
 from mbaid_ros.nodes.subscriptions import Subscriptions
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import TimedMessage

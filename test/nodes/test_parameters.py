@@ -156,7 +156,7 @@ def test_what_may_change_is_checked_by_the_same_rules() -> None:
 def test_the_readme_says_which_may_change() -> None:
     changing = {name for name, spec in specifications(EstimatorConfig).items() if not spec.read_only}
     named = specifications(EstimatorConfig)
-    assert changing == {'publish_tf', *(name for name in named if name.startswith(('convergence.', 'plan.')))}
+    assert changing == {name for name in named if name.startswith(('convergence.', 'plan.'))}
 
 
 # -- The estimator as a managed node: what each transition does, on a live graph.

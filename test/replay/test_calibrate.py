@@ -100,7 +100,7 @@ def test_the_json_has_links_covariance_and_what_is_identifiable(result: Any) -> 
     found = result['identifiability']
     assert (found['unknowns'], found['rank'], len(found['base_parameters'])) == (80, 59, 59)
     first = found['base_parameters'][0]
-    assert first['words'] == 'mass of base_link, with all the mass that joint1 carries'
+    assert first['formula'].startswith('base_link.m + link1.m')
     masses = [link['estimate']['mass'] for link in result['links'].values()]
     assert first['value'] == pytest.approx(sum(masses), rel=1e-9)
     assert first['std'] == pytest.approx(result['scale']['relative_std'] * sum(masses), rel=1e-6)

@@ -10,9 +10,9 @@ import pytest
 from scipy.stats import chi2
 
 import recorded
-from captured import BARE, GRASP, alone_in_grasp, capture, sensed, with_bare_link
-from mbaid_ros.core.geometry import rotation_from_quaternion
+from captured import BARE, alone, capture, sensed, with_bare_link
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.replay.start import export, replay
 from simulated import CONFIG
 
@@ -25,22 +25,19 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp('captured')
     (folder / 'robot.urdf').write_text(with_bare_link(), encoding='utf-8')
     parameters = (CONFIG / 'servicer7_estimator.yaml').read_text(encoding='utf-8')
-    (folder / 'estimator.yaml').write_text(f'{parameters}    debris: {{report: true, frame: grasp}}\n')
+    (folder / 'estimator.yaml').write_text(f'{parameters}    debris: {{report: true}}\n')
     outputs = (('--json', 'result.json'), ('--report', 'report.html'), ('--output', 'estimates'))
     arguments = [str(BAG), '--model', str(folder / 'robot.urdf'), '--params', str(folder / 'estimator.yaml')]
     assert replay([*arguments, *(word for option, name in outputs for word in (option, str(folder / name)))]) == 0
     return folder
 
 
-def test_the_body_is_found_in_the_grasp_frame(folder: Path) -> None:
+def test_the_body_is_found(folder: Path) -> None:
     result = json.loads((folder / 'result.json').read_text())
     found = result['debris']
-    assert found['frame']['name'] == 'grasp'
-    assert found['frame']['position'] == pytest.approx(GRASP.position)
-    assert rotation_from_quaternion(np.array(found['frame']['orientation'])) == pytest.approx(GRASP.rotation)
     values = np.array([found['mass'], *found['com'], *found['inertia'].values()])
     covariance = np.array(found['covariance'])
-    error = values - alone_in_grasp()
+    error = values - physical(alone())
     assert float(error @ np.linalg.solve(covariance, error)) < chi2.isf(1e-3, 10)
     assert found['mass'] == pytest.approx(result['estimate']['mass'] - BARE[0])
     std = [found['std']['mass'], *found['std']['com'], *found['std']['inertia'].values()]
@@ -59,28 +56,9 @@ def test_it_is_exported_from_json_and_bag_alike(capsys: pytest.CaptureFixture[st
         for name in ('result.json', 'estimates')
     )
     assert from_json == from_bag
-    assert from_json['target_link'] == 'grasp'
     together = json.loads(exported(capsys, str(folder / 'estimates'), '--format', 'json'))
     assert together['target_link'] == 'link7'
     assert together['mass'] - from_json['mass'] == pytest.approx(BARE[0])
-
-
-@pytest.mark.parametrize(
-    ('frame', 'text'),
-    [
-        ('gras', "link 'gras' is not in the robot description; accepted: link7, grasp, or principal"),
-        ('link5', "link 'link5' moves against the target link 'link7'; accepted: link7, grasp, or principal"),
-    ],
-)
-def test_a_frame_that_cannot_be_is_one_line(
-    capsys: pytest.CaptureFixture[str], folder: Path, tmp_path: Path, frame: str, text: str
-) -> None:
-    parameters = tmp_path / 'estimator.yaml'
-    parameters.write_text(f'estimator: {{ros__parameters: {{debris.frame: {frame}}}}}')
-    assert replay([str(BAG), '--model', str(folder / 'robot.urdf'), '--params', str(parameters)]) == 2
-    error = capsys.readouterr().err
-    assert error.count('\n') == 1
-    assert text in error
 
 
 def test_a_capture_in_a_bag(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

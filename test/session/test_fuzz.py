@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 
 import defects
 from defects import JOINTS, ODOMETRY, Arrival, arrivals, estimates, header
-from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import physical
 from simulated import robot
@@ -179,12 +178,8 @@ def _bits(estimate: Estimate) -> tuple[bytes, ...]:
 
 
 def outcome(messages: list[Arrival], parameters: dict[str, object], at_once: int) -> list[Estimate]:
-    """Return the estimates of a stream; stopping after a jump is one of the parameters' choices."""
-    try:
-        return estimates(ROBOT, messages, parameters, at_once)[0]
-    except DataError as error:
-        assert (parameters['time_jump'], 'jumped back' in str(error)) == ('error', True)  # noqa: PT017
-        return []
+    """Return the estimates of a stream."""
+    return estimates(ROBOT, messages, parameters, at_once)[0]
 
 
 relaxed = settings(
@@ -212,7 +207,6 @@ def test_any_stream_leads_to_finite_numbers(method: str, examples: int, monkeypa
         plans(CHANGES),
         st.fixed_dictionaries(
             {
-                'time_jump': st.sampled_from(['reset', 'reset', 'error', 'ignore']),
                 'twist_frame': st.sampled_from(['child', 'child', 'inertial']),
                 'marker.position': st.sampled_from([[], [0.1, 0.2, 0.3]]),
                 'reorder_time': st.sampled_from([0.05, 0.0]),
@@ -225,8 +219,7 @@ def test_any_stream_leads_to_finite_numbers(method: str, examples: int, monkeypa
         parameters['method'] = method
         whole = outcome(messages, parameters, 1_000_000)
         check(whole)
-        if parameters['time_jump'] != 'error':
-            assert same(whole, outcome(messages, parameters, at_once))
+        assert same(whole, outcome(messages, parameters, at_once))
 
     fuzz()
 

@@ -19,7 +19,7 @@ from mbaid_ros.core.identifier import GYRO_ALONE, ORIENTATION_AND_GYRO
 from mbaid_ros.core.samples import ImuStream
 from mbaid_ros.core.sensors.base import measured_orientation
 from mbaid_ros.core.sensors.gyro import DeadReckoning
-from mbaid_ros.messages import IMU_FRAME, ImuReader
+from mbaid_ros.messages.imu import IMU_FRAME, ImuReader
 from mbaid_ros.replay.start import replay
 from mbaid_ros.session.explanation import obstacles
 from mbaid_ros.session.session import Session

@@ -22,8 +22,8 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.session.known_robot import KnownRobot
 from mbaid_ros.session.methods import make_estimator
-from mbaid_ros.session.posterior import KnownRobot
 from mbaid_ros.session.session import PART, Session
 from simulated import CONFIG
 from streams import run, urdf

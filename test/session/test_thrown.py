@@ -57,7 +57,7 @@ def test_a_tumbling_body_whose_joint_rests_tells_the_ratios_of_its_moments(
     given = ['-p', 'target_link:=base_link', '-p', 'window:=0.02', '-p', 'imu.alone:=true']
     given += ['-p', 'imu.noise_density:=1.0e-4', '-p', 'noise.joint_position:=1.0e-3']
     assert replay([str(tmp_path / 'throw'), '--model', str(tmp_path / 'drawn.urdf'), *given]) == 3
-    assert 'calibrate gives their ratios' in capsys.readouterr().out
+    assert 'calibrate reports them' in capsys.readouterr().out
 
 
 # -- A torque from outside on a thrown body: declared, it is estimated along, in every throw another one.

@@ -8,8 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbaid_ros.core.capture.handover import ENOUGH, Calibrate, Capture, Chaser, Handover, KnownMomentum
-from mbaid_ros.core.errors import MbaidError
+from mbaid_ros.core.capture.known_momentum import ENOUGH, Capture, KnownMomentum
 from mbaid_ros.core.geometry import Array, unvec
 from mbaid_ros.core.identifier import Deferring, Estimator, knowledge_of
 from mbaid_ros.core.results.estimate import CapturePhase, Estimate, determined
@@ -17,13 +16,11 @@ from mbaid_ros.core.results.status import Reason, notes, with_reasons
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.orbit import brought
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.sensors.rates import FEWEST, with_rates
 from mbaid_ros.core.trajectory.posterior import Posterior
 
-BEFORE = 'before the capture: the known model alone is checked, nothing is identified'
+BEFORE = 'before the capture only the known model is checked; nothing is identified'
 _SLACK = 1e-9  # s, by which times of stamps in nanoseconds may differ as numbers
 _REMEMBERED = 200  # estimates, in which an event that is found late has to lie: those before are final
-_CALIBRATED = 600  # windows that a calibration takes: more would add little, and memory stays bounded
 _JUMP = 60.0  # chi-square of six numbers, which chance exceeds once in 1e10 windows
 
 
@@ -32,44 +29,33 @@ class CaptureEstimator:
 
     Parameters
     ----------
-    after : the method
+    make : makes the method; anew where the capture turns out to have been announced too early
     noise : of the sensors
     margin : s, before and after the capture, that is used for neither
     largest_residual : of the known model, from which its momentum does not count as conserved
     detect : take a jump of the momentum that two windows in a row show for the capture
-    calibrate : calibrates the robot's bodies from the latest windows before the capture, or None
-    again : makes the method anew, where the capture may turn out to have been announced too early
 
     Attributes
     ----------
     time : s since the first sample, of the capture; None while there was none
-    kernel : of the robot as it is known now
-    handover : the calibration before the capture, or None
+    kernel : of the robot
     """
 
     def __init__(
         self,
         kernel: MomentumKernel,
-        after: Estimator,
+        make: Callable[[], Estimator],
         noise: SensorNoise,
         margin: float,
         largest_residual: float,
         *,
         detect: bool = False,
-        calibrate: Calibrate | None = None,
-        again: Callable[[], Estimator] | None = None,
     ) -> None:
-        self.method = after.method
-        # A calibration takes poses and velocities for independent: it gets none that are derived from the poses.
-        self.needs_rates = after.needs_rates and calibrate is None
+        self._make, self._after = make, make()
+        self.method = self._after.method
+        self.needs_rates = self._after.needs_rates
         self.time: float | None = None
         self.kernel = kernel
-        self.handover: Handover | None = None
-        self._calibrate = calibrate
-        self._kept: deque[Samples] = deque(maxlen=_CALIBRATED)
-        self._refused = ''  # why there is no calibration
-        self._after = after
-        self._again = again
         self._margin = margin
         self._largest_residual = largest_residual
         self._detect = detect
@@ -104,23 +90,18 @@ class CaptureEstimator:
                 continue
             self._use(self.time - self._margin)
             self._waiting.clear()
-            self._hand_over()
             if self._place is None or not self._found:
                 self._look(window, self.time)
             if window.time[0] > self.time + self._margin - _SLACK:
                 later.append(self._since(window))
-        if self._after.needs_rates:
-            later = [with_rates(window) for window in later if len(window) >= FEWEST or not any(window.missing_rates)]
         found = self._after.update(later, origin) if later else []
         self._found.extend(found)
         doubts = notes(self._doubts())
         return [*made, *(with_reasons(each, doubts) for each in found)]
 
     def move(self, time: float) -> None:
-        """Move the capture to a later time (s) and begin the method anew; ValueError where nothing can make it."""
-        if self._again is None:
-            raise ValueError('a capture without a method to begin again with')
-        self.time, self._after, self._place = time, self._again(), None
+        """Move the capture to a later time (s) and begin the method anew."""
+        self.time, self._after, self._place = time, self._make(), None
         self._found.clear()
 
     def _since(self, window: Samples) -> Samples:
@@ -152,17 +133,16 @@ class CaptureEstimator:
         """
         if self.phase == 'pre_capture' or self.time is None:
             return None
-        chaser, total = self._chaser(), self._total()
-        calibrated = '' if self.handover is None else self.handover.calibration
+        chaser, total = self._known.chaser(), self._total()
         if chaser is None or total is None:
             nothing: Array = np.full(6, np.nan)
-            return Capture(self.time, chaser, nothing, np.full((6, 6), np.nan), nothing[:3], nothing[:3], calibrated)
+            return Capture(self.time, chaser, nothing, np.full((6, 6), np.nan), nothing[:3], nothing[:3])
         momentum, covariance = _known_part(
             total.momentum - total.impulse - chaser.momentum - self._until_then(),
             total.momentum_covariance + chaser.covariance,
         )
         velocity, spin = self._motion(momentum, body)
-        return Capture(self.time, chaser, momentum, covariance, velocity, spin, calibrated)
+        return Capture(self.time, chaser, momentum, covariance, velocity, spin)
 
     def _before(self, window: Samples, origin: int) -> Estimate:
         self._waiting.append(window)
@@ -204,37 +184,17 @@ class CaptureEstimator:
         while self._waiting and self._waiting[0].time[-1] < end - _SLACK:
             window = self._waiting.popleft()
             self._known.add(window)
-            if self._calibrate is not None:
-                self._kept.append(window)
-
-    def _hand_over(self) -> None:
-        """Calibrate the robot with all that came before the capture, once."""
-        calibrate, self._calibrate = self._calibrate, None
-        if calibrate is None:
-            return
-        try:
-            self.handover = calibrate(list(self._kept))
-        except MbaidError as error:
-            self._refused = f'not calibrated before the capture: {error}'
-        else:
-            self.kernel, self._after = self.handover.kernel, self.handover.after
-            self._again = self.handover.again
-        self._kept.clear()
-
-    def _chaser(self) -> Chaser | None:
-        return self._known.chaser() if self.handover is None else self.handover.chaser
 
     def _doubts(self) -> tuple[str, ...]:
         """Return why the known model is not to be trusted."""
-        refused = (self._refused,) if self._refused else ()
-        chaser = self._chaser()
+        chaser = self._known.chaser()
         if chaser is None or self._known.redundancy <= ENOUGH or not chaser.residual > self._largest_residual:
-            return refused
+            return ()
         doubt = (
             f'before the capture the momentum of the known model changes {chaser.residual:.1f} times as much as the '
-            'noise parameters explain: the model, the frames or the noise values are wrong, or something pushes'
+            'noise parameters explain: the model, the frames or the noise values are wrong, or an external force acts'
         )
-        return (*refused, doubt)
+        return (doubt,)
 
     def _total(self) -> Estimate | None:
         """Return the last estimate whose momentum nothing but the capture has changed."""

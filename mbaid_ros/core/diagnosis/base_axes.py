@@ -74,8 +74,8 @@ def _axes() -> Iterator[tuple[str, partial[Knots]]]:
             angle = float(np.linalg.norm(vector))
             about = ', '.join(f'{each:.2g}' for each in np.round(vector / angle, 2) + 0.0)
             text = (
-                f'the frame that the odometry locates is turned by {np.degrees(angle):.0f} degrees about ({about}) '
-                'against the base link: declare it by the marker parameters, or turn it back'
+                f'the frame of the odometry is turned by {np.degrees(angle):.0f} degrees about ({about}) relative to '
+                'the base link: declare it by marker.orientation, or turn it back'
             )
             yield text, partial(_turned, turn=axes)
         names = ', '.join('-' * int(row.sum() < 0.0) + 'xyz'[int(np.argmax(np.abs(row)))] for row in axes.T)

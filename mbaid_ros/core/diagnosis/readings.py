@@ -95,7 +95,7 @@ def _stopped(windows: Sequence[Window], still: Flags, joint: str) -> SpoiltReadi
     stretches = [[place for place, _ in group] for stands, group in groups if stands]
     times = [f'{windows[each[0]].start:.1f} to {windows[each[-1]].start + windows[0].length:.1f}' for each in stretches]
     listed = ', '.join(times[:_LISTED]) + (' and more' if len(times) > _LISTED else '')
-    text = f'the reading of {joint} stands still from {listed} s: look at its encoder or driver'
+    text = f'the reading of {joint} repeats from {listed} s: check its encoder or driver'
     return SpoiltReading(text, without(windows, still))  # the windows beside them may have a part of it
 
 
@@ -128,8 +128,8 @@ def loose_joint_text(joint: str, windows: Sequence[Window], times: float) -> str
     """Return the cause that a joint's load swings against its encoder, with that many times the declared noise."""
     size = 1e3 * swing_size(windows, times)
     return (
-        f'{joint} is flexible or has play: its load swings against its encoder by about {size:.1g} mrad '
-        '(mm), as a spring does or a loose encoder'
+        f'{joint} is flexible or has play: its load swings by about {size:.1g} mrad (mm) relative to its encoder; '
+        'check both'
     )
 
 
@@ -157,7 +157,7 @@ def noisier_poses(windows: Sequence[Window], innovations: Innovations) -> tuple[
         )
         for window in windows
     ]
-    return f'{", ".join(large)}, or poses are stamped early or late by turns', noisier
+    return f'{", ".join(large)}, or the stamps of the poses are early and late in turn', noisier
 
 
 CHANNELS = ('base_orientation', 'base_position', 'base_angular_velocity', 'base_linear_velocity', 'joint_position')

@@ -267,7 +267,7 @@ class DifferenceEstimator:
             return replace(estimate, events=events)
         worst = int(np.argmax(shares[1:]))
         warning = (
-            f"{100.0 * shares[0]:.0f} % of the variance is due to the robot's model being uncertain, "
+            f'{100.0 * shares[0]:.0f} % of the variance is due to the uncertainty of the robot model, '
             f'{100.0 * shares[1 + worst]:.0f} % to {self._considered.labels[worst]} alone'
         )
         return replace(with_reasons(estimate, notes([warning])), events=events)

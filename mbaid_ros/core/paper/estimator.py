@@ -69,7 +69,7 @@ class RecursiveLeastSquares:
 # holds back by a second values that are right to 1 % already.
 _REMAINING = 0.02
 _SETTLED_WINDOWS = 10  # whose estimates have to agree for a run to be converged
-THRUST = 'thrust was commanded, which the methods of the paper do not account for: difference and trajectory do'
+THRUST = 'the methods of the paper ignore the commanded thrust: use method trajectory or difference'
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,9 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.momentum import (
     physical,
     physical_jacobian,
-    principal,
     standard,
 )
 
@@ -21,19 +19,9 @@ _MASS_MAY_VANISH = 0.5
 
 
 @dataclass(frozen=True)
-class Frame:
-    """A frame fixed to the target link: its name, axes (3, 3) and origin (3,) m in that link's frame."""
-
-    name: str
-    rotation: Array
-    position: Array
-
-
-@dataclass(frozen=True)
 class Debris:
-    """The captured body: mass, CoM and inertia about it (10,), with covariance, in a frame that counts as known."""
+    """The captured body: mass, CoM and inertia about it (10,), with covariance, in the target link's frame."""
 
-    frame: Frame
     parameters: Array
     covariance: Array
 
@@ -43,14 +31,7 @@ class Debris:
         return np.sqrt(np.diag(self.covariance))
 
 
-def debris(
-    estimate: Estimate,
-    link: Array,
-    frame: Frame,
-    *,
-    in_principal_axes: bool = False,
-    link_covariance: Array | None = None,
-) -> Debris | None:
+def debris(estimate: Estimate, link: Array, link_covariance: Array | None = None) -> Debris | None:
     """Return the captured body, None where not all ten parameters are determined or its mass may be zero.
 
     Standard parameters add up, so those of the link are subtracted, and the covariances of both added.
@@ -59,8 +40,6 @@ def debris(
     ----------
     estimate : of link and captured body together
     link : (10,) standard parameters (m, h, I_o) of the link itself
-    frame : to give it in
-    in_principal_axes : in the body's own principal axes through its centre of mass, instead; the frame gives the name
     link_covariance : (10, 10) of the link's parameters; known exactly where not given
     """
     if not np.all(estimate.identifiable) or not np.all(np.isfinite(estimate.covariance)):
@@ -69,26 +48,15 @@ def debris(
     alone = together - link
     if alone[0] <= 0.0:
         return None
-    if in_principal_axes:
-        own = physical(alone)
-        frame = Frame(frame.name, principal(own).axes, own[1:4])
-    to_frame = _change(frame)
-    seen = to_frame @ alone
     # Covariance of (m, h, I_o) from that of (m, r_c, I_c), then on to the captured body's own (m, r_c, I_c).
-    onward = physical_jacobian(seen) @ to_frame
+    onward = physical_jacobian(alone)
     change = np.linalg.solve(physical_jacobian(together).T, onward.T).T
     covariance = change @ estimate.covariance @ change.T
     if link_covariance is not None:
         covariance = covariance + onward @ link_covariance @ onward.T
     if covariance[0, 0] > (_MASS_MAY_VANISH * alone[0]) ** 2:
         return None
-    return Debris(frame, physical(seen), covariance)
-
-
-def _change(frame: Frame) -> Array:
-    """Return the (10, 10) matrix that takes standard parameters from the target link's frame to another."""
-    back = frame.rotation.T
-    return express(np.eye(10), back, -back @ frame.position).T
+    return Debris(physical(alone), covariance)
 
 
 def is_usable(estimate: Estimate) -> bool:

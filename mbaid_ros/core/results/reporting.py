@@ -176,7 +176,7 @@ class Reporting:
         """Yield the findings of a solution by itself; contradictions count only if parameters are known."""
         serious: Severity = 'contradiction' if identifiable.any() else 'note'
         if solution.plane is not None:
-            yield Reason('planar motion: only mass, CoM in the plane and moment about its normal can be found')
+            yield Reason('planar motion: only mass, CoM in the plane and moment about its normal are observable')
         elif not identifiable.all():
             yield Reason(f'not determined by the data: {_names(~identifiable)}')
         if not linear.all() and identifiable.any():

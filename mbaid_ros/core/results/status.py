@@ -142,12 +142,12 @@ def judge(evidence: Evidence) -> Verdict:
         reasons.append('the noise of a sensor is not as declared')
     if evidence.unconfirmed:
         times = ', '.join(f'{time:.1f}' for time in evidence.unconfirmed)
-        reasons.append(f'the momentum seems to jump at {times} s: the next windows decide whether something pushed')
+        reasons.append(f'the momentum seems to jump at {times} s: the next windows show whether it was an impulse')
     if not evidence.physical:
         reasons.append(f'{evidence.hypothesis}: a random walk fits any data, so do not trust the numbers')
     what, gain = evidence.instead
     if evidence.hypothesis and evidence.physical and gain > evidence.gain:
-        reasons.append(f'{evidence.hypothesis}, or {what} is declared too precisely: so far either explains the data')
+        reasons.append(f'{evidence.hypothesis}, or {what} is declared too precisely: so far the data agree with either')
     correlated = (innovations.correlation > _LARGEST_CORRELATION) & (
         innovations.correlation_significance > _SIGNIFICANT
     )
@@ -155,7 +155,7 @@ def judge(evidence: Evidence) -> Verdict:
         reasons.append('the innovations of neighbouring windows are correlated: the intervals would be too narrow')
     far = [what for what, distance in evidence.distances.items() if _too_far(distance)]
     if far:
-        reasons.append(f'the robot would have to be further off than declared: {", ".join(far)}')
+        reasons.append(f'the robot deviates from its description by more than declared: {", ".join(far)}')
     return Verdict(not reasons, tuple(reasons), _causes(evidence), widening(innovations, evidence.nis))
 
 

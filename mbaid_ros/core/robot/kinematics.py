@@ -152,13 +152,6 @@ class PlaneDetector:
         self._normal: Array | None = None
         self.planar = self._axis is not None
 
-    @staticmethod
-    def decided(model: RobotModel, normal: Array | None) -> PlaneDetector:
-        """Return one that has decided: for the plane with a normal (3,), odometry axes; None in space."""
-        detector = PlaneDetector(model)
-        detector._normal, detector.planar = normal, normal is not None and detector.planar
-        return detector
-
     @property
     def normal(self) -> Array | None:
         """Of the plane of motion, (3,) in odometry axes; None for a spatial motion."""

@@ -10,11 +10,7 @@ import numpy as np
 import pinocchio
 
 from mbaid_ros.core.errors import ModelError
-from mbaid_ros.core.geometry import Array, exp, log, rotate
-from mbaid_ros.core.robot.model import RobotModel
-
-# Parts of a value's size that count as no change: the old text stays.
-_SAME = 1e-12
+from mbaid_ros.core.geometry import Array, exp
 
 
 def displace_joint(urdf: str, joint: str, origin: Array, tilt: Array) -> str:
@@ -33,16 +29,6 @@ def displace_joint(urdf: str, joint: str, origin: Array, tilt: Array) -> str:
     place, turn = xyz + rotation @ origin, pinocchio.rpy.matrixToRpy(rotation @ exp(tilt)) if np.any(tilt) else rpy
     xyz_text, rpy_text = (' '.join(map(repr, each.tolist())) for each in (place, turn))
     return f'{urdf[:start]}<origin xyz="{xyz_text}" rpy="{rpy_text}"/>{urdf[start + len(old) :]}'
-
-
-def joints_moved(urdf: str, before: RobotModel, after: RobotModel) -> str:
-    """Return the URDF of one robot with the joints' frames of another."""
-    back = np.swapaxes(before.rotations, -1, -2)
-    origins, tilts = rotate(back, after.positions - before.positions), log(back @ after.rotations)
-    for name, origin, tilt in zip(before.joint_names, origins, tilts, strict=True):
-        if max(np.abs(origin).max(), np.abs(tilt).max()) > _SAME:
-            urdf = displace_joint(urdf, name, origin, tilt)
-    return urdf
 
 
 _INERTIAL = """\

@@ -24,16 +24,21 @@ from mbaid_ros.core.samples import BaseStream, JointStream, Samples
 NOT_FINITE_THRUST = 'thrust with a NaN or infinite value'
 UNKNOWN_FRAME = 'thrust in a frame that is no link'
 FAR_THRUST = 'thrust stamped far from the samples'
-LATE_THRUST = 'a thrust command came after the samples that it acts on had been used: its impulse counts from then on'
+LATE_THRUST = 'a thrust command arrived after its samples had been used: its impulse counts from then on'
 EXACT_THRUST = (
-    'thrust is taken as exactly as commanded: weaker, turned or late, it leaves intervals that are too narrow; give '
+    'thrust counts as exactly as commanded: if it is weaker, misaligned or late, the intervals are too narrow; set '
     'thrust.scale_std, thrust.direction_std and thrust.delay_std'
+)
+SHARED_THRUST = (
+    'thrust in {} changes to and fro between two commands, as of two publishers, of which each ends the other: give '
+    'each a frame of its own, such as a link that is fixed to this one'
 )
 NOT_FINITE_MOMENTUM = 'stored momentum with a NaN or infinite value'
 OTHER_MOMENTUM_FRAME = 'stored momentum in another frame'
 NOT_ASKED_FOR = 'stored momentum is published but not used: set wheels.momentum_frame'
 
 _FAR = 10_000_000_000  # ns, from the newest sample: a command further away is by another clock
+_SHARED = 10  # commands between two with other components, from which they are another publisher's
 _REMEMBERED = 4 * _FAR  # ns, for commands that come late
 # Derivatives of a wrench by a thruster's scale, and by its turn about each axis, (4, 6, 6).
 _BY_ERROR = np.zeros((4, 6, 6))
@@ -81,6 +86,7 @@ class Thrust:
     late : whether one came after samples that it acts on
     exact : whether one counted as exactly as commanded
     dropped : commands that were not used, by cause
+    shared : frame that two publishers seem to command; empty for none
     """
 
     def __init__(self, model: RobotModel, hold: int, uncertain: Sequence[str] = ()) -> None:
@@ -98,6 +104,9 @@ class Thrust:
         self.late = False
         self.exact = False
         self.dropped: Counter[str] = Counter()
+        self.shared = ''
+        self._between: Counter[str] = Counter()  # by frame, commands between two of another publisher
+        self._components: dict[str, tuple[set[int], set[int]]] = {}  # of its last two commands, those that are not zero
 
     def changes(self, frame: str, stamp: int, wrench: Array, newest: int | None) -> bool:
         """Return whether samples up to the newest stamp may depend on the arrival of a command."""
@@ -123,7 +132,17 @@ class Thrust:
         elif frame not in self._links and self.odometry_frame not in {'', frame}:
             self.dropped[UNKNOWN_FRAME] += 1
         else:
+            self._follow(frame, wrench)
             self._insert(frame, _Command(stamp, wrench))
+
+    def _follow(self, frame: str, wrench: Array) -> None:
+        """Look whether forces and torques of a frame come by turns, without any command of both."""
+        before, between = self._components.get(frame, (set(), set()))
+        after = set(np.flatnonzero(wrench).tolist())
+        self._components[frame] = between, after
+        if after and between and before == after and not between & after:
+            self._between[frame] += 1
+            self.shared = frame if self._between[frame] >= _SHARED else self.shared
 
     def applied(self, window: Samples, origin: int) -> Samples:
         """Return the next window with the impulse of thrust until each of its samples; `origin` is ns at time 0."""

@@ -340,6 +340,6 @@ class GyroFrame:
             return ''
         axis = ', '.join(f'{number:.2f}' for number in np.round(vector / angle, 2) + 0.0)
         return (
-            f'the IMU is turned by {np.degrees(angle):.0f} degrees about ({axis}) against the axes that its frame has: '
-            'check how it is mounted in the robot description, or set imu.frame'
+            f'the IMU is turned by {np.degrees(angle):.0f} degrees about ({axis}) relative to its frame: correct the '
+            'frame in the robot description, or set imu.frame'
         )

@@ -17,7 +17,6 @@ from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, 
 
 ZERO_STAMP = 'stamp is zero'
 STRAY_STAMP = 'stamp far from those before and after'
-JUMPED_BACK = 'stamp before a jump back in time'
 OTHER_CLOCK = 'stamp from before the other topic jumped back in time'
 
 
@@ -27,7 +26,6 @@ class Gate:
     Parameters
     ----------
     threshold : ns, difference between consecutive stamps that counts as a jump
-    ignore_jumps : whether messages after a jump back are dropped until time has caught up
 
     Attributes
     ----------
@@ -37,9 +35,8 @@ class Gate:
     dropped : messages that did not pass, by cause
     """
 
-    def __init__(self, threshold: int, *, ignore_jumps: bool = False) -> None:
+    def __init__(self, threshold: int) -> None:
         self._threshold = threshold
-        self._ignore_jumps = ignore_jumps
         self._suspect: tuple[int, Any] | None = None
         self.messages: list[Any] = []
         self.newest: int | None = None
@@ -110,10 +107,6 @@ class Gate:
             self.messages.append(held[1])
             self.newest = held[0]
             return self.take(stamp, message)
-        if self._ignore_jumps:
-            self.dropped[JUMPED_BACK] += 2
-            self._suspect = None
-            return 0
         self.epoch += 1
         self.newest = max(held[0], stamp)
         return newest - held[0]

@@ -38,8 +38,7 @@ from mbaid_ros.core.unknowns.catalogue import underestimated_text
 
 _AT_REST = 'no joint has moved yet: with joints at rest no single body is observable'
 _TUMBLING = (
-    'no joint has moved yet: tumbling determines the moments of inertia but for a common factor; calibrate gives their '
-    'ratios'
+    'no joint has moved yet: tumbling determines only the ratios of the moments of inertia; calibrate reports them'
 )
 _FEWEST = 3  # samples of a window, whose knots are too far apart with fewer
 _SPARSE = 'too few joint states for windows of {:g} s: read the joints more often, or set window to {:g} or more'
@@ -113,7 +112,7 @@ class TrajectoryEstimator:
         # Where the data contradict the model, the verdict names the declarations that would have to be wrong.
         too_small = [underestimated_text(*each) for each in sizes.sure if verdict.adequate]
         acting = filtered.hypothesis.disturbed and filtered.hypothesis.physical
-        estimated = [f'{filtered.hypothesis.name}; it is estimated, too, which widens the intervals'] if acting else []
+        estimated = [f'{filtered.hypothesis.name}; it is estimated as well, and widens the intervals'] if acting else []
         swinging = layout.kernel.springs.count > 0
         flexible = passive_joints(moments, layout, run.largest_deflections, run.resolved) if swinging else ()
         x, factor = moments.published(sizes, layout, _REPORTED)

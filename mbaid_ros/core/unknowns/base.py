@@ -33,7 +33,7 @@ class OdometryMount(Unknown):
         'mount': Words(
             'position and orientation of the odometry mount',
             'odometry_mount.position_std, .orientation_std',
-            'where the odometry is mounted: measure it (odometry_mount)',
+            'the mount of the odometry: measure it (odometry_mount)',
             lambda _, value: (
                 f'the odometry is mounted {1e3 * np.linalg.norm(value[3:]):.3g} mm and '
                 f'{1e3 * np.linalg.norm(value[:3]):.3g} mrad off: measure the mount'

@@ -60,7 +60,7 @@ class Gravity(_Pushing):
 
     words: ClassVar = {
         GRAVITY: Words(
-            remedy='an orbit that is not declared: orbit.mean_motion, or 0 for orbit.undeclared_rate',
+            remedy='an undeclared orbit: set orbit.mean_motion, or orbit.undeclared_rate to 0',
             deviation=lambda _, value: (
                 f'a gravity gradient acts as at {rate_of(value):.2g} rad/s: set orbit.mean_motion'
             ),
@@ -117,9 +117,9 @@ class OrbitShape(_Pushing):
         SHAPE: Words(
             'eccentricity and mean motion of the orbit',
             'orbit.undeclared_eccentricity, or set orbit.eccentricity and orbit.true_anomaly',
-            'an orbit that may be no circle: orbit.eccentricity, or 0 for orbit.undeclared_eccentricity',
+            'the shape of the orbit: set orbit.eccentricity, or orbit.undeclared_eccentricity to 0',
             lambda _, __: (
-                'the orbit is no circle, or orbit.mean_motion is off: set orbit.eccentricity and orbit.true_anomaly'
+                'the orbit is no circle, or orbit.mean_motion is wrong: set orbit.eccentricity and orbit.true_anomaly'
             ),
         )
     }
@@ -196,9 +196,9 @@ class ExternalTorque(_Pushing):
 
     words: ClassVar = {
         TORQUE: Words(
-            'torques from outside',
+            'external torques',
             'disturbance.torque_std',
-            'a torque from outside: shield it, or a longer motion determines it (disturbance.torque_std)',
+            'an external torque: shield it, or record longer (disturbance.torque_std)',
             lambda name, value: (
                 f'a torque of {np.linalg.norm(value):.2g} N m {_varying(name)}: find its source, or raise '
                 'disturbance.torque_std'
@@ -232,9 +232,9 @@ class ExternalForce(ExternalTorque):
 
     words: ClassVar = {
         FORCE: Words(
-            'forces from outside',
+            'external forces',
             'disturbance.force_std',
-            'a force from outside: shield it, or a longer motion determines it (disturbance.force_std)',
+            'an external force: shield it, or record longer (disturbance.force_std)',
             lambda name, value: (
                 f'a force of {np.linalg.norm(value):.2g} N {_varying(name)}: find its source, or raise '
                 'disturbance.force_std'
@@ -373,7 +373,7 @@ def hypotheses(known_mass: float, position_std: float, constant: Axes, *, adapt:
         ),
         Hypothesis(
             'the odometry position drifts',
-            'the odometry position drifts: check the sensor, or give noise.base_correlation_time',
+            'the odometry position drifts: check the sensor, or set noise.base_correlation_time',
             position=position_std,
             physical=False,
         ),

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from mbaid_ros.core.geometry import Array, cross, rotate, skew
+from mbaid_ros.core.linear_algebra import block_diag
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics, PlaneDetector
 from mbaid_ros.core.robot.momentum import inertia_matrix
@@ -40,7 +40,7 @@ class JointPlacements(Unknown):
         'origin': Words(
             "the joints' origins",
             'known_joints.origin_std',
-            'where {} is: measure or calibrate it (known_joints)',
+            'the origin of {}: measure or calibrate it (known_joints)',
             lambda name, value: f'the origin of {name} is off by {1e3 * np.linalg.norm(value):.3g} mm: check the URDF',
         ),
         'axis': Words(
@@ -130,7 +130,7 @@ class JointTracking(Linear):
 
     words: ClassVar = {
         TRACKING: Words(
-            'how far joints are from where they are read to be',
+            'the deviations of joints from their readings',
             'known_joints.tracking_std',
             deviation=lambda name, value: (
                 f'{name} deviates by {1e3 * np.sum(value):+.3g} mrad (mm) from its reading: log encoder positions, not '
@@ -178,8 +178,8 @@ _FLEXIBLE_STDS = (3e-6, 1e-5, 1e-5, 1e-5)
 def _flexible_deviation(name: str, value: Array) -> str:
     load, lag, swing = (f'{1e3 * part:.2g}' for part in (value[0], value[1], float(np.hypot(*value[2:]))))
     return (
-        f'{name} is flexible or geared: against its encoder it gives by {load} mrad/(N m), lags by {lag} ms and is '
-        f'off by {swing} mrad (mm) with its own angle'
+        f'{name} is flexible or geared: relative to its encoder it deflects by {load} mrad/(N m), lags by {lag} ms and '
+        f'deviates by {swing} mrad (mm) with its angle'
     )
 
 

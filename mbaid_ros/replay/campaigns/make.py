@@ -7,6 +7,7 @@ import sys
 from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,7 @@ from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.planning.motions import simple_motion
 from mbaid_ros.planning.planner import Planner
 from mbaid_ros.replay.campaigns.statistics import FAILED, Result, nees
-from mbaid_ros.replay.command import ProcessDiedError, Workers
+from mbaid_ros.replay.command import Workers
 from mbaid_ros.replay.output import plain, shaped, shaped_std
 from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.session.methods import make_reporting
@@ -197,7 +198,7 @@ def made_here(runs: Sequence[CampaignRun], urdf: str, processes: int) -> Generat
                         result = future.result()
                         del flying[future]
                         yield result
-        except ProcessDiedError:
+        except BrokenProcessPool:
             # One of them took its process down, and it is unknown which: each gets one to itself.
             for run in flying.values():
                 yield _made_alone(run, urdf)
@@ -207,7 +208,7 @@ def _made_alone(run: CampaignRun, urdf: str) -> Result:
     try:
         with Workers(1, urdf) as workers:
             return workers.submit(_make, run).result()
-    except ProcessDiedError:
+    except BrokenProcessPool:
         return _failed(run, 'its process died, among others and alone: it was killed, or memory ran out')
 
 

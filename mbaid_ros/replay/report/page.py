@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.errors import MbaidError, listing
@@ -29,7 +28,7 @@ from mbaid_ros.replay.report.markup import (
     table,
     text,
 )
-from mbaid_ros.replay.report.robot import drawing, scene
+from mbaid_ros.replay.report.robot import drawing
 from mbaid_ros.replay.report.sections import (
     MOMENTUM,
     MOMENTUM_UNITS,
@@ -170,24 +169,12 @@ def _triple(values: Sequence[float | None]) -> str:
 
 
 def _robot(run: Run, name: str) -> str:
+    if run.pose is None or not run.urdf:
+        return paragraph('Not drawn: the bag holds no pose that can be read.', 'note')
     try:
-        found = scene(run)
+        return figure(*drawing(run, name))
     except MbaidError as error:
         return paragraph(f'Not drawn: {error}', 'note')
-    if found is None:
-        return paragraph('Not drawn: the bag holds no pose that can be read.', 'note')
-    caption = 'In odometry axes, the origin in the base link. '
-    if found.body is None:
-        caption += f"The centre of mass of '{run.target_link}' is not known."
-    elif found.body.complete:
-        caption += 'Cross: centre of mass with its 95 % region. Ellipsoid: the uniform body of the same inertia.'
-    else:
-        caption += 'Cross: centre of mass, a coordinate that is not known drawn as 0. Circle: radius of gyration.'
-    if not found.solids:
-        caption += ' The robot description holds no boxes, cylinders or spheres to draw; meshes are left out.'
-    elif len(found.solids) == limits.SHAPES_DRAWN:
-        caption += f' Of the shapes in the robot description, at most {limits.SHAPES_DRAWN} are drawn.'
-    return figure(drawing(found, name), caption)
 
 
 def _data(run: Run) -> str:

@@ -120,11 +120,11 @@ def _sentences(budget: ErrorBudget, std: Array) -> list[str]:
     for cause, groups in budget.dominant(std).items():
         names = _joined(list(groups))
         shares = _joined([percent(share) for share in groups.values()])
-        sentences.append(f'{names[0].upper()}{names[1:]}: {shares} of the variance is {remedy_text(cause)}.')
+        sentences.append(f'{names[0].upper()}{names[1:]}: {shares} of the variance is due to {remedy_text(cause)}.')
     if unobservable := budget.unobservable():
         sentences.append(
-            f'Unobservable with this motion: {unobservable}. The intervals hold if these are as declared; no residual '
-            'shows a wrong one.'
+            f'Unobservable with this motion: {unobservable}. The intervals are valid if these are as declared; no '
+            'residual shows a wrong declaration.'
         )
     left = budget.left_of_std(_TIMES)
     little = [name for name, share in zip(PARAMETERS, left, strict=True) if share >= _LITTLE]
@@ -159,8 +159,8 @@ def captured_body(run: Run) -> str:
         return ''
     rows = estimates(PARAMETERS, run.debris.parameters, run.debris.std, SHOWN_UNITS)
     note = (
-        f"The captured body alone, in frame '{run.debris.frame.name}': the estimate less the <inertial> of link "
-        f"'{run.target_link}' in the robot description."
+        f"The captured body alone, in the frame of link '{run.target_link}': the estimate less the <inertial> of that "
+        'link in the robot description.'
     )
     return (
         '<h3>Captured body</h3>' + table(('parameter', 'estimate', PLUS_MINUS, 'unit'), rows) + paragraph(note, 'note')

@@ -51,8 +51,8 @@ from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.environment import UNDISTURBED
 from mbaid_ros.core.unknowns.joints import JointPlacements
 from mbaid_ros.replay.campaigns.statistics import mean, nees
+from mbaid_ros.session.known_robot import declared_errors
 from mbaid_ros.session.methods import make_estimator
-from mbaid_ros.session.posterior import declared_errors
 from mbaid_ros.session.settings import declared_uncertainty
 from mbaid_ros.simulation.simulation import Truth
 from mbaid_ros.simulation.true_robot import ErrorSizes

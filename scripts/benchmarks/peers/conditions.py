@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from benchmarks.honesty import robots
 from benchmarks.in_mujoco import InMuJoCo
 from benchmarks.model_errors.runs import attainable
 from benchmarks.model_errors.variant import DEFAULT, settings
+from benchmarks.peers import redysim
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, load_model
@@ -27,6 +29,7 @@ _AWAY = (12.0, -10.0, 13.0)  # m from the origin of the falling frame, in orbit
 _PANEL, _PANEL_JOINT = 'panel', 'panel_joint'
 _PANEL_MASS, _PANEL_SIZE = 20.0, (0.9, 2.2, 0.03)  # kg, m
 _FREQUENCY, _DAMPING, _DEFLECTION = 0.3, 0.005, 0.01  # Hz, of critical, rad
+_FREQUENCY_OFF = 0.05  # how far the declared frequency is off: the default uncertainty of this package
 _STEP = 0.005  # s, of MuJoCo: agrees with the simulator to 3e-9
 _PERIOD, _PACE = 20.0, 0.5  # s, between two stops; fastest pace over that of the motion without stops
 
@@ -37,19 +40,21 @@ class Condition:
 
     Attributes
     ----------
-    robot : name of a URDF of config/
+    robot : name of a URDF of config/, or of another file, without its ending
     level : of the sensors' noise
     differs : difference from a robot that is exactly its URDF, in free fall, moved by the project's simulator
+    recorded : folder with the motion as ReDySim recorded it
     """
 
     robot: str
     level: str
     differs: str = ''
+    recorded: Path | None = None
 
     @property
     def name(self) -> str:
         """Short, for tables and files."""
-        return ', '.join(filter(None, (f'{self.robot} {self.level}', self.differs)))
+        return ', '.join(filter(None, (f'{Path(self.robot).name} {self.level}', self.differs)))
 
     @property
     def case(self) -> Case:
@@ -58,12 +63,20 @@ class Condition:
 
 
 NOT_URDF, IN_ORBIT, STOPS = 'not its URDF', 'in orbit', 'slow with stops'
-TORQUES, PANEL, OTHER_ENGINE = 'torques 1 % off', 'swinging panel', 'moved by MuJoCo'
+OTHER_ENGINE, PANEL, KNOWN_PANEL = 'moved by MuJoCo, torques 1 % off', 'swinging panel', 'swinging panel, declared'
 CONDITIONS = (
     *(Condition(robot, level) for robot in ('servicer7', 'ets7', 'table1') for level in ('low', 'mid', 'high')),
-    *(Condition('ets7', 'mid', differs) for differs in (NOT_URDF, IN_ORBIT, STOPS, TORQUES, OTHER_ENGINE)),
-    Condition('servicer7', 'mid', PANEL),
+    *(Condition('ets7', 'mid', differs) for differs in (NOT_URDF, IN_ORBIT, STOPS, OTHER_ENGINE)),
+    *(Condition('servicer7', 'mid', differs) for differs in (PANEL, KNOWN_PANEL)),
 )
+
+
+def of_redysim(clone: Path, folder: Path) -> tuple[Condition, ...]:
+    """Return the rows of a clone of ReDySim; robot descriptions go to a folder."""
+    for name, own in redysim.FOLDERS.items():
+        (folder / f'{name}.urdf').write_text(redysim.urdf(clone / own), encoding='utf-8')
+    names = redysim.FOLDERS.items()
+    return tuple(Condition(str(folder.resolve() / name), 'mid', recorded=clone / own) for name, own in names)
 
 
 @dataclass(frozen=True)
@@ -91,11 +104,14 @@ def moved(condition: Condition, seed: int, seconds: float) -> Moved:
     return _not_urdf(condition, seed, seconds) if condition.differs == NOT_URDF else _moved(condition, seconds)
 
 
-def declared(condition: Condition) -> dict[str, object]:
-    """Return the parameters that declare how far the robot may be off its URDF, and its orbit."""
+def declared(condition: Condition, seed: int) -> dict[str, object]:
+    """Return the parameters that declare how far the robot may be off its URDF, its orbit and its passive joint."""
     if condition.differs == NOT_URDF:
         off = {name: value for name, value in settings(DEFAULT).items() if not name.startswith('noise.')}
         return {**EXACT, **off}
+    if condition.differs == KNOWN_PANEL:
+        frequency = _FREQUENCY * (1.0 + _FREQUENCY_OFF * np.random.default_rng([seed, 2]).normal())
+        return {**EXACT, 'flexible.joints': [_PANEL_JOINT], f'flexible.{_PANEL_JOINT}.frequency': frequency}
     return {**EXACT, **(ORBIT if condition.differs == IN_ORBIT else {})}
 
 
@@ -109,7 +125,8 @@ def _not_urdf(condition: Condition, seed: int, seconds: float) -> Moved:
 @cache
 def _moved(condition: Condition, seconds: float) -> Moved:
     robot, differs = model(condition.robot), condition.differs
-    plain = truth = _until(motion(condition.robot), seconds)
+    recorded = redysim.motion(condition.recorded) if condition.recorded else motion(condition.robot)
+    plain = truth = _until(recorded, seconds)
     instants = truth.time
     moving = nominal = robot
     if differs == IN_ORBIT:
@@ -122,7 +139,7 @@ def _moved(condition: Condition, seconds: float) -> Moved:
     elif differs == OTHER_ENGINE:
         begin = _begin(condition.robot)
         truth = InMuJoCo(robot, _STEP).driven(_driven(condition.robot), begin, instants, robot.joint_names)
-    elif differs == PANEL:
+    elif differs in {PANEL, KNOWN_PANEL}:
         moving, nominal, truth = _with_panel(condition.robot, instants)
     return Moved(nominal, truth, None, moving, trajectory_bound(condition.case, plain, (seconds + 1.0,))[0])
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.data import START, model
-from benchmarks.peers.conditions import TORQUES, Condition, Moved, declared, moved
+from benchmarks.peers.conditions import KNOWN_PANEL, OTHER_ENGINE, Condition, Moved, declared, moved
 from benchmarks.peers.recording import JOINTS, ODOMETRY
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.core.geometry import Array
@@ -72,17 +72,20 @@ def _make(run: Run, folder: Path) -> None:
     seed = zlib.crc32(run.condition.name.encode()) << 32 | run.seed
     rng = np.random.default_rng([seed, 1])
     truth = motion.truth
-    if run.condition.differs == TORQUES:
+    if run.condition.differs == OTHER_ENGINE:
         truth = replace(truth, joint_effort=_with_torque_errors(truth.joint_effort, rng))
     folder.mkdir(parents=True)
     _write_bag(folder / BAG, motion, truth, Sensors(case.noise, seed, motion.errors))
     body = physical(motion.nominal.link(target).parameters)
-    (folder / URDF).write_text(replace_inertial(motion.nominal.urdf, target, _catalogued(body, rng)), encoding='utf-8')
+    catalogued = _catalogued(body, rng)
+    (folder / URDF).write_text(replace_inertial(motion.nominal.urdf, target, catalogued), encoding='utf-8')
+    swings = run.condition.differs == KNOWN_PANEL
     momentum = _momentum(motion)
     known = {
         'target_link': target,
         'noise': vars(case.noise),
-        'declared': declared(run.condition),
+        'declared': declared(run.condition, run.seed),
+        'passive_urdf': replace_inertial(motion.moving.urdf, target, catalogued) if swings else '',
         'momentum': momentum.tolist(),
     }
     _write(folder / KNOWN, known)

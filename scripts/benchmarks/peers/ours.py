@@ -18,6 +18,6 @@ def replayed(bag: Path, urdf: str, known: Known, **settings: object) -> Answer:
     """Return the last estimate of a replay with parameters of the estimator, dots as two underscores."""
     given = {name.replace('__', '.'): value for name, value in settings.items()}
     values = {'target_link': known.target_link, **declared(known.noise), **known.declared, **given}
-    last = replay_bag(str(bag), build(EstimatorConfig, values), urdf, Inputs()).final
+    last = replay_bag(str(bag), build(EstimatorConfig, values), known.passive_urdf or urdf, Inputs()).final
     doubt = '; '.join((last.status, *last.warnings)) if last.status not in {'estimating', 'converged'} else ''
     return Answer(last.parameters, last.covariance if np.any(np.isfinite(last.covariance)) else None, doubt)

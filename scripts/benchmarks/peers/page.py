@@ -11,24 +11,32 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.frame import number, percent, table
-from benchmarks.peers.registry import OURS, Method
+from benchmarks.peers.registry import BEST, OURS, Method
 from benchmarks.peers.score import COVERED, Score
 
 Scores = Mapping[str, Mapping[str, Score]]  # by method and row
 _COLOURS = {True: '#0072b2', False: '#d55e00'}  # of this package, of others: blue and vermilion of Okabe and Ito
 
 
-def main_table(methods: Sequence[Method], whole: Mapping[str, Score], rows: Scores) -> str:
+def main_table(methods: Sequence[Method], whole: Mapping[str, Score], rows: Scores, same: Mapping[str, float]) -> str:
     """Return the table of all methods over all their runs, the most accurate first."""
     header = [
-        *('method', 'error / bound', 'worst row', 'coverage', 'rows that hold', 'silently wrong', 'no answer'),
+        *(
+            'method',
+            'error / bound',
+            f'`{BEST}` there',
+            'worst row',
+            'coverage',
+            'rows that hold',
+            'silently wrong',
+            'no answer',
+        ),
         *('time, s', 'memory, MB', 'needs'),
     ]
     lines = []
     for method in sorted(methods, key=lambda each: (np.isnan(whole[each.name].median), whole[each.name].median)):
         own, by_row = whole[method.name], rows[method.name]
-        medians = [each.median for each in by_row.values()]
-        worst = float(np.nanmax(medians)) if np.any(np.isfinite(medians)) else np.nan
+        worst = max((each.median for each in by_row.values() if each.answers), default=np.nan)
         answered = [each for each in by_row.values() if each.answers]
         held = sum(each.holds for each in answered)
         sure = np.isfinite(own.covered)
@@ -36,6 +44,7 @@ def main_table(methods: Sequence[Method], whole: Mapping[str, Score], rows: Scor
             (
                 f'**`{method.name}`**' if method.name in OURS else f'`{method.name}`',
                 number(own.median),
+                number(same[method.name]),
                 number(worst),
                 percent(own.covered),
                 f'{held} of {len(answered)}' if sure else '-',
@@ -47,6 +56,28 @@ def main_table(methods: Sequence[Method], whole: Mapping[str, Score], rows: Scor
             )
         )
     return table(header, lines)
+
+
+def verdict(rows: Scores) -> str:
+    """Return the rows in which the default method is not the most accurate, or its coverage is not right."""
+    better, uncovered = [], []
+    for name, own in rows.get(BEST, {}).items():
+        others = [(by_row[name].median, method) for method, by_row in rows.items() if name in by_row]
+        best, method = min((each for each in others if np.isfinite(each[0])), default=(np.nan, ''))
+        if method != BEST and np.isfinite(best):
+            better.append(f'{name} (`{method}`: {number(best)}, `{BEST}`: {number(own.median)})')
+        if own.answers and not own.holds:
+            uncovered.append(f'{name} ({percent(own.covered)} of {own.intervals})')
+    all_hold = [
+        f'`{method}`' for method, by_row in rows.items() if all(each.holds for each in by_row.values() if each.answers)
+    ]
+    return '\n'.join(
+        (
+            f'- Rows in which another method is more accurate than `{BEST}`: {"; ".join(better) or "none"}.',
+            f'- Rows in which the coverage of `{BEST}` is not between 90 and 98 %: {"; ".join(uncovered) or "none"}.',
+            f'- Methods whose intervals hold in every row with an answer: {", ".join(all_hold) or "none"}.',
+        )
+    )
 
 
 def row_table(methods: Sequence[Method], rows: Scores) -> str:
@@ -79,7 +110,7 @@ def method_table(methods: Sequence[Method], whole: Mapping[str, Score]) -> str:
             else ''
         )
         lines.append((f'`{each.name}`', about, each.tuned, words or '-'))
-    return table(('method', 'description', 'tuned, without the truth', 'why no answer'), lines, words=True)
+    return table(('method', 'description', 'tuned', 'why no answer'), lines, words=True)
 
 
 def draw(file: Path, whole: Mapping[str, Score]) -> None:

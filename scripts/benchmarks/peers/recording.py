@@ -27,21 +27,23 @@ class Known:
     ----------
     target_link : name
     noise : one standard deviation of each sensor channel
-    declared : parameters of the estimator that declare how far the robot is off its URDF, and its orbit
+    declared : parameters of the estimator that declare how far the robot is off its URDF, its orbit, its passive joints
     momentum : (6,) true total (P, L) about the odometry origin; only for a method that has it in NEEDS
+    passive_urdf : robot description with joints that swing and that no message has, fixed in the URDF; empty: none
     """
 
     target_link: str
     noise: SensorNoise
     declared: dict[str, Any]
     momentum: Array
+    passive_urdf: str
 
     @staticmethod
     def read(file: Path) -> Known:
         """Return the contents of known.json of a run."""
         values = json.loads(file.read_text(encoding='utf-8'))
         noise, momentum = SensorNoise(**values['noise']), np.array(values['momentum'])
-        return Known(values['target_link'], noise, values['declared'], momentum)
+        return Known(values['target_link'], noise, values['declared'], momentum, values['passive_urdf'])
 
 
 @dataclass(frozen=True)

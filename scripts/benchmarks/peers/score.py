@@ -37,7 +37,7 @@ class Score:
 
     runs: int
     answers: int  # with a number that the method trusts
-    ratio: Array  # of each answer: root mean square over the parameters of error over bound
+    ratio: Array  # of each run: root mean square over the parameters of error over bound; NaN without an answer
     covered: float  # share of the 95 % intervals that hold the truth
     intervals: int
     wrong: int  # answers that are wrong with a small interval
@@ -49,12 +49,17 @@ class Score:
     @property
     def median(self) -> float:
         """Median error over the bound."""
-        return float(np.median(self.ratio)) if len(self.ratio) else np.nan
+        return median(self.ratio)
 
     @property
     def holds(self) -> bool:
         """Whether the intervals hold the truth as often as claimed."""
         return bool(self.covered >= COVERED[0] and (self.covered <= COVERED[1] or self.intervals < _MANY))
+
+
+def median(values: Sequence[float] | Array) -> float:
+    """Return the median of the numbers that are there; NaN if none is."""
+    return float(np.nanmedian(values)) if np.any(np.isfinite(values)) else np.nan
 
 
 def score(outcomes: Sequence[Outcome], truths: Sequence[Truth]) -> Score:
@@ -67,6 +72,7 @@ def score(outcomes: Sequence[Outcome], truths: Sequence[Truth]) -> Score:
         given = np.isfinite(error)
         if outcome.failure or outcome.doubt or not given.any():
             failures.append(outcome.failure or outcome.doubt or 'nothing is determined')
+            ratios.append(np.nan)
             continue
         ratios.append(np.sqrt(np.mean((error[given] / truth.bound[given]) ** 2)))
         sure = given & np.isfinite(std)
@@ -75,7 +81,7 @@ def score(outcomes: Sequence[Outcome], truths: Sequence[Truth]) -> Score:
         wrong += bool(np.any(np.abs(error[given]) > limit[given]))
     return Score(
         runs=len(outcomes),
-        answers=len(ratios),
+        answers=len(outcomes) - len(failures),
         ratio=np.array(ratios),
         covered=float(np.mean(inside)) if inside else np.nan,
         intervals=len(inside),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbaid_ros.calibration.structure import Mechanism, Structure, base_parameter, formula, structure
+from mbaid_ros.calibration.structure import Mechanism, formula, structure
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel
@@ -50,13 +50,9 @@ def test_base_parameters_hold_all_that_momentum_tells(name: str) -> None:
     assert leading @ values == pytest.approx(whole, abs=1e-5 * float(np.abs(whole).max()))
 
 
-def test_words_an_engineer_reads() -> None:
+def test_formulas_an_engineer_reads() -> None:
     what = mechanism(robot('table1'), NORMAL['table1'])
-    found = structure(what)
-    told = {base_parameter(what, each): each for each in found.base_parameters()}
-    total = told['mass of base_link, with all the mass that joint1 carries']
+    total, *others = structure(what).base_parameters()
     assert total.factors[::10] == pytest.approx(np.ones(5), abs=1e-9)
     # The bodies beyond hang at the next hinge, 4 m away.
-    augmented = told['first moment along x of link3, with mass of link4']
-    assert formula(what.kernel.unknown, augmented.factors) == 'link3.hx + 4 link4.m'
-    assert isinstance(found, Structure)
+    assert 'link3.hx + 4 link4.m' in {formula(what.kernel.unknown, each.factors) for each in others}

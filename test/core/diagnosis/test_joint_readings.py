@@ -89,7 +89,7 @@ def test_windows_in_which_one_joint_stands_still_and_their_neighbours_are_left_o
     still = np.zeros((9, 3), dtype=bool)
     still[3:5, 1] = True
     (found,) = stopped_readings(standing(still), JOINTS)
-    assert found.text.startswith('the reading of elbow stands still from 3.0 to 5.0 s')
+    assert found.text.startswith('the reading of elbow repeats from 3.0 to 5.0 s')
     assert [each.start for each in found.windows] == [0.0, 1.0, 6.0, 7.0, 8.0]
     assert [each.fresh for each in found.windows] == [False, False, True, False, False]
 

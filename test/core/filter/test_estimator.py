@@ -20,8 +20,8 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.session.known_robot import KnownRobot
 from mbaid_ros.session.methods import make_estimator
-from mbaid_ros.session.posterior import KnownRobot
 from mbaid_ros.simulation.simulation import Truth
 from observed import HIGH, MID, kernel, observe, windows
 

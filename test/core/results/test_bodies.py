@@ -11,7 +11,7 @@ from checked import some
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.physical_consistency import is_physical, project, project_planar
-from mbaid_ros.core.results.published_inertia import Frame, debris
+from mbaid_ros.core.results.published_inertia import debris
 from mbaid_ros.core.robot.kinematics import Plane
 from mbaid_ros.core.robot.momentum import physical, pseudo_inertia, standard
 
@@ -125,8 +125,6 @@ def test_in_the_plane_mass_and_moment_become_positive(plane: Plane, moment: floa
 
 
 LINK = standard(np.array([35.0, 0.2, -0.1, 0.3, 2.0, 0.1, -0.2, 3.0, 0.15, 2.5]))
-SAME = Frame('hand', np.eye(3), np.zeros(3))
-GRASP = Frame('grasp', exp(np.array([0.4, -0.8, 1.1])), np.array([0.3, -0.2, 0.5]))
 BODY = np.array([155.0, 0.9, 0.2, -0.4, 40.0, 3.0, -2.0, 55.0, 4.0, 60.0])
 
 
@@ -143,14 +141,14 @@ def drawn_covariance(rng: np.random.Generator, size: float) -> Array:
     return root @ root.T
 
 
-@pytest.mark.parametrize('frame', [SAME, GRASP], ids=['link', 'grasp'])
-def test_the_covariance_is_that_of_a_monte_carlo(frame: Frame) -> None:
+def test_the_covariance_is_that_of_a_monte_carlo() -> None:
     rng = np.random.default_rng(1)
     covariance = drawn_covariance(rng, 1e-4)
     estimate = estimated(covariance)
-    found = some(debris(estimate, LINK, frame))
+    found = some(debris(estimate, LINK))
+    assert found.parameters == pytest.approx(BODY)
     draws = rng.multivariate_normal(estimate.parameters, covariance, size=4000)
-    alone = physical(in_frame(standard(draws) - LINK, frame))
+    alone = physical(standard(draws) - LINK)
     error = np.linalg.solve(np.linalg.cholesky(found.covariance), (alone - found.parameters).T)
     # Each element of the whitened covariance of 4000 draws has a standard deviation of 0.016 (0.022 on the diagonal).
     assert np.cov(error) == pytest.approx(np.eye(10), abs=0.1)
@@ -160,39 +158,11 @@ def test_an_uncertain_link_widens_it() -> None:
     rng = np.random.default_rng(5)
     link_std = 0.01 * np.array([35.0, *(7.0,) * 3, *(4.0,) * 6])
     estimate = estimated(drawn_covariance(rng, 1e-6))
-    found = some(debris(estimate, LINK, GRASP, link_covariance=np.diag(link_std**2)))
+    found = some(debris(estimate, LINK, link_covariance=np.diag(link_std**2)))
     links = LINK + link_std * rng.normal(size=(4000, 10))
-    alone = physical(in_frame(standard(estimate.parameters) - links, GRASP))
+    alone = physical(standard(estimate.parameters) - links)
     error = np.linalg.solve(np.linalg.cholesky(found.covariance), (alone - found.parameters).T)
     assert np.cov(error) == pytest.approx(np.eye(10), abs=0.1)
-
-
-def in_frame(parameters: Array, frame: Frame) -> Array:
-    """Return standard parameters in a frame: moved there by the axes' and the origin's own definition."""
-    m, com, inertia = parameters[:, :1], parameters[:, 1:4] / parameters[:, :1], unvec(physical(parameters)[:, 4:])
-    turned = frame.rotation.T @ inertia @ frame.rotation
-    return standard(np.concatenate((m, (com - frame.position) @ frame.rotation, vec(turned)), axis=1))
-
-
-def test_a_chosen_frame() -> None:
-    found = some(debris(estimated(np.eye(10)), LINK, GRASP))
-    assert found.frame.name == 'grasp'
-    assert found.parameters == pytest.approx(physical(in_frame(standard(BODY[None]), GRASP))[0])
-
-
-def test_its_own_principal_axes() -> None:
-    covariance = drawn_covariance(np.random.default_rng(3), 1e-3)
-    found = some(debris(estimated(covariance), LINK, replace(SAME, name='own'), in_principal_axes=True))
-    assert found.frame.name == 'own'
-    assert found.frame.position == pytest.approx(BODY[1:4])
-    moments = np.linalg.eigvalsh(unvec(BODY[4:]))
-    assert found.parameters == pytest.approx(np.array([BODY[0], 0, 0, 0, moments[0], 0, 0, moments[1], 0, moments[2]]))
-    assert found.frame.rotation @ np.diag(moments) @ found.frame.rotation.T == pytest.approx(unvec(BODY[4:]))
-    # To first order a principal moment changes as the element of the inertia on its axis does.
-    rng = np.random.default_rng(4)
-    draws = rng.multivariate_normal(estimated(covariance).parameters, 1e-4 * covariance, size=4000)
-    spread = np.std(np.linalg.eigvalsh(unvec(physical(standard(draws) - LINK)[:, 4:])), axis=0)
-    assert found.std[[4, 7, 9]] == pytest.approx(100.0 * spread, rel=0.05)
 
 
 @pytest.mark.parametrize('missing', [0, 3, 9])
@@ -200,4 +170,4 @@ def test_nothing_where_a_parameter_is_not_determined(missing: int) -> None:
     estimate = estimated(np.eye(10))
     identifiable = estimate.identifiable.copy()
     identifiable[missing] = False
-    assert debris(replace(estimate, identifiable=identifiable), LINK, SAME) is None
+    assert debris(replace(estimate, identifiable=identifiable), LINK) is None

@@ -18,9 +18,9 @@ from mbaid_ros.core.sensors.streams import STRAY_STAMP, ZERO_STAMP, Gate, Reorde
 SECOND = 1_000_000_000
 
 
-def passed(stamps: list[float], *, ignore: bool = False) -> tuple[list[float], list[float], dict[str, int]]:
+def passed(stamps: list[float]) -> tuple[list[float], list[float], dict[str, int]]:
     """Return the stamps (s) that pass, the jumps back and what is dropped."""
-    gate, jumps = Gate(SECOND, ignore_jumps=ignore), []
+    gate, jumps = Gate(SECOND), []
     for stamp in stamps:
         jump = gate.take(round(stamp * SECOND), stamp)
         if jump:

@@ -105,6 +105,21 @@ def test_late_commands_count_from_then_on() -> None:
     assert not in_time.late
 
 
+def commands(thrust: Thrust, *wrenches: Array) -> str:
+    for index in range(90):
+        thrust.command('base_link', ns(1.0 + 0.02 * index), wrenches[index % len(wrenches)], None)
+    return thrust.shared
+
+
+def test_two_publishers_of_one_frame_are_told() -> None:
+    force, torque = FORCE_TORQUE * [1, 1, 1, 0, 0, 0], FORCE_TORQUE * [0, 0, 0, 1, 1, 1]
+    assert commands(make(), force, torque) == 'base_link'
+    assert commands(make(), *[force] * 5, torque) == 'base_link'  # at another rate
+    assert commands(make(), force, ZERO) == ''  # pulses
+    assert commands(make(), force, FORCE_TORQUE) == ''
+    assert commands(make(), *[force] * 10, *[torque] * 10) == ''  # one that does the one and then the other
+
+
 def test_commands_that_cannot_be_used_are_counted() -> None:
     thrust = make()
     thrust.command('base_link', ns(1.0), np.full(6, np.nan), ns(1.0))

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from mbaid_ros.core.difference.window_rows import BODY, window_rows
 from mbaid_ros.core.geometry import Array, skew
-from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.sensors.rates import FEWEST, with_rates
@@ -106,23 +104,6 @@ class KnownMomentum:
 
 
 @dataclass(frozen=True)
-class Handover:
-    """A calibration before the capture, and the method that goes on with it."""
-
-    kernel: MomentumKernel  # with the calibrated bodies, and how far they may still be off
-    after: Estimator  # the method
-    again: Callable[[], Estimator]  # makes that method anew
-    chaser: Chaser  # the robot before the capture
-    # (10, 10) of the target link's own standard parameters, None where it counts as exact
-    link_covariance: Array | None
-    calibration: str  # the calibration in a line
-
-
-# Calibrates the robot's own bodies by the windows before the capture.
-Calibrate = Callable[[list[Samples]], Handover]
-
-
-@dataclass(frozen=True)
 class Capture:
     """A capture, and the motion of the captured body before it."""
 
@@ -132,4 +113,3 @@ class Capture:
     covariance: Array  # (6, 6)
     velocity: Array  # (3,) m/s, of the captured body's CoM before it, odometry axes; NaN where not known
     spin: Array  # (3,) rad/s, as the velocity
-    calibrated: str = ''  # the calibration of the robot before it, in a line; empty without one
