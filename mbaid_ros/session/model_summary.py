@@ -107,6 +107,17 @@ def summarise(
     )
 
 
+def unmoved_joints(heard: Collection[str], model: RobotModel, wheels: Collection[str]) -> str:
+    """Return the cause that joints which messages name do not move in a robot description; empty if all do."""
+    others = [name for name in heard if name not in model.joint_names and name not in wheels]
+    if not others:
+        return ''
+    return (
+        f'joint states hold {listing(others)}, fixed or missing in the robot description: let them move there; '
+        'if they are wheels, set wheels.names'
+    )
+
+
 def _is_impossible(parameters: Array) -> bool:
     if parameters[0] == 0.0:
         return False
