@@ -57,5 +57,6 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
         centre=rng.normal(size=3),
         brought=np.zeros((6, STATE)),
         stepped=np.zeros((6, 0)),
+        gained=np.zeros(0),
         body=rng.normal(size=10),
     )

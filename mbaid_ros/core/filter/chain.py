@@ -62,7 +62,9 @@ class WindowModel:
     position: Array
     centre: Array  # (3,) m, the common centre of mass there
     brought: Array  # (6, s) change of (P, L) until the next window by the unknowns
-    stepped: Array  # (6, f) motion of the base there by each Gauss-Markov process, when that grows by one
+    # stepped, gained: (6, f), (f,) as of `JointNoise`, there
+    stepped: Array
+    gained: Array
     body: Array  # (10,) standard parameters of the target at the linearisation point
     # an `IntegratedTwist`, which then takes the place of the twist; None where that is measured by itself
     integrated: Array = field(default_factory=lambda: np.array(None))
@@ -97,8 +99,9 @@ def window_models(
         motions = course.applied(stacks, motions, point)
     flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
     prediction, bodies = predict(layout, flat, point)
+    swing: Array | None = None
     if swinging and course is not None:
-        course.add_to(stacks, motions, point, prediction, bodies)
+        swing = course.add_to(stacks, motions, point, prediction, bodies)
     for unknown, place in layout.of_joints:
         spacings = [stack.windows[0].spacing for stack in stacks]
         stack_motions = [motion for motion, _ in motions]
@@ -106,7 +109,9 @@ def window_models(
             unknown, point.side.kernel, stack_motions, spacings, bodies
         )
     predictions = prediction.divided([motion.turn.shape[:2] for motion, _ in motions])
-    noises = joint_noise(layout, point.side.kernel, stacks, [inside for _, inside in motions], predictions, bodies)
+    noises = joint_noise(
+        layout, point.side.kernel, stacks, [inside for _, inside in motions], predictions, bodies, swing=swing
+    )
     models, begin = [], 0
     for stack, motion, prediction, noise in zip(stacks, motions, predictions, noises, strict=True):
         around, inside = motion
@@ -170,6 +175,7 @@ def _models(
         centre=centre,
         brought=brought,
         stepped=noise.stepped,
+        gained=noise.gained,
         body=np.tile(point.body, (len(stack.windows), 1)),
         integrated=ways,
     )

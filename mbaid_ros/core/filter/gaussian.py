@@ -135,9 +135,16 @@ class MeanAndCovariance:
         upper = dpotri(self.gaussian.root[first:, first:-2])[0][:count, :count]
         return np.where(_upper(count), upper, upper.T)
 
-    def sizes(self, layout: Layout) -> PriorScaleFactors:
-        """Return the scale factors of the unknowns' priors."""
-        return PriorScaleFactors.of(*self.unknowns(layout), layout.cause_of, layout.part_of)
+    def sizes(self, layout: Layout, moved: Array | None = None) -> PriorScaleFactors:
+        """Return the scale factors of the unknowns' priors; `moved` (d, e) as of `Curvature.unknowns`.
+
+        Numbers that noise drives beyond these count as right.
+        """
+        values, covariance = self.unknowns(layout)
+        if layout.driven.any():
+            free = 1.0 - layout.driven
+            values, covariance = values * free, covariance * np.outer(free, free) + np.diag(layout.driven)
+        return PriorScaleFactors.of(values, covariance, layout.cause_of, layout.part_of, moved)
 
     def contributions(self, factor: Array, layout: Layout) -> Array:
         """Return the contributions (e, m) of the unknowns' independent numbers to the errors of m numbers.

@@ -13,13 +13,16 @@ from itertools import pairwise
 import numpy as np
 
 from mbaid_ros.core.compiled import dtrtrs
-from mbaid_ros.core.filter.state import ANGULAR_FIRST, BODY, Layout
+from mbaid_ros.core.filter.state import ANGULAR_FIRST, BODY, LINEAR, Layout
 from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, gains_by_unknowns, joint_gains
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import Stack
 from mbaid_ros.core.geometry import Array, Integers
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.passive import driven
+from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
 from mbaid_ros.core.samples import ArrayRecord
+from mbaid_ros.core.unknowns.flexible import SwingNoise
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,7 @@ class JointNoise(ArrayRecord):
     process: Array
     stored: Array  # (B, 6, c) factor of the noise in the twist, by these readings and by Gauss-Markov processes
     stepped: Array  # (B, 6, f) motion of the base with each Gauss-Markov process, when that grows by one
+    gained: Array  # (B, f) variance that each of these gains in the window by the joints' noise, beside its own
 
 
 def joint_noise(
@@ -42,6 +46,8 @@ def joint_noise(
     inside: Sequence[slice],
     predictions: Sequence[Prediction],
     bodies: Bodies,
+    *,
+    swing: Array | None = None,
 ) -> list[JointNoise]:
     """Return the noise of stacks of windows, from their first, middle and last intervals.
 
@@ -50,6 +56,7 @@ def joint_noise(
     layout, kernel : of the state; of the robot where it is linearised
     stacks, inside : windows, and their own intervals among those of each stack
     predictions, bodies : of each stack and the intervals beside, (m, B, ...); of all these, one after the other
+    swing : (B, f, u) derivative of passive joints' deflections at the ends of all windows; None without any
     """
     places = [_places(each) for each in inside]
     begins = np.cumsum([0, *(each.twist[..., 0].size for each in predictions)])
@@ -87,9 +94,44 @@ def joint_noise(
         times = layout.times[np.isfinite(layout.times)]
         within = np.sqrt(2.0 / times * samples / length) * (middle @ layout.joint_steps)
         stored = np.concatenate((stored, within), axis=-1)
-    noise = JointNoise(deviation * middle, deviation[..., None, :] * by_unknowns, process, stored, stepped)
+    gained = np.zeros((len(stepped), stepped.shape[-1]))
+    if swing is not None and layout.times.size:
+        more, gained, jolts = _of_swing(layout, kernel, bodies[index[1]], swing, (deviation, length))
+        stepped, stored = stepped + more, np.concatenate((stored, np.sqrt(samples) / length * jolts), axis=-1)
+    noise = JointNoise(deviation * middle, deviation[..., None, :] * by_unknowns, process, stored, stepped, gained)
     ends = np.cumsum([0, *(len(stack.windows) for stack in stacks)])
     return [noise[begin:end] for begin, end in pairwise(ends)]
+
+
+def _of_swing(
+    layout: Layout, kernel: MomentumKernel, bodies: Bodies, swing: Array, noise: tuple[Array, Array]
+) -> tuple[Array, Array, Array]:
+    """Return (B, 6, f) motions of the base with each Gauss-Markov process, and (B, f) variances by the joints' noise.
+
+    Third, how that moves the base by the end of the window, (B, 6, f).
+
+    An error of a joint's reading is one of a passive joint's predicted deflection, and its spring pulls accordingly:
+    white noise that drives the swing. Each of its two amplitudes takes half.
+    """
+    deviation, length = noise
+    states, springs = bodies.states, kernel.springs
+    gamma = sensitivity_to_joints(kernel, states)[1]
+    by_joints, turned = driven(kernel, bodies.parameters, states.configuration.joint_twist, gamma, bodies.mobility)
+    processes = np.flatnonzero(np.isfinite(layout.times))
+    own = processes < swing.shape[-1] - (BODY.stop - LINEAR.start)
+    columns = processes[own] + BODY.stop - LINEAR.start
+    stepped, variance = np.zeros((len(swing), 6, len(processes))), np.zeros((len(swing), len(processes)))
+    growth = np.exp(length / layout.times[processes[own]])
+    stepped[..., own] = turned[:, ANGULAR_FIRST] @ swing[..., columns] * growth
+    rates = np.sqrt(np.sum((length * by_joints * deviation) ** 2, axis=-1))  # (B, f) that a window adds
+    begin = 0
+    for unknown in layout.unknowns:
+        count = int(np.sum(np.isfinite(unknown.times)))
+        if isinstance(unknown, SwingNoise):
+            variance[:, begin : begin + count] = unknown.driven(rates)
+        begin += count
+    ends = np.minimum(1.0 / (np.sqrt(2.0) * springs.rate), length[:, 0] / np.sqrt(3.0)) * rates
+    return stepped, variance, turned[:, ANGULAR_FIRST] * ends[:, None]
 
 
 def _by_readings(bodies: Bodies) -> Array:

@@ -144,7 +144,8 @@ def advance(
         walk = np.sqrt(window.length) * variables.walks
         advanced = advanced.with_root(_walked(advanced.root, walk, len(variables.scale)))
     if variables.times.size:
-        after = _wandered(advanced.root, variables.wandering, variables.kept(window.length), window.stepped)
+        steps = window.stepped, window.gained
+        after = _wandered(advanced.root, variables.wandering, variables.kept(window.length), *steps)
         return advanced.with_root(after)
     return advanced
 
@@ -300,10 +301,10 @@ def _forgotten(root: Array, variables: Variables) -> Array:
     if not variables.times.size:
         return root
     count = len(variables.wandering)
-    return _wandered(root, variables.wandering, np.zeros(count), np.zeros((variables.poses, count)))
+    return _wandered(root, variables.wandering, np.zeros(count), np.zeros((variables.poses, count)), np.zeros(count))
 
 
-def _wandered(root: Array, places: Integers, kept: Array, stepped: Array) -> Array:
+def _wandered(root: Array, places: Integers, kept: Array, stepped: Array, gained: Array) -> Array:
     """Return the triangle after a step of Gauss-Markov processes of unit variance (trajectory.md, eq. 11).
 
     v' = kept v + noise, and the first variables go along: x' = x + stepped (v' - v). v is eliminated.
@@ -312,9 +313,10 @@ def _wandered(root: Array, places: Integers, kept: Array, stepped: Array) -> Arr
     ----------
     root, places : (v, v + 2), and the (f,) indices of the processes
     kept, stepped : (f,) autocorrelations, below 1; (p, f)
+    gained : (f,) variance of the noise beside that which keeps the processes stationary
     """
     size, count = len(root), len(places)
-    rows, certain = np.arange(count), 1.0 / np.sqrt(1.0 - kept**2)
+    rows, certain = np.arange(count), 1.0 / np.sqrt(1.0 - kept**2 + gained)
     along = root[:, : len(stepped)] @ stepped
     wide = np.zeros((count + size, count + size + 2), order='F')
     wide[rows, rows], wide[rows, count + places] = -kept * certain, certain

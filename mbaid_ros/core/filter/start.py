@@ -11,7 +11,7 @@ from mbaid_ros.core.filter.bank import LONGEST_AT_A_GUESS, NO_JUMPS, Bank, best,
 from mbaid_ros.core.filter.batch import MASS, BatchIteration, BatchResult, Relinearised, Work
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.state import ANGULAR, BODY, BODY_PLACES, Layout, Point
-from mbaid_ros.core.filter.swing_start import likeliest_frequencies, swing_held
+from mbaid_ros.core.filter.swing_start import from_loose_swing
 from mbaid_ros.core.filter.window import STACK, Stack, Window, in_stacks, stacked
 from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.results.reporting import Curvature
@@ -125,7 +125,7 @@ class MultiStart:
             guess = self.batch.layout.point(self._beginning(self.batch.variables.mean[BODY], stacks[0][0].windows))
             result = yield from self.batch.converge(stacks, guess, self.batch.prior(self.hypotheses[0]))
             return [] if result is None else [result]
-        batch = swing_held(self.batch)
+        batch, *stages = from_loose_swing(self.batch)
         for guess in self._guesses([window for stack in stacks[0] for window in stack.windows], batch.layout):
             prior = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS, float(guess.parameters[MASS]))
             result = yield from batch.converge(stacks, guess, prior, mass_held=True)
@@ -137,13 +137,14 @@ class MultiStart:
             free += [] if result is None else [result]
             if result is not None and result.acceptable:
                 break
-        if batch is self.batch or not free + held:
-            return free + held
-        rough = max(free + held, key=lambda each: each.merit)
-        prior = self.batch.prior(self.hypotheses[0], NO_JUMPS)
-        point = yield from likeliest_frequencies(self.batch, stacks, rough.point, prior)
-        result = yield from self.batch.converge(stacks, point, self.batch.prior(self.hypotheses[0]))
-        return [] if result is None else [result]
+        results = free + held
+        for stage in stages if results else []:
+            point = max(results, key=lambda each: each.merit).point
+            result = yield from stage.converge(stacks, point, self.batch.prior(self.hypotheses[0], NO_JUMPS))
+            if result is None:
+                return []
+            results = [result]
+        return results
 
     def _choose_hypothesis(
         self, stacks: list[list[Stack]], result: BatchResult

@@ -20,6 +20,7 @@ from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.model_errors import body_sizes
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown
+from mbaid_ros.core.unknowns.flexible import SwingNoise
 from mbaid_ros.core.unknowns.priors import UnknownsPrior, in_plane_map
 
 POSE, LINEAR, ANGULAR, BODY = slice(0, 6), slice(6, 9), slice(9, 12), slice(12, 22)
@@ -171,6 +172,12 @@ class Layout:
         """Time constants (e,) of the unknowns' numbers, s; inf where they stay. Empty where all do."""
         times = np.concatenate([np.zeros(0), *(unknown.times for unknown in self.unknowns)])
         return times if np.isfinite(times).any() else np.zeros(0)
+
+    @cached_property
+    def driven(self) -> Array:
+        """Which of the unknowns' e numbers the joints' noise drives, too, as ones among zeros."""
+        parts = [np.full(each.count, float(isinstance(each, SwingNoise))) for each in self.unknowns]
+        return np.concatenate([np.zeros(0), *parts])
 
     @cached_property
     def joint_steps(self) -> Array:

@@ -10,19 +10,21 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
 
 from mbaid_ros.core.filter.knots import Midpoints
+from mbaid_ros.core.filter.passive_prediction import passive_motion
 from mbaid_ros.core.filter.state import Layout, Point
-from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, passive_motion
+from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction
 from mbaid_ros.core.filter.window import Stack
 from mbaid_ros.core.geometry import Array, Flags, Integers
 
 BESIDE = 2  # intervals on either side of a window that its steps are interpolated from
 _SWEEPS = 8  # of Newton's iteration along the windows, at most: each squares the error
-_CONVERGED = 1e-7  # rad or m, change of a deflection by a sweep
+_CONVERGED = 1e-4  # rad or m, change of a deflection by a sweep: that after it would be a thousand times smaller
 _LARGEST = 30.0  # rad or m, of such a change: no appendage swings as far
 _POINTS, _ENDS, _GUESSES = 8, 2_000, 20_000  # linearisation points, their intervals, and guesses that are remembered
 
@@ -62,7 +64,8 @@ class SwingCourse:
         self._decay = 1.0 / times
         # By linearisation point and number of an interval: x and its derivative by the parameters, (2 f, 1 + u).
         self._ends: OrderedDict[Point, OrderedDict[int, Array]] = OrderedDict()
-        self._guesses: OrderedDict[int, Array] = OrderedDict()  # x (2 f,) by number of an interval
+        # By number of an interval: these, and the point of the latest linearisation.
+        self._guesses: OrderedDict[int, tuple[Array, Point]] = OrderedDict()
 
     def applied(self, stacks: Sequence[Stack], motions: Motions, point: Point) -> Motions:
         """Return motions, (m, B, ...) each, with deflections and rates of the passive joints."""
@@ -80,44 +83,42 @@ class SwingCourse:
                 moved.append((replace(motion, joint_position=position, joint_velocity=velocity), inside))
             return moved
 
-        def moving(states: Sequence[Array], rates: Array | None) -> tuple[list[Array], ...]:
+        @cache
+        def start(stack: int, window: int, interval: int) -> Array:
+            motion = motions[stack][0]
+            first = motion.flat[np.array([interval * motion.turn.shape[1] + window])]
+            first.joint_position[:, joints] += springs.start[0]
+            found, _ = passive_motion(self._layout, first, point, rates=springs.start[1][None])
+            return np.append(springs.start[0], found.along)[:, None]
+
+        states = self._guessed(runs, point)
+        for _ in range(_SWEEPS):
             flat = Midpoints.concatenate([motion.flat for motion, _ in placed(states)])
             along = np.concatenate([state[..., size:].reshape(-1, size) for state in states])
-            found, speed = passive_motion(self._layout, flat, point, along, rates)
-            slope = np.concatenate((found.rates, found.forces), axis=-1)[..., None]
-            return tuple(_divided(part, motions) for part in (speed, found.along, found.by_state, slope))
-
-        first = [
-            np.broadcast_to(np.append(springs.start[0], np.zeros(size)), (*each.shape[:-1], 2 * size)) for each in zeros
-        ]
-        count = sum(each[..., 0].size for each in zeros)
-        starting = moving(first, np.broadcast_to(springs.start[1], (count, size)))[1]
-
-        def start(stack: int, window: int, interval: int) -> Array:
-            return np.concatenate((springs.start[0], starting[stack][interval, window]))[:, None]
-
-        states = self._guessed(runs, starting, size)
-        for _ in range(_SWEEPS):
-            _, _, by_state, slope = moving(states, None)
-            driven = [rate - jacobian @ x[..., None] for rate, jacobian, x in zip(slope, by_state, states, strict=True)]
-            new = [part[..., 0] for part in self._followed(runs, stacks, (by_state, driven), start, point, 1)]
-            change = max(float(np.max(np.abs(one - other)[..., :size])) for one, other in zip(new, states, strict=True))
-            states = new
+            found, rates = passive_motion(self._layout, flat, point, along)
+            slope = np.concatenate((rates, found.forces), axis=-1)[..., None]
+            slopes, by_state = _divided(slope, motions), _divided(found.by_state, motions)
+            each = list(zip(slopes, by_state, states, strict=True))
+            driven = [rate - jacobian @ x[..., None] for rate, jacobian, x in each]
+            new = self._followed(runs, stacks, (by_state, driven), start, point, 1)
+            # Rates to first order of the last step, which is small.
+            rate_of = [rest + jacobian @ x for rest, jacobian, x in zip(driven, by_state, new, strict=True)]
+            states = [part[..., 0] for part in new]
+            change = max(float(np.max(np.abs(x - last[2])[..., :size])) for x, last in zip(states, each, strict=True))
             if not change < _LARGEST:  # nor where it is NaN
                 raise np.linalg.LinAlgError('the passive joints swing without bounds')
             if change < _CONVERGED:
                 break
-        for run, state in zip(runs, states, strict=True):
-            self._guesses.update(zip(run.numbers.ravel().tolist(), state.reshape(-1, 2 * size), strict=True))
-        while len(self._guesses) > _GUESSES:
-            self._guesses.popitem(last=False)
         self._states = states
-        return placed(states, moving(states, None)[0])
+        return placed(states, [part[..., :size, 0] for part in rate_of])
 
     def add_to(
         self, stacks: Sequence[Stack], motions: Motions, point: Point, prediction: Prediction, bodies: Bodies
-    ) -> None:
-        """Add the parameters' effect through the swing to the derivatives of the predicted twist, at all instants."""
+    ) -> Array:
+        """Add the parameters' effect through the swing to the derivatives of the predicted twist, at all instants.
+
+        Return the derivatives of the deflections at the ends of all windows, (B, f, u), stack by stack.
+        """
         passive = bodies.passive
         assert passive is not None, 'there are passive joints'
         runs = _runs(stacks, motions)
@@ -130,27 +131,39 @@ class SwingCourse:
 
         swing = self._followed(runs, stacks, (by_state, driven), start, point, None)
         for run, state, derivative in zip(runs, self._states, swing, strict=True):
-            self._put(run, np.concatenate((state[..., None], derivative), axis=-1), point)
+            columns = np.concatenate((state[..., None], derivative), axis=-1)
+            self._put(run, columns, point)
+            found = columns.reshape(-1, *columns.shape[2:])
+            self._guesses.update(
+                {number: (each, point) for number, each in zip(run.numbers.ravel().tolist(), found, strict=True)}
+            )
+        while len(self._guesses) > _GUESSES:
+            self._guesses.popitem(last=False)
         flat = np.concatenate([part.reshape(-1, *part.shape[2:]) for part in swing])
         prediction.by_parameters[...] += passive.twist_by_state @ flat
+        size = self._layout.kernel.springs.count
+        return np.concatenate(
+            [_at_the_end(part[..., :size, :], run.inside) for run, part in zip(runs, swing, strict=True)]
+        )
 
     @property
     def largest(self) -> Array:
         """The largest deflections (f,) in all windows, rad or m, where they were linearised last."""
         size = self._layout.kernel.springs.count
-        found = np.array([state[:size] for state in self._guesses.values()]).reshape(-1, size)
+        found = np.array([state[:size, 0] for state, _ in self._guesses.values()]).reshape(-1, size)
         return np.max(np.abs(found), axis=0, initial=0.0)
 
-    def _guessed(self, runs: Sequence[_Run], starting: Sequence[Array], size: int) -> list[Array]:
-        """Return the states (m, B, 2 f) that earlier sweeps ended at, or else the start's."""
+    def _guessed(self, runs: Sequence[_Run], point: Point) -> list[Array]:
+        """Return the states (m, B, 2 f) near those of the point before, or else zero."""
+        size = 2 * self._layout.kernel.springs.count
+        nothing = np.zeros((size, 1 + len(point.parameters))), point
         states = []
-        for run, along in zip(runs, starting, strict=True):
-            state = np.concatenate((np.zeros((*along.shape[:-1], size)), along), axis=-1)
-            for place in np.ndindex(run.numbers.shape):
-                found = self._guesses.get(int(run.numbers[place]))
-                if found is not None:
-                    state[place] = found
-            states.append(state)
+        for run in runs:
+            found = [self._guesses.get(number, nothing) for number in run.numbers.ravel().tolist()]
+            step = point.parameters - np.array([before.parameters for _, before in found])
+            columns = np.concatenate((np.ones((len(step), 1)), step), axis=1)
+            guessed = np.array([state for state, _ in found]) @ columns[..., None]
+            states.append(guessed.reshape(*run.numbers.shape, size))
         return states
 
     @np.errstate(over='ignore', invalid='ignore')  # a swing without bounds is noticed
@@ -239,6 +252,13 @@ def _apart(one: Point, other: Point) -> float:
 
 def _runs(stacks: Sequence[Stack], motions: Motions) -> list[_Run]:
     return [_Run.of(stack, inside, len(motion)) for stack, (motion, inside) in zip(stacks, motions, strict=True)]
+
+
+def _at_the_end(values: Array, inside: slice) -> Array:
+    """Return (B, ...) at the end of the own part of (m, B, ...) midpoints."""
+    last = values[inside.stop - 1]
+    step = values[inside.stop] - last if inside.stop < len(values) else last - values[inside.stop - 2]
+    return np.asarray(last + 0.5 * step)
 
 
 def _divided(flat: Array, motions: Motions) -> list[Array]:

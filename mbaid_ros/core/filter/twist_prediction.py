@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from mbaid_ros.core.filter.knots import Midpoints, gradient
+from mbaid_ros.core.filter.passive_prediction import PassiveColumns, deflections_of, passive_columns, passive_motion_of
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
+from mbaid_ros.core.filter.total_momentum import mobility_and_joint_momentum, total_momentum
 from mbaid_ros.core.geometry import Array, Integers, cross, skew
-from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel, cantilever_inertias
-from mbaid_ros.core.robot.kinematics import Configuration
+from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.robot.momentum import momentum
-from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about, of_bodies, of_link
-from mbaid_ros.core.robot.passive import PassiveInertias, PassiveMotion, spring_constants, through_springs
-from mbaid_ros.core.robot.sensitivity import mobility_and_momentum, sensitivity_to_joints
+from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about, of_link
+from mbaid_ros.core.robot.passive import through_springs
+from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
 from mbaid_ros.core.samples import ArrayRecord
-from mbaid_ros.core.unknowns.bodies import KnownBodies
 from mbaid_ros.core.unknowns.declaration import JointMotion, Unknown
-from mbaid_ros.core.unknowns.flexible import SpringErrors, StartingSwing, SwingNoise
 
 
 def by_deflections(
@@ -89,17 +87,6 @@ class Prediction(ArrayRecord):
 
 
 @dataclass(frozen=True, eq=False)
-class PassiveColumns:
-    """How the state x = (deflections, s) of f passive joints changes at N instants, linear in x and the parameters."""
-
-    # by_state, by_parameters: (N, 2 f, 2 f), (N, 2 f, u) derivatives of the rates of x
-    by_state: Array
-    by_parameters: Array
-    twist_by_state: Array  # (N, 6, 2 f) derivative of the base's twist by x
-    first: Array  # (N, 2 f, u) derivative of x by the parameters where it is the first
-
-
-@dataclass(frozen=True, eq=False)
 class Bodies:
     """The bodies of a robot that moves as predicted, at N instants."""
 
@@ -127,10 +114,10 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     known = kernel.with_target(parameters[6:16])
     placed = kinematics.configure(middle.base_rotation, middle.joint_position)
     body_twist = kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
-    mobility, moving = _mobility_and_momentum(layout, point, middle, known, placed, body_twist)
+    mobility, moving = mobility_and_joint_momentum(layout, point, middle, known, placed, body_twist)
     tide = about(middle.tide, middle.base_position)
     thrust = about(middle.thrust, middle.base_position, OF_A_THRUSTER)
-    linear, about_base = _momentum(middle, point, known, (tide, thrust))
+    linear, about_base = total_momentum(middle, point, known, (tide, thrust))
     total = np.concatenate((linear, about_base), axis=1)
     twist = (mobility @ (total - moving)[..., None])[..., 0]
     body_twist += twist[:, None]
@@ -166,193 +153,12 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     right[:, 3:, count + 3 :] = turned
     passive = None
     if kernel.springs.count:
-        motion = _passive_motion_of(point, middle, known, states, mobility)
-        solved, passive = passive_columns(layout, point, states, motion, right, _deflection(point, middle))
+        motion = passive_motion_of(point, middle, known, states, mobility)
+        solved, passive = passive_columns(layout, point, states, motion, right, deflections_of(point, middle))
         mobility = motion.inertias.free_mobility
     else:
         solved = mobility @ right
     return Prediction(twist, solved[..., :count], solved[..., count:]), Bodies(known, mobility, states, passive)
-
-
-def _mobility_and_momentum(
-    layout: Layout, point: Point, middle: Midpoints, known: Array, placed: Configuration, body_twist: Array
-) -> tuple[Array, Array]:
-    """Return M^-1 and the momentum of the joint motion at a resting base, that stored inside bodies included."""
-    storage = point.side.kernel.storage
-    mobility, moving = mobility_and_momentum(known, placed, body_twist)
-    if storage.count:
-        moving[:, 3:] += np.sum(storage.momenta(placed.rotation, middle.stored), axis=1)
-    if layout.plane is not None:
-        mobility = in_plane(mobility, layout.plane)
-    return mobility, moving
-
-
-def _deflection(point: Point, middle: Midpoints) -> Array:
-    """Return the deflections (N, f) of the passive joints, against the zeros of their springs."""
-    joints = list(point.side.kernel.springs.joints)
-    return middle.joint_position[:, joints] - point.side.zeros[joints]
-
-
-def _passive_motion_of(
-    point: Point, middle: Midpoints, known: Array, states: BodyStates, mobility: Array
-) -> PassiveMotion:
-    """Return how the passive joints of a robot swing that moves so; `known` (n + 1, 10) are all its bodies."""
-    kernel = point.side.kernel
-    joints = list(kernel.springs.joints)
-    inertias = PassiveInertias.of(kernel, states.known, states.configuration, mobility)
-    motion = (states.body_twist, _deflection(point, middle), middle.joint_velocity[:, joints])
-    return PassiveMotion.of(kernel, inertias, states.known, motion, spring_constants(kernel, known))
-
-
-def passive_motion(
-    layout: Layout, middle: Midpoints, point: Point, along: Array | None = None, rates: Array | None = None
-) -> tuple[PassiveMotion, Array]:
-    """Return how passive joints swing at midpoints, and their rates (N, f), of s or of the rates themselves, (N, f).
-
-    The rates of these joints in `middle` count as zero.
-    """
-    kernel = point.side.kernel
-    joints, known = list(kernel.springs.joints), kernel.with_target(point.parameters[6:16])
-    speed = middle.joint_velocity.copy()
-    speed[:, joints] = 0.0
-    placed = kernel.kinematics.configure(middle.base_rotation, middle.joint_position)
-    body_twist = kernel.kinematics.body_twists(placed, speed, np.zeros((len(middle), 6)))
-    mobility, moving = _mobility_and_momentum(layout, point, middle, known, placed, body_twist)
-    brought = about(middle.tide, middle.base_position), about(middle.thrust, middle.base_position, OF_A_THRUSTER)
-    total = np.concatenate(_momentum(middle, point, known, brought), axis=1) - moving
-    expressed = express(known, placed.rotation, placed.position)
-    inertias = PassiveInertias.of(kernel, expressed, placed, mobility)
-    if rates is not None:
-        held = total - (np.swapaxes(inertias.gamma, 1, 2) @ rates[..., None])[..., 0]
-        twist: Array = (mobility @ held[..., None])[..., 0]
-    else:
-        carried = kernel.kinematics.ancestors.T[joints] @ momentum(expressed, body_twist)
-        left = np.asarray(along) - np.sum(inertias.axes * carried, axis=-1)
-        solved, found = inertias.solve(total[..., None], left[..., None])
-        twist, rates = solved[..., 0], np.asarray(found[..., 0])
-    speed[:, joints] = rates
-    body_twist = kernel.kinematics.body_twists(placed, speed, twist)
-    motion = (body_twist, _deflection(point, middle), rates)
-    return PassiveMotion.of(kernel, inertias, expressed, motion, spring_constants(kernel, known)), rates
-
-
-def passive_columns(
-    layout: Layout, point: Point, states: BodyStates, motion: PassiveMotion, right: Array, deflection: Array
-) -> tuple[Array, PassiveColumns]:
-    """Return the derivatives of the twist (N, 6, u + 6) at given swing, and those of the swing.
-
-    `right` (N, 6, u + 6) is minus the change of the momentum at fixed twists; deflections (N, f).
-    """
-    kernel, inertias = point.side.kernel, motion.inertias
-    size, count = kernel.springs.count, len(point.parameters)
-    along, turning = np.zeros((len(right), size, right.shape[-1])), np.zeros((len(right), size, count))
-    spring = np.zeros((len(right), size, count))
-    for place, columns, at_zero in _carried_columns(layout, kernel, states):
-        along[..., place] = -np.einsum('nia,niak->nik', inertias.axes, columns)
-        turning[..., place] = np.einsum('nia,niak->nik', motion.turned, columns)
-        force = kernel.springs.rate**2 * deflection + 2.0 * kernel.springs.ratio * kernel.springs.rate * motion.rates
-        spring[..., place] = -force[..., None] * at_zero
-    first = np.zeros((len(right), 2 * size, count))
-    start, begin = np.zeros((2, size, count)), 16
-    for unknown in layout.predicted:
-        place = slice(begin, begin + unknown.count)
-        begin = place.stop
-        if isinstance(unknown, SpringErrors):
-            spring[..., place] = _by_springs(kernel, point, deflection, motion.rates) @ unknown.factor
-        elif isinstance(unknown, StartingSwing | SwingNoise):
-            start[..., place] = np.swapaxes(unknown.factor.reshape(size, 2, -1), 0, 1)
-    solved, rates = inertias.solve(right, along)
-    by_rates = rates[..., :count]
-    forces = motion.by_rate @ by_rates + motion.gyroscopic @ solved[..., :count] + turning + spring
-    # At the first instant the rate is given: M dV = right - c d_deflection - Gamma d_rate.
-    gamma, swept = inertias.gamma, motion.gyroscopic
-    change = np.swapaxes(swept, 1, 2) @ start[0] + np.swapaxes(gamma, 1, 2) @ start[1]
-    twist = inertias.mobility @ (right[..., :count] - change)
-    held = np.linalg.inv(inertias.free) + gamma @ inertias.mobility @ np.swapaxes(gamma, 1, 2)
-    first[:, :size] = start[0]
-    first[:, size:] = gamma @ twist + held @ start[1] + motion.along_by @ start[0] - along[..., :count]
-    passive = PassiveColumns(motion.by_state, np.concatenate((by_rates, forces), axis=1), motion.twist_by_state, first)
-    return solved, passive
-
-
-def _carried_columns(
-    layout: Layout, kernel: MomentumKernel, states: BodyStates
-) -> Iterator[tuple[slice, Array, Array]]:
-    """Yield, for the target and unknowns of bodies, their place, and the derivatives of the passive joints' loads.
-
-    Those are (N, f, 6, k) of its momentum, and (f, k) of the inertia about each joint's axis at rest.
-    """
-    joints, ancestors = list(kernel.springs.joints), kernel.kinematics.ancestors
-    zero = np.zeros((1, kernel.model.joints))
-    still = kernel.states_of(np.eye(3)[None], zero, zero, np.zeros((1, 6)))
-    own = np.zeros((len(states.twist), 0, 6, 10))
-    moving, resting = [], []
-    for joint in joints:
-        mask = ancestors[:, joint][:, None]
-        moving.append(_with_twists(states, kernel, states.body_twist * mask, own))
-        resting.append(_with_twists(still, kernel, still.configuration.joint_twist[:, joint, None] * mask, own[:1]))
-    axes = still.configuration.joint_twist[0, joints]
-
-    def both(columns: Callable[[BodyStates], Array]) -> tuple[Array, Array]:
-        at_rest = np.stack([columns(each)[0] for each in resting])
-        return np.stack([columns(each) for each in moving], axis=1), np.einsum('ia,iak->ik', axes, at_rest)
-
-    if any(ancestors[kernel.target.body, joint] for joint in joints):
-        yield slice(6, 16), *both(lambda each: each.regressor)
-    begin = 16
-    for unknown in layout.predicted:
-        if isinstance(unknown, KnownBodies):
-
-            def scaled(each: BodyStates, unknown: KnownBodies = unknown) -> Array:
-                return unknown.momentum_columns(kernel, each) @ unknown.factor
-
-            yield slice(begin, begin + unknown.count), *both(scaled)
-        begin += unknown.count
-
-
-def _with_twists(states: BodyStates, kernel: MomentumKernel, twists: Array, tide: Array) -> BodyStates:
-    return replace(states, body_twist=twists, twist=twists[:, kernel.target.body], tide=tide)
-
-
-def _by_springs(kernel: MomentumKernel, point: Point, deflection: Array, rates: Array) -> Array:
-    """Return the derivatives (N, f, 2 f) of the springs' forces by relative frequency and damping ratio of each."""
-    springs = kernel.springs
-    stiffness, damping = spring_constants(kernel, kernel.with_target(point.parameters[6:16]))
-    critical = 2.0 * cantilever_inertias(kernel.model, kernel.with_target(point.parameters[6:16]))[list(springs.joints)]
-    by = np.zeros((*deflection.shape, springs.count, 2))
-    each = np.arange(springs.count)
-    by[:, each, each, 0] = -2.0 * stiffness * deflection - damping * rates
-    by[:, each, each, 1] = -critical * springs.rate * rates
-    return by.reshape(*deflection.shape, -1)
-
-
-def _momentum(middle: Midpoints, point: Point, known: Array, brought: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return the total (P, L_b) at N instants, (N, 3) each: that of the point, thrust and orbit included.
-
-    Parameters
-    ----------
-    middle, point : Midpoints, Point
-    known : (n + 1, 10) standard parameters of all bodies
-    brought : columns of tide and of thrusters that deviate from their commands
-    """
-    parameters, (tide, thrust) = point.parameters, brought
-    linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
-    about_base = angular - cross(middle.base_position, linear)
-    parts = [(tide, known)] if tide.shape[1] else []
-    if thrust.shape[1] and point.side.thrust.any():
-        parts.append((thrust, point.side.thrust.reshape(-1, OF_A_THRUSTER)))
-    for columns, numbers in parts:
-        more = of_bodies(columns, numbers)
-        linear, about_base = linear + more[:, :3], about_base + more[:, 3:]
-    return linear, about_base
-
-
-def in_plane(mobility: Array, plane: Array) -> Array:
-    """Return the (N, 6, 6) matrices from momentum to twist of a robot kept in a plane with (3, 6) rows.
-
-    The constraint takes up all momentum out of the plane.
-    """
-    return np.asarray(plane.T @ np.linalg.inv(plane @ np.linalg.inv(mobility) @ plane.T) @ plane)
 
 
 def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:

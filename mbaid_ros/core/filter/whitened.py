@@ -38,6 +38,7 @@ class WhitenedWindow:
     brought: Array  # (p, v) change of the momentum until the next window by the variables
     pushes: Mapping[Axes, Array]  # (p, f) change of the momentum by a constant force and torque, by where it acts
     stepped: Array  # (p, f) as of `WindowModel`
+    gained: Array  # (f,) the same
     length: float  # s
     places: Integers  # (k,) of the values among the numbers that a window may measure, as of `Innovations`
     carried: TwistLink | None = None  # for an integrated twist, the links to the windows before and after
@@ -106,6 +107,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
             variables.gather[variables.poses : variables.head, MOMENTUM] @ variables.rows(windows.brought),
             _pushes(windows, variables),
             turn @ windows.stepped,
+            windows.gained,
             windows.length.tolist(),
             (each[3] for each in measured),
             carried,

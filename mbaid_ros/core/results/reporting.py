@@ -16,16 +16,12 @@ import numpy as np
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.evidence import LARGEST_SHIFT
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, are_physical, project, project_planar
 from mbaid_ros.core.results.status import Reason, Severity, status_of, with_reasons
 from mbaid_ros.core.robot.kinematics import Plane
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian
-
-# Standard deviations that a solution may move by: a bias of half of one costs a 95 % interval three of its
-# hundredths. Of equations that are near linear it moves by some hundredths, where the mass is known to a seventh by
-# up to .4, where products of unknowns lead by .5 to 1.2.
-_LARGEST = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +31,8 @@ class Curvature:
     # shifts, covariance: (d, 10) by which standard parameters have moved at d other points; (10, 10) at the solution
     shifts: Array
     covariance: Array
-    largest: float = _LARGEST  # standard deviations that a near linear one moves by at most
+    largest: float = LARGEST_SHIFT  # standard deviations that a near linear one moves by at most
+    unknowns: Array | None = None  # (d, e) by which the unknowns' independent numbers have moved
 
     def straight(self, jacobian: Array) -> Flags:
         """Return of which numbers (m,), by their Jacobian (m, 10), the equations are near linear."""

@@ -160,7 +160,7 @@ class TargetRuns:
         """Return the evidence for and against the model of a run that has started."""
         gaussian, hypothesis = run.best.gaussian, run.best.hypothesis
         # A force or drift would absorb the errors of a wrong robot.
-        undisturbed = run.moments_of_first().sizes(self.layout) if hypothesis.disturbed else sizes
+        undisturbed = run.sizes(run.moments_of_first()) if hypothesis.disturbed else sizes
         beside_prior = sizes if hypothesis.physical else undisturbed
         # A declared force has no rival: nothing was estimated without it.
         declared = self._settings.constant != 'none'

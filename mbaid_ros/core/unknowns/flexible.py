@@ -14,8 +14,21 @@ from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown, Words, di
 FREQUENCY, DAMPING, SWING, DISTURBANCE = 'frequency', 'damping', 'swing', 'disturbance'
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _OfSprings(Unknown):
+    """Numbers of passive joints; where they are held, windows are linearised at their declaration."""
+
+    held: bool = False
+    in_equations = False
+
+    def settled(self, value: Array, deviation: Array) -> Array:
+        """Return zero where it is held."""
+        del deviation
+        return np.zeros_like(value) if self.held else value
+
+
 @dataclass(frozen=True, eq=False)
-class SpringErrors(Unknown):
+class SpringErrors(_OfSprings):
     """Of each passive joint: relative error of its natural frequency, and error of its damping ratio.
 
     Attributes
@@ -39,7 +52,6 @@ class SpringErrors(Unknown):
             lambda name, value: f'the damping ratio of {name} is off by {np.sum(value):+.2g}: correct flexible',
         ),
     }
-    in_equations = False
 
     def moved(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these springs, or with the joints held; a damper never drives."""
@@ -54,13 +66,12 @@ class SpringErrors(Unknown):
 
 
 @dataclass(frozen=True, eq=False)
-class StartingSwing(Unknown):
+class StartingSwing(_OfSprings):
     """Of each passive joint: deflection (rad or m) and rate at the first instant after a gap or the start."""
 
     words: ClassVar = {
         SWING: Words('the swing of passive joints at the start', 'flexible.<joint>.initial_std'),
     }
-    in_equations = False
     of_a_motion = True
     of_a_chain = True
 
@@ -97,6 +108,14 @@ class SwingNoise(Unknown):
     def times(self) -> Array:
         """Time constants of the amplitudes."""
         return self.correlation
+
+    def driven(self, rates: Array) -> Array:
+        """Return the variances (B, e) that white noise adds to the amplitudes, and rates (B, f) of that size to joints.
+
+        Either amplitude takes half.
+        """
+        joints = np.argmax(np.abs(self.factor), axis=0) // 2
+        return np.asarray(0.5 * (rates / np.sqrt(np.sum(self.factor[1::2] ** 2, axis=1)))[:, joints] ** 2)
 
     def moved(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model as it is: windows are linearised without."""
@@ -142,7 +161,7 @@ def spring_errors(
 ) -> SpringErrors:
     """Return them as an unknown: relative standard deviations of frequencies, and those of damping ratios."""
     labels = tuple(f'{kind}:{name}' for name in joints for kind in (FREQUENCY, DAMPING))
-    return SpringErrors(diagonal(np.column_stack((frequencies, ratios)).ravel()), labels, tuple(joints))
+    return SpringErrors(diagonal(np.column_stack((frequencies, ratios)).ravel()), labels, joints=tuple(joints))
 
 
 def starting_swing(

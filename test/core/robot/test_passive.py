@@ -9,8 +9,8 @@ import pinocchio
 import pytest
 
 from mbaid_ros.core.filter.knots import Midpoints
+from mbaid_ros.core.filter.passive_prediction import passive_motion
 from mbaid_ros.core.filter.state import BODY, LINEAR, Layout, Point
-from mbaid_ros.core.filter.twist_prediction import passive_motion
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model, parse

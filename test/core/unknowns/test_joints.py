@@ -141,15 +141,15 @@ def test_what_wanders_takes_the_pose_along() -> None:
     triangle = np.triu(rng.normal(size=(size, size)) + 3.0 * np.eye(size))
     root = np.asfortranarray(np.column_stack((triangle, np.zeros((size, 2)))))
     root[:, -1] = rng.normal(size=size)
-    stepped, kept = rng.normal(size=(poses, 2)), np.array([0.8, 0.0])
+    stepped, kept, gained = rng.normal(size=(poses, 2)), np.array([0.8, 0.0]), np.array([0.3, 0.0])
     mapped, noise = np.eye(size), np.zeros((size, 2))
     mapped[places, places] = kept
     mapped[np.ix_(np.arange(poses), places)] = stepped * (kept - 1.0)
-    deviation = np.sqrt(1.0 - kept**2)
+    deviation = np.sqrt(1.0 - kept**2 + gained)
     noise[places] = np.diag(deviation)
     noise[:poses] = stepped * deviation
     back = np.linalg.inv(root[:, :-2])
-    after = _wandered(root, places, kept, stepped)
+    after = _wandered(root, places, kept, stepped, gained)
     factor = np.linalg.inv(after[:, :-2])
     assert factor @ factor.T == pytest.approx(mapped @ back @ back.T @ mapped.T + noise @ noise.T)
     assert factor @ after[:, -1] == pytest.approx(mapped @ back @ root[:, -1])
