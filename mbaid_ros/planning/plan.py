@@ -115,7 +115,7 @@ class Plan:
             return (
                 f'{wanted} is out of reach within {self.longest:g} s{at}; {length} reach {then} for {known}, now {now}'
             )
-        return f'{length} of motion bring {known} from {now} to {then}, not to the {wanted} that is wanted{at}'
+        return f'{length} of motion bring {known} from {now} to {then}, not to the wanted {wanted}{at}'
 
     @property
     def excursions(self) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from mbaid_ros.core.results.reporting import LENGTH
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.catalogue import underestimated_text
 from mbaid_ros.replay.run import BagMotions
-from mbaid_ros.session.model_summary import ModelSummary, summarise
+from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
 
 _FIRST, _SECOND = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
 # Thresholds of warnings: relative standard deviation of the scale; standard deviations of the prior; of the estimate.
@@ -61,6 +61,12 @@ class Calibrated:
         heard = {name for motion in self.motions for name in motion.heard}
         return summarise(self.kernel.model, heard=heard, unknown=[link.name for link in self.kernel.unknown])
 
+    @property
+    def unmoved(self) -> str:
+        """The cause that joints of the messages do not move in the robot description; empty if all do."""
+        heard = dict.fromkeys(name for motion in self.motions for name in motion.heard)
+        return unmoved_joints(heard, self.kernel.model, self.parameters.estimator.wheels.names)
+
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Notes to the user, one line each."""
@@ -74,10 +80,8 @@ def why_not(result: Calibrated) -> str:
     """Return why there is no calibration, and the remedy; empty if there is one."""
     calibration = result.calibration
     if not calibration.settled:
-        return (
-            'the iteration does not converge near the robot description; correct its large errors, or declare priors '
-            'as wide as they are'
-        )
+        remedy = result.unmoved or 'correct its large errors, or declare priors as wide as they are'
+        return f'the iteration does not converge near the robot description; {remedy}'
     limit = result.parameters.estimator.convergence.identifiable_std
     left_open: dict[str, list[str]] = {}
     for link in calibration.links:
@@ -124,6 +128,7 @@ def _about_values(result: Calibrated) -> list[str]:
     notes = []
     if result.contradicted:
         notes.append(f'residuals are {calibration.residual:.1f} times as large as the noise parameters explain')
+        notes += [f'likely cause: {result.unmoved}'] if result.unmoved else []
     if calibration.scale.relative_std > _LOOSE_SCALE:
         notes.append(
             f'the scale is known to {100.0 * calibration.scale.relative_std:.2g} % only: all masses and inertias may '
@@ -181,8 +186,8 @@ def _ratio_words(link: LinkResult) -> str:
     each = zip(ratios.principal.tolist(), ratios.principal_std.tolist(), strict=True)
     parts = ', '.join(' ± '.join(rounded(value, std)) for value, std in each)
     return (
-        f'inertia of {one_line(link.name)}: known but for a factor, {100.0 * BAND * ratios.scale_std:.2g} % either '
-        f'way; principal moments over their sum: {parts} (95 %)'
+        f'inertia of {one_line(link.name)}: known up to a factor, ± {100.0 * BAND * ratios.scale_std:.2g} %; '
+        f'principal moments over their sum: {parts} (95 %)'
     )
 
 

@@ -112,7 +112,7 @@ def _difference(config: EstimatorConfig, known: KnownRobot, reporting: Reporting
     if config.method == 'difference' and isinstance(known.uncertainty.target, KnownTarget):
         raise ParameterError(
             f"parameter 'known_links.{known.kernel.target.name[:60]}' is of the link that is identified, with method "
-            'difference, which takes nothing of the target for known; accepted: none, or method trajectory'
+            'difference, which uses no prior of the target; accepted: none, or method trajectory'
         )
     if config.method == 'difference' and config.target_prior.mass_std > 0.0:
         raise ParameterError(

@@ -13,7 +13,7 @@ import numpy as np
 from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
 from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.core.diagnosis.held_base import HeldBase
-from mbaid_ros.core.errors import DataError, listing
+from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
@@ -28,7 +28,7 @@ from mbaid_ros.core.window_checks import WindowChecks
 from mbaid_ros.messages.fields import number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact
 from mbaid_ros.session.methods import make_capture, make_estimator, make_reporting, set_thresholds
-from mbaid_ros.session.model_summary import ModelSummary, summarise
+from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
 from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, BaseSource, Intake, MessageQueue, make_gyro
 from mbaid_ros.session.robot import Robot
 from mbaid_ros.session.settings import falling_frame, uncertain_thrusters
@@ -309,11 +309,9 @@ class _Segment:
 
     def _with_doubts(self, estimate: Estimate) -> Estimate:
         """Return a contradicted estimate with causes that no likelihood can score: wheels, and a robot held exact."""
-        known = self._robot.model.joint_names  # also those that mimic others
-        others = [name for name in self.intake.joint_reader.others if name not in known]
+        text = unmoved_joints(self.intake.joint_reader.others, self._robot.model, ())
         causes, warnings = estimate.causes, estimate.warnings
-        if others:  # second, with the gain of the first
-            text = f'joint states hold {listing(others)}, no joints of the robot: if they are wheels, set wheels.names'
+        if text:  # second, with the gain of the first
             causes = (*causes[:1], (text, causes[0][1] if causes else 0.0), *causes[1:])
         if declared_exact(self._config):
             warnings = (*warnings, EXACT_ROBOT)

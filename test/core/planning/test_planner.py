@@ -157,10 +157,8 @@ def test_what_no_motion_improves_is_told_with_where_it_comes_from() -> None:
     plan = planner(robot, duration=20.0, effort=10).plan()
     assert not plan.reached
     single, beyond = plan.notes[:2]
-    assert re.match(
-        r'of single joints joint\d improves \w+ most: [\d.]+ deg there and back in 10 s reduce it from', single
-    )
-    assert re.match(r'\d+ % of the variance that the motion leaves of \w+ comes from zero:joint6: better', beyond)
+    assert re.match(r'best single joint: joint\d, [\d.]+ deg there and back in 10 s reduce \w+ from', single)
+    assert re.match(r'\d+ % of the remaining variance of \w+ comes from zero:joint6: calibrate', beyond)
 
 
 def test_to_ask_what_would_help_most_leaves_the_estimates_as_they_are() -> None:
@@ -174,7 +172,7 @@ def test_to_ask_what_would_help_most_leaves_the_estimates_as_they_are() -> None:
         assert same(estimate, beside)
         known = knowledge_of(asked)
         told.append(advice(build(EstimatorConfig, {'plan.joint_velocity': FASTEST}), known) if known else '')
-    assert told[-1].startswith('of single joints joint')
+    assert told[-1].startswith('best single joint: joint')
 
 
 @pytest.mark.parametrize(
