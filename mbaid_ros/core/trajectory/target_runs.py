@@ -173,7 +173,6 @@ class TargetRuns:
             unconfirmed=run.unconfirmed or self.isolation.open_jumps(run),
             hypothesis=hypothesis.name if hypothesis.disturbed else '',
             physical=hypothesis.physical,
-            odometry_drifts=hypothesis.position > 0.0,
             gain=run.lead,
             instead=(kind_in_words(instead), gain),
         )
