@@ -13,10 +13,10 @@ from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.simulation.sensors import BaseReadings, ImuReadings, JointReadings
 
 if TYPE_CHECKING:
     from mbaid_ros.core.capture.known_momentum import Capture
+    from mbaid_ros.simulation.sensors import BaseReadings, ImuReadings, JointReadings
 
 
 @dataclass(frozen=True)

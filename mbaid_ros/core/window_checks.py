@@ -40,7 +40,8 @@ class WindowChecks:
 
     def applied(self, windows: Sequence[Samples]) -> list[Samples]:
         """Return the next windows without rates that contradict the positions."""
-        checked = [self._checked(window) for window in windows]
+        held = self._held.update(windows) if self._held is not None else [None] * len(windows)
+        checked = [self._checked(*each) for each in zip(windows, held, strict=True)]
         contradictions = zip(checked, self._twist_frame.update(checked), strict=True)
         # Poses and twist contradict each other without a model of the robot: as a cause, that comes first.
         self._contradictions = {
@@ -64,15 +65,14 @@ class WindowChecks:
             reasons.append(self._held_since[1])
         return reasons
 
-    def _checked(self, window: Samples) -> Samples:
+    def _checked(self, window: Samples, held: Reason | None) -> Samples:
         end = float(window.time[-1])
         if self._gyro_frame is not None and self._wrong_gyro is None:
             text = self._gyro_frame.update(window)
             if text:
                 self._wrong_gyro = float(window.time[0]), Reason(text, 'conflict', self._gyro_frame.gain)
-        reason = self._held.update(window) if self._held is not None else None
-        if reason is not None:
-            self._held_since = end, reason
+        if held is not None:
+            self._held_since = end, held
         if self._joint_rates is None:
             return window
         checked = self._joint_rates.applied(window)

@@ -8,7 +8,6 @@ from xml.etree import ElementTree as ET
 import coal
 import numpy as np
 import pinocchio
-from scipy.spatial import ConvexHull
 
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
@@ -175,6 +174,8 @@ def _hull(shape: ET.Element, read: ReadMesh) -> coal.ConvexBase:
 
     Raises ModelError: The mesh cannot be read, or has no volume.
     """
+    from scipy.spatial import ConvexHull  # noqa: PLC0415 - robots without meshes start sooner
+
     element = shape.find('geometry/mesh')
     assert element is not None, 'a shape without a mesh is none of these'
     name = element.get('filename', '')

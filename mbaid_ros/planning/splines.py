@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
@@ -33,16 +32,13 @@ class Splines:
         """Length of a piece, s: K + 2 of them make the motion."""
         return self.duration / (self.count + 2)
 
-    @cached_property
-    def _spline(self) -> BSpline:
-        """Positions that (K,) speeds bring, by the number of pieces that have passed."""
-        speeds = np.pad(np.eye(self.count), ((2, 2), (0, 0)))
-        return BSpline(np.arange(-2.0, self.count + 5.0), speeds, 2).antiderivative()
-
     def basis(self, times: Array, order: int = 0) -> Array:
         """Return the weights of speeds in the derivative of an order at (N,) s, (N, K); at rest before and after."""
-        passed = np.clip(times / self.step, 0.0, self.count + 2.0)
-        return np.asarray(self._spline(passed, nu=order) * self.step ** (1 - order))
+        # A speed is blended in over the three pieces from its own on: by powers cut off at their ends.
+        passed = np.clip(times[:, None] / self.step - np.arange(self.count), 0.0, 3.0)
+        power, whole = 3 - order, (6.0, 2.0, 1.0)[order]
+        parts = (each * np.maximum(passed - end, 0.0) ** power for end, each in enumerate((1.0, -3.0, 3.0)))
+        return np.asarray(sum(parts) / whole * self.step ** (1 - order))
 
     @cached_property
     def _checked(self) -> tuple[Array, Array, Array]:

@@ -15,10 +15,11 @@ from mbaid_ros.config.calibration import CalibrationParameters
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import BAND, PARAMETERS, rounded
+from mbaid_ros.core.results.reporting import LENGTH
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.catalogue import underestimated_text
 from mbaid_ros.replay.run import BagMotions
-from mbaid_ros.session.model_summary import ModelSummary, summarise
+from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
 
 _FIRST, _SECOND = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
 # Thresholds of warnings: relative standard deviation of the scale; standard deviations of the prior; of the estimate.
@@ -60,6 +61,12 @@ class Calibrated:
         heard = {name for motion in self.motions for name in motion.heard}
         return summarise(self.kernel.model, heard=heard, unknown=[link.name for link in self.kernel.unknown])
 
+    @property
+    def unmoved(self) -> str:
+        """The cause that joints of the messages do not move in the robot description; empty if all do."""
+        heard = dict.fromkeys(name for motion in self.motions for name in motion.heard)
+        return unmoved_joints(heard, self.kernel.model, self.parameters.estimator.wheels.names)
+
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """Notes to the user, one line each."""
@@ -73,14 +80,12 @@ def why_not(result: Calibrated) -> str:
     """Return why there is no calibration, and the remedy; empty if there is one."""
     calibration = result.calibration
     if not calibration.settled:
-        return (
-            'the iteration does not converge near the robot description; correct its large errors, or declare priors '
-            'as wide as they are'
-        )
+        remedy = result.unmoved or 'correct its large errors, or declare priors as wide as they are'
+        return f'the iteration does not converge near the robot description; {remedy}'
     limit = result.parameters.estimator.convergence.identifiable_std
     left_open: dict[str, list[str]] = {}
     for link in calibration.links:
-        size = _sizes(link, result.parameters.estimator.convergence.length)
+        size = _sizes(link)
         for index in np.flatnonzero(np.isinf(link.prior_std) & ~(link.std < limit * size)):
             left_open.setdefault(_PRIORS[index], []).append(f'{link.name}.{PARAMETERS[index]}')
     if left_open:
@@ -91,11 +96,11 @@ def why_not(result: Calibrated) -> str:
     return ''
 
 
-def _sizes(link: LinkResult, length: float) -> Array:
+def _sizes(link: LinkResult) -> Array:
     """Return the size that each standard deviation is relative to, for a CoM the radius of gyration."""
     values = link.cad if link.cad[0] > 0.0 else link.parameters
     gyration = float(np.sqrt(np.sum(values[[4, 7, 9]]) / 2.0 / values[0]))
-    com = gyration if link.cad[0] > 0.0 else max(length, gyration)
+    com = gyration if link.cad[0] > 0.0 else max(LENGTH, gyration)
     moments = np.sqrt(np.abs(link.parameters[_FIRST] * link.parameters[_SECOND]))
     return np.concatenate((np.abs(link.parameters[:1]), np.full(3, com), moments))
 
@@ -123,6 +128,7 @@ def _about_values(result: Calibrated) -> list[str]:
     notes = []
     if result.contradicted:
         notes.append(f'residuals are {calibration.residual:.1f} times as large as the noise parameters explain')
+        notes += [f'likely cause: {result.unmoved}'] if result.unmoved else []
     if calibration.scale.relative_std > _LOOSE_SCALE:
         notes.append(
             f'the scale is known to {100.0 * calibration.scale.relative_std:.2g} % only: all masses and inertias may '
@@ -180,8 +186,8 @@ def _ratio_words(link: LinkResult) -> str:
     each = zip(ratios.principal.tolist(), ratios.principal_std.tolist(), strict=True)
     parts = ', '.join(' ± '.join(rounded(value, std)) for value, std in each)
     return (
-        f'inertia of {one_line(link.name)}: known but for a factor, {100.0 * BAND * ratios.scale_std:.2g} % either '
-        f'way; principal moments over their sum: {parts} (95 %)'
+        f'inertia of {one_line(link.name)}: known up to a factor, ± {100.0 * BAND * ratios.scale_std:.2g} %; '
+        f'principal moments over their sum: {parts} (95 %)'
     )
 
 

@@ -27,7 +27,7 @@ from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.files import write_text
 from mbaid_ros.replay.calibrated import Calibrated, summary, why_not
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.output import check_outputs, plain, shaped, shaped_momentum, write_results
+from mbaid_ros.replay.output import check_outputs, passive_joints, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.replay.run import read_motions
 from mbaid_ros.session.settings import springs, storage, with_surroundings
 
@@ -150,7 +150,7 @@ def _as_json(result: Calibrated) -> dict[str, Any]:
             'position_std': calibration.stds[-3:].tolist(),
         },
         'thrusters': [plain(vars(each)) for each in calibration.thrusters],
-        'flexible': [plain(vars(each)) for each in calibration.flexible],
+        'flexible': passive_joints(calibration.flexible),
         'covariance': {
             'order': [
                 *(parameter(links, index) for index in range(len(calibration.theta))),

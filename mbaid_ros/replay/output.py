@@ -16,7 +16,7 @@ from mbaid_ros.cli import one_line
 from mbaid_ros.core.capture.known_momentum import Capture
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.estimate import WITHHELD, Estimate
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate, PassiveJoint
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
 from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
@@ -109,7 +109,7 @@ def as_json(run: Run) -> dict[str, Any]:
         if math.isnan(final.time_offset)
         else {'value': final.time_offset, 'std': plain(final.time_offset_std)},
         'noise': None if final.noise is None else _noise(final.noise),
-        'flexible': [plain(vars(joint)) for joint in final.flexible],
+        'flexible': passive_joints(final.flexible),
         'thrusters': [plain(vars(thruster)) for thruster in final.thrusters],
         'events': events(run),
         'residual': plain(final.residual),
@@ -135,6 +135,12 @@ def as_json(run: Run) -> dict[str, Any]:
             for estimate in run.history
         ],
     }
+
+
+def passive_joints(joints: Sequence[PassiveJoint]) -> dict[str, dict[str, Any]] | None:
+    """Return the numbers of each passive joint by its name; None where none is declared."""
+    numbers = {joint.joint: plain(vars(joint)) for joint in joints}
+    return {numbers[name].pop('joint'): numbers[name] for name in numbers} or None
 
 
 def events(run: Run) -> list[dict[str, Any]]:

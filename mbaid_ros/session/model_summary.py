@@ -37,7 +37,7 @@ class ModelSummary:
     @property
     def lines(self) -> list[str]:
         """The summary, a line each, without the warnings."""
-        beside = f" beside target link '{self.target_link}'" if self.target_link else ''
+        beside = f" without target link '{self.target_link}'" if self.target_link else ''
         lines = [f"robot '{self.robot}': '{self.base_link}' floats, {self.joints} joints, {self.mass:.6g} kg{beside}"]
         if self.target_link and not self.chosen:
             lines.append(
@@ -104,6 +104,17 @@ def summarise(
         foreign=tuple(sorted(set(heard) - set(model.described_joints))),
         unheard=tuple(name for name in model.independent_joints if name not in heard) if heard else (),
         dropped=model.dropped,
+    )
+
+
+def unmoved_joints(heard: Collection[str], model: RobotModel, wheels: Collection[str]) -> str:
+    """Return the cause that joints which messages name do not move in a robot description; empty if all do."""
+    others = [name for name in heard if name not in model.joint_names and name not in wheels]
+    if not others:
+        return ''
+    return (
+        f'joint states hold {listing(others)}, fixed or missing in the robot description: let them move there; '
+        'if they are wheels, set wheels.names'
     )
 
 

@@ -13,12 +13,13 @@ import numpy as np
 from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
 from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.core.diagnosis.held_base import HeldBase
-from mbaid_ros.core.errors import DataError, listing
+from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, Thrust
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust
 from mbaid_ros.core.sensors.joint_rates import JointRates
 from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
@@ -27,7 +28,7 @@ from mbaid_ros.core.window_checks import WindowChecks
 from mbaid_ros.messages.fields import number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact
 from mbaid_ros.session.methods import make_capture, make_estimator, make_reporting, set_thresholds
-from mbaid_ros.session.model_summary import ModelSummary, summarise
+from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
 from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, BaseSource, Intake, MessageQueue, make_gyro
 from mbaid_ros.session.robot import Robot
 from mbaid_ros.session.settings import falling_frame, uncertain_thrusters
@@ -136,6 +137,8 @@ class Session:
         for noted, text in ((self.thrust.late, LATE_THRUST), (self.thrust.exact, EXACT_THRUST)):
             if noted:
                 self._segment.identifier.note(text)
+        if self.thrust.shared:
+            self.intake.faults.name('thrust', stamp, SHARED_THRUST.format(self.thrust.shared))
 
     def add_stored_momentum(self, message: Any) -> None:
         """Add a Vector3Stamped of the momentum that wheels or gyros store."""
@@ -207,6 +210,11 @@ class Session:
         return self._segment.identifier.used
 
     @property
+    def last(self) -> Samples | None:
+        """The last sample of the segment; None before the first."""
+        return self._segment.identifier.last
+
+    @property
     def dropped(self) -> Counter[str]:
         """Unused messages, by cause."""
         return self._earlier + self._segment.dropped + self.queue.dropped + self.base_source.dropped
@@ -265,7 +273,7 @@ class _Segment:
         method = partial(make, config, described, robot.known)
         self._capture = make_capture(config, described, method)
         robot.begin(self._capture)
-        self.thrust = Thrust(model, round(config.thrust.hold * 1e9), uncertain_thrusters(config.thrust, model))
+        self.thrust = Thrust(model, uncertain_thrusters(config.thrust, model))
         noise, gyro = config.noise, make_gyro(config, model)
         on_base = gyro is not None and gyro.on_base
         checks = WindowChecks(config.twist_frame, HeldBase(described), JointRates(model.joint_names), gyro=on_base)
@@ -301,11 +309,9 @@ class _Segment:
 
     def _with_doubts(self, estimate: Estimate) -> Estimate:
         """Return a contradicted estimate with causes that no likelihood can score: wheels, and a robot held exact."""
-        known = self._robot.model.joint_names  # also those that mimic others
-        others = [name for name in self.intake.joint_reader.others if name not in known]
+        text = unmoved_joints(self.intake.joint_reader.others, self._robot.model, ())
         causes, warnings = estimate.causes, estimate.warnings
-        if others:  # second, with the gain of the first
-            text = f'joint states hold {listing(others)}, no joints of the robot: if they are wheels, set wheels.names'
+        if text:  # second, with the gain of the first
             causes = (*causes[:1], (text, causes[0][1] if causes else 0.0), *causes[1:])
         if declared_exact(self._config):
             warnings = (*warnings, EXACT_ROBOT)

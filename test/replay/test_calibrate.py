@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -139,13 +140,17 @@ def test_other_programs_read_the_calibrated_values(place: Path, result: Any) -> 
 def test_data_that_contradict_the_model_end_with_4_and_no_urdf(
     place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # CAD values that are wrong, and said to be exact.
+    # CAD values that are wrong, and said to be exact; a joint that moves, and is said to be fixed.
+    robot = (place / 'cad.urdf').read_text()
+    (tmp_path / 'fixed.urdf').write_text(re.sub(r'(<joint name="joint7" type=)"\w+"', r'\1"fixed"', robot))
     exact = 'mass_relative_std: 1.0e-3, com_std: 2.0e-4, inertia_relative_std: 1.0e-3'
     (tmp_path / 'exact.yaml').write_text(f'calibrate: {{ros__parameters: {{prior: {{{exact}}}}}}}')
     files = {name: tmp_path / f'out.{name}' for name in ('json', 'urdf', 'html')}
     outputs = ['--json', str(files['json']), '--report', str(files['html']), '--output', str(files['urdf'])]
-    run(place, '--params', str(tmp_path / 'exact.yaml'), *outputs, code=4)
-    assert 'so the values of 8 bodies must not be trusted' in capsys.readouterr().out.split('\n\n')[1].splitlines()[0]
+    run(place, '--model', str(tmp_path / 'fixed.urdf'), '--params', str(tmp_path / 'exact.yaml'), *outputs, code=4)
+    shown = capsys.readouterr().out
+    assert 'so the values of 8 bodies must not be trusted' in shown.split('\n\n')[1].splitlines()[0]
+    assert 'likely cause: joint states hold joint7, fixed or missing in the robot description' in shown
     assert json.loads(files['json'].read_text())['status'] == 'inconsistent'
     assert '<p class="verdict wrong">the data contradict the model' in files['html'].read_text()
     assert not files['urdf'].exists()

@@ -113,6 +113,7 @@ def test_the_json_has_what_scripts_rely_on(output: Path, bag: str) -> None:
     assert result['events'] == []
     assert result['capture'] is None
     assert result['debris'] is None
+    assert result['flexible'] is None
     assert all('\n' not in warning for warning in result['warnings'])
     first, last = result['history'][0], result['history'][-1]
     assert set(first) == {'t', 'status', 'estimate', 'std'}

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Event, Status
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Event, PassiveJoint, Status
 from mbaid_ros.replay.campaigns.make import SecondMotion
 from mbaid_ros.replay.campaigns.statistics import SecondMotionStatistics
 from mbaid_ros.replay.command import exit_code
-from mbaid_ros.replay.output import as_json, summary
+from mbaid_ros.replay.output import as_json, passive_joints, summary
 from mbaid_ros.replay.results import Arrivals, History, Run, TopicStatistics
 
 
@@ -149,3 +149,10 @@ def test_what_is_not_determined_in_the_end_is_told() -> None:
     assert found is not None
     assert found.as_json()['after'] is None
     assert 'the least known from 40 % to not determined; base turned by' in str(found)
+
+
+def test_passive_joints_are_found_by_name() -> None:
+    panel = PassiveJoint('panel', 0.3, 0.001, 0.01, 0.002, deflection=float('nan'), resolved=True)
+    numbers = {'frequency': 0.3, 'frequency_std': 0.001, 'damping': 0.01, 'damping_std': 0.002}
+    assert passive_joints([panel]) == {'panel': {**numbers, 'deflection': None, 'resolved': True}}
+    assert passive_joints([]) is None

@@ -200,7 +200,11 @@ def test_odometry_of_a_navigation_filter_is_as_uncertain_as_reported(constant: f
 
 
 @pytest.mark.parametrize(
-    ('delay', 'how'), [(0.2, '200 ms late'), pytest.param(-0.32, '300 ms early', marks=pytest.mark.long)]
+    ('delay', 'how'),
+    [
+        (0.2, '200 ms late'),
+        *(pytest.param(*each, marks=pytest.mark.long) for each in ((-0.1, '100 ms early'), (-0.32, '300 ms early'))),
+    ],
 )
 def test_joints_that_are_stamped_far_off_are_named_first(delay: float, how: str) -> None:
     messages = changed(JOINTS, shifted(delay))(arrivals(ROBOT, 24.0, 1))
@@ -262,6 +266,21 @@ def test_slow_poses_of_a_noise_that_nobody_declares_contradict_nothing() -> None
     assert last.residual < 1.3
     assert last.noise is not None
     assert last.noise.found[2] == pytest.approx(0.02, rel=0.2)
+
+
+def test_slow_odometry_that_is_declared_ten_times_too_precise_contradicts_nothing() -> None:
+    def precise(message: Any) -> None:
+        for name in ('pose', 'twist'):
+            part = getattr(message, name)
+            covariance = 1e-2 * np.asarray(part.covariance)
+            setattr(message, name, SimpleNamespace(**{name: getattr(part, name), 'covariance': covariance}))
+
+    messages = changed(ODOMETRY, precise)(arrivals(ROBOT, SECONDS, 2, odometry_times=np.arange(0.0, SECONDS, 0.1)))
+    last = estimates(ROBOT, messages)[0][-1]
+    assert last.status in {'estimating', 'converged'}
+    assert any('the declared noise of the odometry is wrong: base position' in text for text in last.warnings)
+    truth = physical(robot(ROBOT).link(robot(ROBOT).last_link).parameters)
+    assert np.all(np.abs(last.parameters - truth) < 5.0 * last.std)
 
 
 def test_a_link_of_the_robot_that_is_fixed_to_the_base_is_found_by_itself() -> None:

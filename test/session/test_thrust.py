@@ -13,11 +13,11 @@ from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.sensors.external_momentum import LATE_THRUST
+from mbaid_ros.core.sensors.external_momentum import LATE_THRUST, SHARED_THRUST
 from mbaid_ros.session.session import Session
 from observed import MID, kernel, observe, true_body
 from simulated import robot
-from thrusting import FORCE_TORQUE, OFF, ON, Timed, messages, pulse, pushed
+from thrusting import FORCE_TORQUE, OFF, ON, Timed, command, messages, pulse, pushed
 
 SEEDS = range(2)
 METHODS = ('difference', 'trajectory')
@@ -96,3 +96,11 @@ def test_reset_forgets_it() -> None:
     assert np.any(session.thrust.brought)
     session.reset()
     assert not np.any(session.thrust.brought)
+
+
+def test_two_publishers_of_one_frame_are_the_first_cause() -> None:
+    """Each command of the one ends that of the other."""
+    session, parts = make(), (FORCE_TORQUE * [1, 1, 1, 0, 0, 0], FORCE_TORQUE * [0, 0, 0, 1, 1, 1])
+    turns = [command(ON + 0.01 * index, parts[index % 2]) for index in range(30)]
+    last = identify(session, messages(0, *turns, command(OFF, np.zeros(6))))[-1]
+    assert SHARED_THRUST.format('base_link') in (last.causes[0][0] if last.contradicted else last.warnings[0])

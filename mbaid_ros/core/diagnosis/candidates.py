@@ -17,11 +17,12 @@ import numpy as np
 
 from mbaid_ros.core.diagnosis.base_axes import axis_conventions
 from mbaid_ros.core.diagnosis.conventions import FITTED, Fit, conventions, fitted, point_as_described
-from mbaid_ros.core.diagnosis.passes import SLIPPING, FilterPasses, WhitenedWindows, Work, attempted
+from mbaid_ros.core.diagnosis.filter_passes import SLIPPING, FilterPasses, WhitenedWindows, Work, attempted
 from mbaid_ros.core.diagnosis.ranking import WORTH, CandidateCause, Change, IsolationResult
 from mbaid_ros.core.diagnosis.readings import (
+    LARGE_SWING,
+    SMALL_SWING,
     loose_joint_text,
-    noise_factors,
     noisier_poses,
     slipped_readings,
     stopped_readings,
@@ -153,7 +154,13 @@ class CandidateCauses:
         for fit in sorted(likely, key=lambda each: each.misfit)[:_TRIED]:
             other = replace(self.layout, kernel=fit.convention.kernel)
             passes = replace(self, layout=other).extended()
-            yield Candidate(fit.convention.text, passes, fit.convention.windows(windows), fit.point(other))
+            read = fit.convention.windows(windows)
+            tried = Candidate(fit.convention.text, passes, read, fit.point(other))
+            if len(read) < len(windows):  # of other times, some of which are before or after all readings
+                starts = {window.start for window in read}
+                same = [window for window in windows if window.start in starts]
+                tried = replace(tried, point=None, rival=replace(tried, point=None, windows=same))
+            yield tried
         passes, names = self.extended(), self.layout.kernel.model.joint_names
         wrong_twist = twist_convention_error(windows)
         yield 1
@@ -249,7 +256,7 @@ class CandidateCauses:
     ) -> Work[list[CandidateCause]]:
         """Return the gain of a joint whose far side swings against its encoder; of the likeliest one."""
         names = self.layout.kernel.model.joint_names
-        first, *others = noise_factors(base.nis / base.measured)
+        first, *others = LARGE_SWING if base.nis > LARGEST_NIS * base.measured else SMALL_SWING
         filters: dict[tuple[int, float], HypothesisFilter] = {}
 
         def tried(joint: int, times: float) -> Work[None]:

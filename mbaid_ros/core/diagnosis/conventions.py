@@ -104,9 +104,8 @@ def _targets(kernel: MomentumKernel) -> Iterator[Convention]:
 def _masses(kernel: MomentumKernel) -> Iterator[Convention]:
     """Yield links in a wrong unit: each, and all that move."""
     links = [link for link in kernel.model.links if link.parameters[0] > 0.0]
-    heaviest = {
-        link.body: link for link in sorted(links, key=lambda each: each.parameters[0])
-    }  # of links fixed to each other
+    # Of links fixed to each other.
+    heaviest = {link.body: link for link in sorted(links, key=lambda each: each.parameters[0])}
     for link in heaviest.values():
         if link.name not in {each.name for each in kernel.unknown}:
             # A base in tonnes is an arm in grams: momentum and all masses may grow together.
@@ -163,25 +162,21 @@ def _joints(windows: Sequence[Window], change: Callable[[Array], Array]) -> list
 
 
 def _stamped(windows: Sequence[Window], delay: float) -> list[Window]:
-    """Return windows as they are if their joints are stamped late by a delay, s."""
+    """Return windows as they are if their joints are stamped late by a delay, s; where they were read by then."""
     times = [each.start + each.spacing * (np.arange(len(each.knots)) - each.inside.start) for each in windows]
     # Windows share knots with their neighbours.
     every, place = np.unique(np.round(np.concatenate(times), 6), return_index=True)
     values = np.concatenate([each.knots.joint_position for each in windows])[place]
     known = np.isfinite(values).all(axis=1)
     every, values = every[known], values[known]
-    # Before the first and after the last of them the joints go on as they went.
-    ends = np.array([[0, 1], [-1, -2]])
-    rates = np.diff(values[ends], axis=1)[:, 0] / np.diff(every[ends], axis=1)
-    beyond = np.array([every[0] - abs(delay), every[-1] + abs(delay)])
-    further = values[[0, -1]] + rates * (beyond - every[[0, -1]])[:, None]
-    every = np.concatenate((beyond[:1], every, beyond[1:]))
-    values = np.concatenate((further[:1], values, further[1:]))
-    moved = [np.column_stack([np.interp(own + delay, every, joint) for joint in values.T]) for own in times]
-    return [
-        replace(each, knots=replace(each.knots, joint_position=position))
-        for each, position in zip(windows, moved, strict=True)
-    ]
+    moved = []
+    for each, own in zip(windows, times, strict=True):
+        read = np.isfinite(each.knots.joint_position).all(axis=1)
+        later, position = np.round(own + delay, 6), np.full_like(each.knots.joint_position, np.nan)
+        if np.all((later >= every[0]) & (later <= every[-1]) | ~read):
+            position[read] = np.column_stack([np.interp(later[read], every, joint) for joint in values.T])
+            moved.append(replace(each, knots=replace(each.knots, joint_position=position)))
+    return moved
 
 
 def _largest(values: Iterable[Array]) -> float:

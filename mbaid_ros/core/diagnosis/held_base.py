@@ -6,9 +6,11 @@ of mass from it, by the known links: without forces p + c moves along a straight
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.results.status import Reason
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
@@ -50,21 +52,37 @@ class HeldBase:
         self._latest: list[Array] = []  # the means of the latest windows
         self._origin: Array = np.zeros(6)
 
-    def update(self, window: Samples) -> Reason | None:
-        """Add a window; return a reason once, when the base is known to be held."""
+    def update(self, windows: Sequence[Samples]) -> list[Reason | None]:
+        """Add windows; return for each a reason, of one alone, when the base is known to be held."""
+        if self._done or not windows:
+            return [None] * len(windows)
+        return [self._add(*each) for each in zip(windows, self._centres(windows), strict=True)]
+
+    def _centres(self, windows: Sequence[Samples]) -> Array:
+        """Return the mean offsets (W, 3) of the known links' centre of mass from the base in windows."""
+        places = [np.linspace(0, len(window) - 1, min(_READ, len(window))).astype(np.intp) for window in windows]
+        rotation, joints = (
+            np.concatenate([getattr(window, name)[place] for window, place in zip(windows, places, strict=True)])
+            for name in ('base_rotation', 'joint_position')
+        )
+        placed, known = self._kernel.kinematics.configure(rotation, joints), self._kernel.known
+        moments = rotate(placed.rotation, known[:, 1:4]) + known[:, :1] * placed.position
+        count = np.array([len(place) for place in places])
+        centre = np.sum(moments, axis=1) / np.sum(known[:, 0])
+        return np.asarray(np.add.reduceat(centre, np.cumsum(count) - count) / count[:, None])
+
+    def _add(self, window: Samples, centre: Array) -> Reason | None:
+        """Add a window, and the mean offset (3,) of the centre of mass; return as `update` does."""
         if self._done:
             return None
-        part = window[np.unique(np.linspace(0, len(window) - 1, _READ).astype(np.intp))]
-        if not np.all(np.isfinite(part.pose_covariance[:, 0, 0])):
+        if not np.all(np.isfinite(window.pose_covariance[:, 0, 0])):
             self._done = True  # nothing measures where it is
             return None
         pushed, self._pushed = np.any(window.impulse != self._pushed), window.impulse[-1]
         if pushed:  # thrust moves the base
             self._begin()
             return None
-        bodies = self._kernel.states(part).known
-        centre = np.sum(bodies[..., 1:4], axis=1) / np.sum(bodies[..., 0], axis=1)[:, None]
-        both = np.concatenate((np.mean(window.base_position, axis=0), np.mean(centre, axis=0)))
+        both = np.concatenate((np.mean(window.base_position, axis=0), centre))
         if not self._latest:
             self._origin = both
         self._latest = [*self._latest[-2:], both]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mbaid_ros.core.diagnosis.stamps import StampPattern
+from mbaid_ros.core.diagnosis.stamps import Found, StampPattern
 from mbaid_ros.core.geometry import Array, Flags, Integers
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.status import Reason, Severity, with_reasons
@@ -87,16 +87,16 @@ class PlainFaults:
         self._kinds: dict[tuple[int, ...], _Readings] = {}
         self._base = StampPattern('the poses of the base', _POSITION)
         self._zeros: int | None = 0  # poses at the begin; None once there are others
-        described = _inertia(model)
         self._found: dict[str, tuple[int, Reason]] = {}  # by symptom: from which stamp on (ns), and the reason
-        if described:
-            self._found['inertia'] = (np.iinfo(np.int64).min, Reason(described, 'note', _CERTAIN))
+        if described := _inertia(model):
+            self.name('inertia', np.iinfo(np.int64).min, described)
 
     def add(self, streams: Mapping[tuple[int, ...], JointStream], base: BaseStream | None = None) -> None:
         """Add readings (N, k), by the joints that they are of, and of the base, in the order of arrival."""
+        found: list[Found] = []
         if base is not None and len(base.stamp):
             turns = _POSITION / _ORIENTATION * base.rotation.reshape(-1, 9)
-            self._follow(self._base, base.stamp, np.concatenate((base.position, turns), axis=1))
+            found += self._base.add(base.stamp, np.concatenate((base.position, turns), axis=1))
             self._begin(base)
         count = len(self._model.independent_joints)
         for kind, stream in streams.items():
@@ -105,7 +105,9 @@ class PlainFaults:
                 own = JointStream(stream.stamp, stream.position[:, columns], stream.velocity[:, columns])
                 readings = self._kinds.setdefault(kind, self._nothing([kind[column] for column in columns]))
                 self._check(readings, own)
-                self._follow(readings.stamps, own.stamp, own.position)
+                found += readings.stamps.add(own.stamp, own.position)
+        for each in found:
+            self.name(*each)
 
     def applied(self, estimate: Estimate) -> Estimate:
         """Return an estimate with the reasons that were plain by its end, the gravest first."""
@@ -129,7 +131,7 @@ class PlainFaults:
                     f'the first {self._zeros} poses of the base are zero: tracking had not begun; read the bag with '
                     '--start, or start the estimator later'
                 )
-                self._found['zeros'] = int(base.stamp[first]), Reason(text, 'note', _CERTAIN)
+                self.name('zeros', int(base.stamp[first]), text)
             self._zeros = None
 
     def _nothing(self, joints: list[int]) -> _Readings:
@@ -140,10 +142,9 @@ class PlainFaults:
         bounds = np.maximum(_BEYOND * limits, np.where(slides, _LONG, _WRAPPED))
         return _Readings(names, slides, bounds, StampPattern('the joint states', self._noise))
 
-    def _follow(self, pattern: StampPattern, stamp: Stamps, position: Array) -> None:
-        """Look at the stamps; wrong ones are a cause where anything is wrong."""
-        for symptom, since, text in pattern.add(stamp, position):
-            self._found.setdefault(symptom, (since, Reason(text, 'note', _CERTAIN)))
+    def name(self, symptom: str, since: int, text: str) -> None:
+        """Name a fault that is plain from a stamp (ns) on: a cause where anything is wrong."""
+        self._found.setdefault(symptom, (since, Reason(text, 'note', _CERTAIN)))
 
     def _check(self, readings: _Readings, stream: JointStream) -> None:
         """Look at the positions; a symptom is certain at the reading that makes it frequent enough."""

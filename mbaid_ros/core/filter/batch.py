@@ -24,6 +24,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, is_physical, project
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import unknown_scale
+from mbaid_ros.core.robot.momentum import physical_shift
 from mbaid_ros.core.unknowns.environment import Hypothesis
 
 Outcome = TypeVar('Outcome')
@@ -276,8 +277,11 @@ class BatchIteration:
             step = moments.factor @ draws.standard_normal(moments.factor.shape[1])
             part = near_part(moments.mean[self.layout.parameters], step[self.layout.parameters])
             shift = yield from self._shift(stacks, filtered, moments, part * step)
+            shift[BODY] = physical_shift(moments.mean[BODY], part * step[BODY], shift[BODY])
             shifts.append(shift / part**2)  # of second order in the step
-        return Curvature(np.array(shifts), moments.covariance(BODY_PLACES))
+        moved = np.array(shifts)
+        unknowns = moved[:, BODY.stop :] @ self.layout.known.whitening.T
+        return Curvature(moved[:, BODY], moments.covariance(BODY_PLACES), unknowns=unknowns)
 
     def displacement(self, stacks: list[list[Stack]], filtered: HypothesisFilter) -> Work[Curvature]:
         """Return how far the solution moves where all windows are linearised at it: a Newton step.
@@ -289,13 +293,13 @@ class BatchIteration:
         """
         moments = MeanAndCovariance.of(filtered.gaussian, self.variables)
         shift = yield from self._shift(stacks, filtered, moments, np.zeros(len(moments.mean)))
-        curvature = Curvature(shift[None], moments.covariance(BODY_PLACES))
+        curvature = Curvature(shift[None, BODY], moments.covariance(BODY_PLACES))
         return replace(curvature, largest=_DISPLACED) if curvature.anywhere else curvature
 
     def _shift(
         self, stacks: list[list[Stack]], filtered: HypothesisFilter, moments: MeanAndCovariance, step: Array
     ) -> Work[Array]:
-        """Return how far the body (10,) moves where the windows are linearised a step (s,) from a solution."""
+        """Return how far the state (s,) moves where the windows are linearised a step (s,) from a solution."""
         try:
             relinearised = yield from self.relinearise(
                 stacks, self.layout.point(moments.mean + step, moments.deviation)
@@ -303,5 +307,5 @@ class BatchIteration:
             (moved,) = yield from self.filter(relinearised, (self.prior(filtered.hypothesis, filtered.longest),))
             shift: Array = MeanAndCovariance.of(moved.gaussian, self.variables).mean - moments.mean
         except np.linalg.LinAlgError:
-            shift = moments.deviation  # no robot that can exist: the body may be anywhere in its interval
-        return shift[BODY]
+            shift = moments.deviation  # no robot that can exist: it may be anywhere in its interval
+        return shift

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from scipy.linalg.lapack import dpotri, dtrtrs
 
+from mbaid_ros.core.compiled import dpotri, dtrtrs
 from mbaid_ros.core.filter.joint_noise import InformationCorrection
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.square_root import SquareRootInformation
@@ -135,13 +135,16 @@ class MeanAndCovariance:
         upper = dpotri(self.gaussian.root[first:, first:-2])[0][:count, :count]
         return np.where(_upper(count), upper, upper.T)
 
-    def sizes(self, layout: Layout) -> PriorScaleFactors:
-        """Return the scale factors of the unknowns' priors; numbers that noise drives beyond these count as right."""
+    def sizes(self, layout: Layout, moved: Array | None = None) -> PriorScaleFactors:
+        """Return the scale factors of the unknowns' priors; `moved` (d, e) as of `Curvature.unknowns`.
+
+        Numbers that noise drives beyond these count as right.
+        """
         values, covariance = self.unknowns(layout)
         if layout.driven.any():
             free = 1.0 - layout.driven
             values, covariance = values * free, covariance * np.outer(free, free) + np.diag(layout.driven)
-        return PriorScaleFactors.of(values, covariance, layout.cause_of, layout.part_of)
+        return PriorScaleFactors.of(values, covariance, layout.cause_of, layout.part_of, moved)
 
     def contributions(self, factor: Array, layout: Layout) -> Array:
         """Return the contributions (e, m) of the unknowns' independent numbers to the errors of m numbers.

@@ -40,22 +40,26 @@ class PriorScaleFactors:
     within: Mapping[str, Sequence[str]]  # the names that each of these names belongs to
 
     @staticmethod
-    def of(values: Array, covariance: Array, causes: Sequence[str], parts: Sequence[str]) -> PriorScaleFactors:
+    def of(
+        values: Array, covariance: Array, causes: Sequence[str], parts: Sequence[str], moved: Array | None = None
+    ) -> PriorScaleFactors:
         """Return the factors that data make likely.
 
         Parameters
         ----------
         values, covariance : (e,), (e, e) of the numbers, of unit variance about zero a priori
         causes, parts : 'zero:joint1' that each belongs to, 'mass:link1' that it is by itself, or empty
+        moved : (d, e) as of `Curvature.unknowns`
         """
         groups = _Groups.of(tuple(causes), tuple(parts))
         each, names = np.ones(len(values)), groups.rows
-        table = np.zeros((2, len(names), groups.alike[-1][1].shape[1] if names else 0))
+        table = np.zeros((3, len(names), groups.alike[-1][1].shape[1] if names else 0))
         table[1] = 1.0  # beyond its numbers a row has nothing that the data observe
         for rows, own in groups.alike:
-            numbers = PriorComparison.of(values[own], covariance[own[:, :, None], own[:, None, :]])
-            table[0, rows, : own.shape[1]], table[1, rows, : own.shape[1]] = numbers.mean, numbers.variance
-        numbers = PriorComparison(*table)
+            shifts = None if moved is None else moved[:, own]
+            numbers = PriorComparison.of(values[own], covariance[own[:, :, None], own[:, None, :]], shifts)
+            table[:, rows, : own.shape[1]] = numbers.mean, numbers.variance, numbers.curved
+        numbers = PriorComparison(table[0], table[1], table[2] > 0.0)
         likely, away = numbers.likely_sizes(*groups.chances), numbers.distances
         for row in np.flatnonzero(likely[0] > 1.0).tolist():
             own = groups.places[names[row]]

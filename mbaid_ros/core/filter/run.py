@@ -11,6 +11,7 @@ from mbaid_ros.core.filter.bank import Bank, HypothesisFilter, best, update_bank
 from mbaid_ros.core.filter.batch import BatchIteration
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.initialisation import Initialisation
+from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.start import Start
 from mbaid_ros.core.filter.state import BODY, Layout, Point, near_part
@@ -236,6 +237,11 @@ class FilterRun:
     def moments_of_first(self) -> MeanAndCovariance:
         """Return the state under the first hypothesis, which lets nothing drift."""
         return MeanAndCovariance.of(self._bank[0].gaussian, self._variables)
+
+    def sizes(self, moments: MeanAndCovariance) -> PriorScaleFactors:
+        """Return the scale factors of the unknowns' priors at a mean and covariance of this run."""
+        known = self.curvatures(explained=False)
+        return moments.sizes(self._layout, known[0].unknowns if known else None)
 
     def gaussian_before(self, time: float, slack: float) -> SquareRootInformation | None:
         """Return the information before a jump of the momentum near a time, s, if nothing drifts."""

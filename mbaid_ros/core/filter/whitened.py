@@ -215,7 +215,7 @@ def _pushes(windows: WindowModel, variables: Variables) -> list[dict[Axes, Array
 
 
 LINEARISED = 5  # work of linearising a window, in steps of the filter
-_FEWEST, _MOST = 8, 128  # windows linearised at once: fewer waste the first's overhead, more gain no time
+_FEWEST, MOST = 8, 32  # windows linearised at once: fewer waste the first's overhead, more do not fit the cache
 
 
 class LinearisationCache:
@@ -270,4 +270,4 @@ class LinearisationCache:
         turn = self._turn.get(window)
         if turn is None:
             return [window]
-        return self._coming[turn : turn + min(max(_FEWEST, self._likely - self._served, self._served), _MOST)]
+        return self._coming[turn : turn + min(max(_FEWEST, self._likely - self._served, self._served), MOST)]

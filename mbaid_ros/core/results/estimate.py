@@ -142,7 +142,7 @@ class Estimate:
 class PassiveJoint:
     """A passive joint as estimated: natural frequency (Hz, all else held), damping ratio, standard deviations.
 
-    `largest` is the largest deflection, rad or m; NaN where it is not asked. Frequency and ratio are as declared where
+    `deflection` is the largest one, rad or m; NaN where it is not asked. Frequency and ratio are as declared where
     the data do not resolve them.
     """
 
@@ -151,12 +151,12 @@ class PassiveJoint:
     frequency_std: float
     damping: float
     damping_std: float
-    largest: float
+    deflection: float
     resolved: bool
 
     @staticmethod
     def all_of(
-        names: Sequence[str], declared: tuple[Array, ...], value: Array, std: Array, largest: Array, resolved: Flags
+        names: Sequence[str], declared: tuple[Array, ...], value: Array, std: Array, deflection: Array, resolved: Flags
     ) -> tuple[PassiveJoint, ...]:
         """Return f of them.
 
@@ -165,12 +165,12 @@ class PassiveJoint:
         names : of each
         declared : (f,) angular frequencies, rad/s, and damping ratios; (f, 2) standard deviations as of `std`
         value, std : (f, 2) relative error of the frequency, error of the ratio
-        largest, resolved : (f,) deflections; whether the data resolve a frequency
+        deflection, resolved : (f,) largest ones; whether the data resolve a frequency
         """
         rate, ratio, prior = declared
         value, std = np.where(resolved[:, None], value, 0.0), np.where(resolved[:, None], std, prior)
         frequency = rate * np.exp(value[:, 0]) / (2.0 * np.pi)
-        numbers = (frequency, frequency * std[:, 0], ratio + value[:, 1], std[:, 1], largest)
+        numbers = (frequency, frequency * std[:, 0], ratio + value[:, 1], std[:, 1], deflection)
         columns = (each.tolist() for each in (*numbers, resolved))
         return tuple(map(PassiveJoint, names, *columns))
 
@@ -179,7 +179,7 @@ class PassiveJoint:
         return (
             f'{self.joint} swings at {self.frequency:.5g} ± {1.96 * self.frequency_std:.2g} Hz with a damping ratio of '
             f'{self.damping:.2g} ± {1.96 * self.damping_std:.1g}{"" if self.resolved else " (as declared)"}'
-        ) + ('' if np.isnan(self.largest) else f', by up to {self.largest:.2g} rad (m)')
+        ) + ('' if np.isnan(self.deflection) else f', by up to {self.deflection:.2g} rad (m)')
 
 
 def determined(momentum: Array, stds: Array) -> Flags:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Integers
+from mbaid_ros.core.geometry import Array, Flags, Integers
 
 SENSORS = ('base_orientation', 'base_position', 'base_angular_velocity', 'base_linear_velocity', 'imu')
 
@@ -91,6 +91,10 @@ _FACTORS = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 _SIZES = (1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0)
 # Of the prior's variance, which data have to take off a direction for it to be seen: quotients of less are rounding.
 _SEEN = 0.01
+# Standard deviations that a solution may move by: a bias of half of one costs a 95 % interval three of its
+# hundredths. Of equations that are near linear it moves by some hundredths, where the mass is known to a seventh by
+# up to .4, where products of unknowns lead by .5 to 1.2.
+LARGEST_SHIFT = 0.5
 
 
 class LikelyScale(NamedTuple):
@@ -123,22 +127,29 @@ class PriorComparison:
         1/2 m^T (1/D - P)^-1 m  -  1/2 log|1 - D P|  -  n log k
     """
 
-    # mean, variance: (..., n) along these directions; any groups of as many numbers side by side
+    # mean, variance, curved: (..., n) along these directions; any groups of as many numbers side by side
     mean: Array
     variance: Array
+    curved: Flags
 
     @staticmethod
-    def of(mean: Array, covariance: Array) -> PriorComparison:
-        """Return numbers by their mean (..., n) and covariance (..., n, n)."""
+    def of(mean: Array, covariance: Array, moved: Array | None = None) -> PriorComparison:
+        """Return numbers by their mean (..., n) and covariance (..., n, n).
+
+        A direction is curved along which these have `moved` (d, ..., n), where windows were linearised elsewhere, by a
+        good part of the deviation sqrt(1 - variance) that means have: the data observe it at second order only.
+        """
         variance, directions = np.linalg.eigh(covariance)
-        along = (np.swapaxes(directions, -1, -2) @ mean[..., None])[..., 0]
-        return PriorComparison(along, np.clip(variance, 0.0, 1.0))
+        variance, back = np.clip(variance, 0.0, 1.0), np.swapaxes(directions, -1, -2)
+        along = (back @ mean[..., None])[..., 0]
+        shifts = np.zeros((0, *along.shape)) if moved is None else (back @ moved[..., None])[..., 0]
+        return PriorComparison(along, variance, np.any(shifts**2 > LARGEST_SHIFT**2 * (1.0 - variance), axis=0))
 
     @property
     def distances(self) -> tuple[Array, Array, Array]:
         """The observed distance of each group from zero: (...) for each field of `Distance`."""
         seen = 1.0 - self.variance
-        enough = seen > _SEEN
+        enough = (seen > _SEEN) & ~self.curved
         squares = np.where(enough, self.mean**2, 0.0) / np.where(enough, seen, 1.0)
         twice = squares / (1.0 + 3.0 * seen)
         return np.add.reduce(squares, axis=-1), np.add.reduce(twice, axis=-1), np.add.reduce(enough, axis=-1)

@@ -16,16 +16,12 @@ import numpy as np
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.evidence import LARGEST_SHIFT
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, are_physical, project, project_planar
 from mbaid_ros.core.results.status import Reason, Severity, status_of, with_reasons
 from mbaid_ros.core.robot.kinematics import Plane
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian
-
-# Standard deviations that a solution may move by: a bias of half of one costs a 95 % interval three of its
-# hundredths. Of equations that are near linear it moves by some hundredths, where the mass is known to a seventh by
-# up to .4, where products of unknowns lead by .5 to 1.2.
-_LARGEST = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +31,8 @@ class Curvature:
     # shifts, covariance: (d, 10) by which standard parameters have moved at d other points; (10, 10) at the solution
     shifts: Array
     covariance: Array
-    largest: float = _LARGEST  # standard deviations that a near linear one moves by at most
+    largest: float = LARGEST_SHIFT  # standard deviations that a near linear one moves by at most
+    unknowns: Array | None = None  # (d, e) by which the unknowns' independent numbers have moved
 
     def straight(self, jacobian: Array) -> Flags:
         """Return of which numbers (m,), by their Jacobian (m, 10), the equations are near linear."""
@@ -49,6 +46,7 @@ class Curvature:
         return not bool(self.straight(np.eye(10)).all())
 
 
+LENGTH = 1.0  # m, that the standard deviation of the centre of mass is relative to: of the size of what an arm holds
 # Standard deviations of an estimate from the nearest real body, from which a warning reports it.
 _LARGE_CORRECTION = 3.0
 _BY_CHANCE = 1e-6  # chance that so few equations leave as large a residual: asked once a window while a run is short
@@ -93,7 +91,6 @@ class Reporting:
     scale: Array  # (10,) typical sizes of the standard parameters
     identifiable_std: float  # relative standard deviation, as the next one
     converged_std: float
-    length: float  # m, that the centre of mass is taken relative to
     largest_residual: float  # RMS of the normalised residuals from which the data are inconsistent
 
     def estimates(self, method: str, solutions: Sequence[Solution], instants: Sequence[Instant]) -> list[Estimate]:
@@ -167,10 +164,10 @@ class Reporting:
     def sizes(self, parameters: Array) -> Array:
         """Return the sizes that standard deviations of the (..., 10) physical parameters are relative to."""
         moments = np.sqrt(np.abs(parameters[..., _FIRST] * parameters[..., _SECOND]))
-        length = np.full((*parameters.shape[:-1], 3), self.length)
+        length = np.full((*parameters.shape[:-1], 3), LENGTH)
         size = np.concatenate((np.abs(parameters[..., :1]), length, moments), axis=-1)
         # An element that vanishes is of the size that rounding leaves of a typical one.
-        typical = np.concatenate((self.scale[:1], np.full(3, self.length), self.scale[4:]))
+        typical = np.concatenate((self.scale[:1], np.full(3, LENGTH), self.scale[4:]))
         return np.maximum(size, 1e-9 * typical)
 
     def _reasons(

@@ -59,6 +59,16 @@ def physical_jacobian(standard_parameters: Array) -> Array:
     return jacobian
 
 
+def physical_shift(body: Array, step: Array, shift: Array) -> Array:
+    """Return a shift (10,) of standard parameters as that of mass, CoM and inertia is, linearised a step away.
+
+    The moment about a distant point is of second order in the CoM; that about the CoM need not be.
+    """
+    there = body + step
+    moved = physical(there) + physical_jacobian(there) @ (shift - step) - physical(body)
+    return np.asarray(np.linalg.solve(physical_jacobian(body), moved))
+
+
 def pseudo_inertia(standard_parameters: Array) -> Array:
     """Return the (..., 4, 4) pseudo-inertia [[tr(I_o)/2 1 - I_o, h], [h^T, m]], positive definite for a real body."""
     inertia = unvec(standard_parameters[..., 4:])

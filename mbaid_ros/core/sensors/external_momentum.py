@@ -29,11 +29,17 @@ EXACT_THRUST = (
     'thrust counts as exactly as commanded: if it is weaker, misaligned or late, the intervals are too narrow; set '
     'thrust.scale_std, thrust.direction_std and thrust.delay_std'
 )
+SHARED_THRUST = (
+    'thrust in {} changes to and fro between two commands, as of two publishers, of which each ends the other: give '
+    'each a frame of its own, such as a link that is fixed to this one'
+)
 NOT_FINITE_MOMENTUM = 'stored momentum with a NaN or infinite value'
 OTHER_MOMENTUM_FRAME = 'stored momentum in another frame'
 NOT_ASKED_FOR = 'stored momentum is published but not used: set wheels.momentum_frame'
 
+HOLD = 1_000_000_000  # ns, longest time that a command acts: drivers repeat theirs several times a second
 _FAR = 10_000_000_000  # ns, from the newest sample: a command further away is by another clock
+_SHARED = 10  # commands between two with other components, from which they are another publisher's
 _REMEMBERED = 4 * _FAR  # ns, for commands that come late
 # Derivatives of a wrench by a thruster's scale, and by its turn about each axis, (4, 6, 6).
 _BY_ERROR = np.zeros((4, 6, 6))
@@ -70,7 +76,6 @@ class Thrust:
 
     Parameters
     ----------
-    hold : ns, longest time that a command counts
     uncertain : frames of thrusters whose thrust may differ from the command
 
     Attributes
@@ -81,12 +86,12 @@ class Thrust:
     late : whether one came after samples that it acts on
     exact : whether one counted as exactly as commanded
     dropped : commands that were not used, by cause
+    shared : frame that two publishers seem to command; empty for none
     """
 
-    def __init__(self, model: RobotModel, hold: int, uncertain: Sequence[str] = ()) -> None:
+    def __init__(self, model: RobotModel, uncertain: Sequence[str] = ()) -> None:
         self._kinematics = Kinematics(model)
         self._links = {link.name: link for link in model.links}
-        self._hold = hold
         self._uncertain = {frame: index for index, frame in enumerate(uncertain)}
         self._columns: Array = np.zeros((len(uncertain), 6, OF_A_THRUSTER))  # derivatives of `brought` by the errors
         self._commands: dict[str, list[_Command]] = {}
@@ -98,12 +103,15 @@ class Thrust:
         self.late = False
         self.exact = False
         self.dropped: Counter[str] = Counter()
+        self.shared = ''
+        self._between: Counter[str] = Counter()  # by frame, commands between two of another publisher
+        self._components: dict[str, tuple[set[int], set[int]]] = {}  # of its last two commands, those that are not zero
 
     def changes(self, frame: str, stamp: int, wrench: Array, newest: int | None) -> bool:
         """Return whether samples up to the newest stamp may depend on the arrival of a command."""
         earlier = self._commands.get(frame, [])
         before = earlier[-1] if earlier else _Command(stamp, np.zeros(6))
-        over = newest is not None and newest >= before.stamp + self._hold and bool(np.any(wrench))
+        over = newest is not None and newest >= before.stamp + HOLD and bool(np.any(wrench))
         return over or stamp < before.stamp or not np.array_equal(wrench, before.wrench)
 
     def command(self, frame: str, stamp: int, wrench: Array, newest: int | None) -> None:
@@ -123,7 +131,17 @@ class Thrust:
         elif frame not in self._links and self.odometry_frame not in {'', frame}:
             self.dropped[UNKNOWN_FRAME] += 1
         else:
+            self._follow(frame, wrench)
             self._insert(frame, _Command(stamp, wrench))
+
+    def _follow(self, frame: str, wrench: Array) -> None:
+        """Look whether forces and torques of a frame come by turns, without any command of both."""
+        before, between = self._components.get(frame, (set(), set()))
+        after = set(np.flatnonzero(wrench).tolist())
+        self._components[frame] = between, after
+        if after and between and before == after and not between & after:
+            self._between[frame] += 1
+            self.shared = frame if self._between[frame] >= _SHARED else self.shared
 
     def applied(self, window: Samples, origin: int) -> Samples:
         """Return the next window with the impulse of thrust until each of its samples; `origin` is ns at time 0."""
@@ -199,7 +217,7 @@ class Thrust:
         """Return when the commands of a frame begin, s, how long each of them holds, s, and their wrenches (c, 6)."""
         commands = self._commands.get(frame, [])
         start = np.array([command.stamp - self._origin for command in commands]) * 1e-9
-        length = np.minimum(np.diff(start, append=np.inf), self._hold * 1e-9)
+        length = np.minimum(np.diff(start, append=np.inf), HOLD * 1e-9)
         return start, length, np.array([command.wrench for command in commands]).reshape(-1, 6)
 
     def _mean_gain(self, frame: str, samples: Samples) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.sensors.noise import median
 
 _FEWEST = 6  # samples of a window
 _PART = 0.5  # of the motion, by positions or velocities, from which a difference is no filter's or stamp's
@@ -75,4 +76,4 @@ class JointRates:
 
 def _noise(values: Array) -> Array:
     """Return the standard deviation of white noise in the columns of (N, n), by second differences."""
-    return np.asarray(np.median(np.abs(np.diff(values, 2, axis=0)), axis=0) / _OF_SECOND)
+    return np.asarray(median(np.abs(np.diff(values, 2, axis=0))) / _OF_SECOND)

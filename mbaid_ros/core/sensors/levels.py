@@ -10,7 +10,7 @@ import numpy as np
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise, Stamps
-from mbaid_ros.core.sensors.noise import NoiseLevels
+from mbaid_ros.core.sensors.noise import ORDER, NoiseLevels, median
 
 CHANNELS = (
     'joint_position',
@@ -126,7 +126,7 @@ _LEAST = 1.0 / 30.0
 # Of poses without a twist, undeclared: spacing (s) up to which differences determine their noise, poses that this
 # takes, lost ones included, and how many times as noisy as usual they count until then.
 _SLOWEST, _FIRST, _AT_FIRST = 0.2, 40, 100.0
-_SETTLED = 4.0  # s, after which differences separate errors that last from small ones
+_SETTLED, _READ = 4.0, 80  # s, and poses, after which differences separate errors that last from small ones
 _NEVER = np.iinfo(np.int64).max
 
 
@@ -183,7 +183,8 @@ class FoundNoise:
             end = float(window.time[-1])
             self._waiting.append(window)
             if not self._settled:
-                self._settled = end > _SETTLED or self.applied(self._waiting[0], origin, end)[1].as_declared
+                enough = end > max(_SETTLED, _READ * float(median(window.apart)))
+                self._settled = enough or self.applied(self._waiting[0], origin, end)[1].as_declared
             if self._settled:
                 released += [self.applied(each, origin, end) for each in self._waiting]
                 self._waiting.clear()
@@ -191,20 +192,22 @@ class FoundNoise:
 
     def applied(self, window: Samples, origin: int, until: float | None = None) -> tuple[Samples, SensorLevels]:
         """Return a window with the noise found until a time (s), its end by default, and the levels then."""
-        end = origin + round((float(window.time[-1]) if until is None else until) * 1e9)
+        until = float(window.time[-1]) if until is None else until
+        end = origin + round(until * 1e9)
         undeclared = self._undeclared & (self._declared_from > end)
         free = undeclared | self._estimate
-        spacing = float(np.median(window.apart))
+        spacing = float(median(window.apart))
         levels = self._levels.until(end, spacing, free=(bool(free[2:4].all()), bool(free[4:].all())))
         contradicted = levels.contradicted & ~free
         used = free | levels.used
-        declared = self._declared(window)
+        declared = self._declared(window, spacing)
         found = np.maximum(levels.factor * declared, _LEAST * TYPICAL)
+        unknown = undeclared & np.isnan(found)
         factor = np.where(np.isnan(found) | ~used, 1.0, found / declared)
         if window.missing_rates[1] and spacing <= _SLOWEST and window.time[-1] < _FIRST * spacing:
             # With poses alone a window of far too much weight is never made up for; one of hardly any is no loss. A
             # twist informs as much, and poses that stay exact would never count.
-            factor[2:4] = np.where(np.isnan(found) & undeclared, _AT_FIRST, factor)[2:4]
+            factor[2:4] = np.where(unknown, _AT_FIRST, factor)[2:4]
         time, of_twist = levels.times.tolist()
         time = self._noise.base_correlation_time or time
         noise = np.array([*(factor[:2] * declared[:2]), time])
@@ -216,19 +219,19 @@ class FoundNoise:
         ), SensorLevels(
             declared=np.where(undeclared, np.nan, declared),
             found=found,
-            assumed=np.where(undeclared & np.isnan(found) & _read(window), factor * declared, np.nan),
+            assumed=np.where(unknown & _read(window) if unknown.any() else unknown, factor * declared, np.nan),
             correlation_time=time,
             used=used & ~np.isnan(found),
             twist_correlation_time=of_twist,
             contradicted=contradicted,
-            clear=levels.clear,
+            clear=levels.clear and until > ORDER * spacing,  # else there is no difference yet
         )
 
-    def _declared(self, window: Samples) -> Array:
-        """Return the (6,) declared standard deviations of single readings in a window."""
-        spacing = float(np.median(np.diff(window.time))) if len(window) > 1 else 0.0
+    def _declared(self, window: Samples, apart: float) -> Array:
+        """Return the (6,) declared standard deviations of single readings in a window, whose poses are s apart."""
+        spacing = float(median(np.diff(window.time))) if len(window) > 1 else 0.0
         # Samples between two poses have the noise that they share as if it were each one's own.
-        shared = max(float(np.median(window.apart)) / spacing, 1.0) if spacing > 0.0 else 1.0
+        shared = max(apart / spacing, 1.0) if spacing > 0.0 else 1.0
         base = [
             np.sqrt(np.mean(np.diagonal(each, axis1=1, axis2=2).reshape(-1, 2, 3), axis=(0, 2)) / shared)
             for each in (window.pose_covariance, window.twist_covariance)

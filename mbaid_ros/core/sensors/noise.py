@@ -136,6 +136,12 @@ class Differences:
         return when[known], row * _BINS + place[known]
 
 
+def median(values: Array) -> Array:
+    """Return the median along the first axis, without NaN: of few numbers NumPy's own takes several times as long."""
+    ordered, middle = np.sort(values, axis=0), len(values) // 2
+    return np.asarray(0.5 * (ordered[middle] + ordered[(len(values) - 1) // 2]))
+
+
 def variances(counts: Integers) -> Array:
     """Return the variance (rows,) of the errors behind counted differences (rows, bins); 0 without any."""
     total = counts.sum(axis=1)

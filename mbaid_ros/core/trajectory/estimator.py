@@ -106,7 +106,7 @@ class TrajectoryEstimator:
         """Judge the solution of the best hypothesis, and return it with its history."""
         filtered, layout, origin = run.best, self._runs.layout, self._averaging.origin
         moments = run.moments()
-        sizes = moments.sizes(layout)
+        sizes = run.sizes(moments)
         verdict = self._with_causes(run, judge(self._runs.evidence(run, sizes)))
         verdict = with_undeclared_orbit(verdict, moments, layout)
         # Where the data contradict the model, the verdict names the declarations that would have to be wrong.
@@ -196,7 +196,7 @@ class TrajectoryEstimator:
         moments = run.moments()
         end = End.of(last, self._settings.noise, self._settings.window, self._averaging.origin, self._plane.normal)
         end = end.after(self._momentum_change(last, moments.mean))
-        return posterior(self._runs.layout, run.best.hypothesis, moments, end)
+        return posterior(self._runs.layout, run.best.hypothesis, moments, run.sizes(moments), end)
 
     @property
     def settled(self) -> bool:

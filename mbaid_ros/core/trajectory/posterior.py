@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.state import LINEAR, Layout, Point
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import window_noises
@@ -122,10 +123,12 @@ class Posterior:
         return points
 
 
-def posterior(layout: Layout, hypothesis: Hypothesis, moments: MeanAndCovariance, end: End) -> Posterior:
+def posterior(
+    layout: Layout, hypothesis: Hypothesis, moments: MeanAndCovariance, sizes: PriorScaleFactors, end: End
+) -> Posterior:
     """Return the posterior of a run, as published, from the mean and covariance of its state."""
     variables, rows, mean = moments.variables, np.arange(FIRST, layout.size), moments.mean.copy()
     outside = variables.factor - variables.basis @ (variables.basis.T @ variables.factor)
-    mean[rows], factor = moments.published(moments.sizes(layout), layout, rows)
+    mean[rows], factor = moments.published(sizes, layout, rows)
     triangle = np.asarray(np.linalg.qr(np.concatenate((factor, outside[rows]), axis=1).T, mode='r'))
     return Posterior(layout, variables, hypothesis, mean, triangle, end)

@@ -298,9 +298,9 @@ def implausible(moments: MeanAndCovariance, layout: Layout, joints: Sequence[Pas
             reasons.append(Reason(text, 'contradiction', 0.5 * far**2))
         limit = model.limits[index]
         lower, upper = (limit.lower, limit.upper) if limit.upper > limit.lower else (-np.inf, np.inf)
-        if joint.largest > min(upper, -lower):
+        if joint.deflection > min(upper, -lower):
             text = (
-                f'{joint.joint} would swing by {joint.largest:.3g} rad (m), beyond its limits in the URDF, '
+                f'{joint.joint} would swing by {joint.deflection:.3g} rad (m), beyond its limits in the URDF, '
                 f'{lower:.3g} to {upper:.3g}: something else moves'
             )
             reasons.append(Reason(text, 'contradiction', 0.5 * _FAR**2))

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbaid_ros.core.diagnosis.candidates import CandidateCauses
 from mbaid_ros.core.diagnosis.fault_isolation import FaultIsolation
-from mbaid_ros.core.diagnosis.passes import another_body
+from mbaid_ros.core.diagnosis.filter_passes import another_body
 from mbaid_ros.core.diagnosis.ranking import Change
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
@@ -160,7 +160,7 @@ class TargetRuns:
         """Return the evidence for and against the model of a run that has started."""
         gaussian, hypothesis = run.best.gaussian, run.best.hypothesis
         # A force or drift would absorb the errors of a wrong robot.
-        undisturbed = run.moments_of_first().sizes(self.layout) if hypothesis.disturbed else sizes
+        undisturbed = run.sizes(run.moments_of_first()) if hypothesis.disturbed else sizes
         beside_prior = sizes if hypothesis.physical else undisturbed
         # A declared force has no rival: nothing was estimated without it.
         declared = self._settings.constant != 'none'
@@ -173,7 +173,6 @@ class TargetRuns:
             unconfirmed=run.unconfirmed or self.isolation.open_jumps(run),
             hypothesis=hypothesis.name if hypothesis.disturbed else '',
             physical=hypothesis.physical,
-            odometry_drifts=hypothesis.position > 0.0,
             gain=run.lead,
             instead=(kind_in_words(instead), gain),
         )

@@ -161,6 +161,27 @@ def test_what_no_data_see_is_at_no_distance() -> None:
     assert [*PriorComparison.of(np.zeros(NUMBERS), np.eye(NUMBERS)).distances] == [0.0, 0.0, 0]
 
 
+def test_what_data_see_at_second_order_only_is_no_distance() -> None:
+    """Data see the product of two numbers, which both are as declared; linear extrapolation calls them far off."""
+    noise, data = 0.4, 0.45
+
+    def solved(at: Array, *, steps: int = 1) -> tuple[Array, Array]:
+        for _ in range(steps):
+            rows = at[::-1][None] / noise
+            at, covariance = posterior(rows, np.array([(data + at[0] * at[1]) / noise]))
+        return at, covariance
+
+    mean, covariance = solved(np.array([0.3, 0.2]), steps=200)
+    draws = mean + np.random.default_rng(0).multivariate_normal(np.zeros(2), covariance, 3)
+    moved = np.array([solved(draw)[0] - mean for draw in draws])
+    assert PriorComparison.of(mean, covariance).distances[2] == 1
+    assert [*PriorComparison.of(mean, covariance, moved).distances] == [0.0, 0.0, 0]
+    straight = 0.01 * moved
+    assert [*PriorComparison.of(mean, covariance, straight).distances] == [
+        *PriorComparison.of(mean, covariance).distances
+    ]
+
+
 def test_groups_side_by_side_are_as_each_by_itself() -> None:
     drawings = [drawn(seed, 3.0, 2.0) for seed in range(5)]
     together = PriorComparison.of(*map(np.array, zip(*drawings, strict=True)))

@@ -18,6 +18,8 @@ from mbaid_ros.core.results.parameters import (
 )
 from mbaid_ros.core.results.physical_consistency import inertia_ratios
 from mbaid_ros.core.results.reporting import Curvature
+from mbaid_ros.core.robot.momentum import physical, physical_jacobian, physical_shift
+from mbaid_ros.core.robot.momentum import standard as standard_of
 
 CAUSES = (SENSOR_NOISE, 'link:base_link', 'zero:joint6')
 STD = np.array([0.5, 1e-3, 2e-3, 1e-3, *[0.1] * 6])
@@ -146,6 +148,15 @@ def test_numbers_that_mix_parameters_are_judged_by_their_own_deviation() -> None
     mixed = np.eye(10)
     mixed[IXX, MASS] = 100.0  # I_xx about a distant point: its deviation is the mass's
     assert curvature(-3.0, IXX).straight(mixed).all()
+
+
+def test_a_moment_about_the_centre_of_mass_is_near_linear_wherever_that_is() -> None:
+    """Data that determine mass and central moments leave the centre of mass as it was linearised."""
+    away = np.array([0.0, 0.5, -0.3, 0.2, *np.zeros(6)])
+    there = standard_of(physical(BODY) + away)
+    solved = there - np.linalg.solve(physical_jacobian(there), away)  # to first order the body itself
+    assert abs((solved - BODY)[4]) > 100.0 * BODY[4]  # far off about the link's origin
+    np.testing.assert_allclose(physical_shift(BODY, there - BODY, solved - BODY), 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(
