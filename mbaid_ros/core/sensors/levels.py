@@ -224,7 +224,8 @@ class FoundNoise:
             used=used & ~np.isnan(found),
             twist_correlation_time=of_twist,
             contradicted=contradicted,
-            clear=levels.clear and until > ORDER * spacing,  # else there is no difference yet
+            # Before the first difference nothing can contradict what is declared.
+            clear=levels.clear and (until > ORDER * spacing or bool(free[2:].all())),
         )
 
     def _declared(self, window: Samples, apart: float) -> Array:

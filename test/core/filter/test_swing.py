@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from appendages import PANELS, SLOSH, with_fuel, with_panel_on_the_target, with_panels
+from benchmarks.appendages import PANELS, SLOSH, with_fuel, with_panel_on_the_target, with_panels
 from mbaid_ros.core.filter.averaging import KnotAveraging
 from mbaid_ros.core.filter.knots import Midpoints
 from mbaid_ros.core.filter.state import BODY, LINEAR, Layout, Point
