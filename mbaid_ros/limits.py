@@ -1,7 +1,7 @@
 """How much of anything is taken from outside: every bound on files, messages and documents, in one place.
 
-They are far above what robots need, and low enough that any file is read or refused within 10 s and 1 GB.
-docs/reference/input-handling.md has them as a table; a test compares the two.
+They are far above what robots need, and low enough that any file but a sqlite3 database is read or refused within 10 s
+and 1 GB. docs/reference/input-handling.md has them as a table; a test compares the two.
 """
 
 # Documents.
@@ -33,7 +33,6 @@ METADATA_BYTES = 5_000_000  # of metadata.yaml: of some ten thousand files
 YAML_VALUES = 200_000  # in metadata.yaml or QoS profiles
 YAML_DEPTH = 50  # of lists and mappings there
 PROFILE_CHARACTERS = 100_000  # of the QoS profiles of one topic
-TOPICS = 10_000
 CHANNEL_BYTES = 1_000_000  # of all channels in the index of an MCAP file: names and QoS profiles
 DEFINITION_CHARACTERS = 100_000  # of one message type
 MESSAGE_BYTES = 64_000_000  # of one message, decompressed
@@ -42,8 +41,6 @@ OVERLAP_BYTES = 256_000_000  # of messages in chunks that overlap in time, which
 BLOCK_BYTES = 16_000_000  # of the messages that are handled at once; one alone may have more
 UNPACKED_RATIO = 100  # decompressed bytes for each byte of a compressed file ...
 UNPACKED_BYTES = 64_000_000  # ... or this many, if that is more
-QUERY_STEPS = 5_000_000  # of sqlite's virtual machine for one query ...
-QUERY_STEPS_PER_BYTE = 50  # ... and so many more for each byte of the file
 
 # Logs that `convert` makes bags of.
 LOG_BYTES = 100_000_000  # of a log, decompressed

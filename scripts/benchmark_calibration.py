@@ -26,7 +26,7 @@ from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.model_errors import ModelErrors, displaced
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.catalogue import CalibratedSide, Uncertainty
 from mbaid_ros.core.unknowns.declaration import NominalModel
 from mbaid_ros.session.known_robot import KnownRobot
 from mbaid_ros.session.methods import make_estimator
@@ -77,7 +77,7 @@ def run(seed: int) -> Outcome:
     error = found.values - np.concatenate((_theta(free_model()), _placed(cad, errors)))
     own = MomentumKernel(cad, 'link7')
     calibrated = NominalModel(MomentumKernel(_with(cad, found), 'link7'), found.joints[:, 0], found.mount, 0.0)
-    ours = _target(after, *_continued(own, found))
+    ours = _target(after, *_continued(cad, found))
     truth = NominalModel(
         MomentumKernel(true_robot(model('servicer7'), errors), 'link7'), errors.zeros, errors.mount, 0.0
     )
@@ -134,12 +134,15 @@ def attainable() -> Array:
     """
     found = _calibrated(free_model(), windows(motion(1, SECONDS), None), PRIORS)
     after = windows(robot_motion('servicer7'), None)
-    return _sizes(_target(after, *_continued(MomentumKernel(free_model(), 'link7'), found)).std)
+    return _sizes(_target(after, *_continued(free_model(), found)).std)
 
 
-def _continued(own: MomentumKernel, found: Calibration) -> tuple[MomentumKernel, Uncertainty]:
-    """Return a robot after its calibration, and its uncertainty."""
-    return own.with_uncertainty(found.prior.errors(1)), replace(UNCERTAIN, carried=found.carried)
+def _continued(cad: RobotModel, found: Calibration) -> tuple[MomentumKernel, Uncertainty]:
+    """Return a robot after its calibration, and its uncertainty, as the files of `calibrate` have them."""
+    robot = _with(cad, found)
+    links = tuple(robot.link(name) for name in LINKS)
+    side = CalibratedSide(links, found.joints[:, 0], found.mount, found.block_covariance)
+    return side.known_to(MomentumKernel(robot, 'link7'), UNCERTAIN)
 
 
 def _target(after: list[Samples], kernel: MomentumKernel, uncertainty: Uncertainty | None = None) -> Estimate:

@@ -134,6 +134,7 @@ def main(argv: list[str]) -> int:
     shutil.rmtree(bag, ignore_errors=True)
     print(
         "The paper's servicer floats with debris in its hand. The estimator identifies link4: arm end and debris.\n"
+        'The motion is planar, so four of the ten parameters are observable.\n'
         f'Simulator, estimator and recorder run as ROS 2 nodes, {arguments.speed:g} times as fast as real time.\n'
     )
     try:

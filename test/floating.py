@@ -143,7 +143,7 @@ def make(
     kept: int = 40,
 ) -> TrajectoryEstimator:
     """Return an estimator with the defaults of the parameters, and so many windows kept."""
-    reporting = Reporting(unknown_scale(kernel)[:10], 0.5, 0.01, 1.0, 2.0)
+    reporting = Reporting(unknown_scale(kernel)[:10], 0.5, 0.01, 2.0)
     return TrajectoryEstimator(
         kernel.with_uncertainty(declared(kernel.known, known_std)),
         TrajectorySettings(noise, WINDOW, 10, kept, uncertainty, adapt),

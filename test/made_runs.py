@@ -11,7 +11,8 @@ from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.parameters import SENSOR_NOISE, ErrorBudget
-from mbaid_ros.replay.results import Pose, Run, TopicStatistics
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.replay.results import Run, TopicStatistics
 from simulated import CONFIG
 
 # A body that can exist: mass, centre of mass, inertia about it.
@@ -73,12 +74,12 @@ def history(final: Estimate, count: int = 30) -> tuple[Estimate, ...]:
 
 def run(final: Estimate | None = None, **changes: Any) -> Run:
     """Return a replay of the seven-joint servicer."""
-    last = estimate() if final is None else final
+    end = estimate() if final is None else final
     values: dict[str, Any] = {
         'bag': 'a/bag',
         'target_link': 'link7',
-        'final': last,
-        'history': history(last),
+        'final': end,
+        'history': history(end),
         'topics': (
             TopicStatistics('/joint_states', 'sensor_msgs/msg/JointState', 1000, 100.0),
             TopicStatistics('/odom', 'nav_msgs/msg/Odometry', 1000, 100.0),
@@ -87,17 +88,18 @@ def run(final: Estimate | None = None, **changes: Any) -> Run:
         'dropped': {'NaN or infinite value': 3},
         'warnings': ('3 messages not used: NaN or infinite value',),
         'urdf': (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8'),
-        'pose': pose(7),
+        'last': last_sample(7),
         'settings': values_of(EstimatorConfig()),
         **changes,
     }
     return Run(**values)
 
 
-def pose(joints: int) -> Pose:
-    """Return a pose with each joint a little turned."""
-    zero: Array = np.zeros(3)
-    return Pose(np.eye(3), zero, np.linspace(0.2, 0.8, joints, dtype=np.float64))
+def last_sample(joints: int) -> Samples:
+    """Return a sample at rest with each joint a little turned."""
+    zero: Array = np.zeros((1, 3))
+    place, six = np.linspace(0.2, 0.8, joints, dtype=np.float64)[None], np.eye(6)[None]
+    return Samples(np.zeros(1), place, 0.0 * place, zero, np.eye(3)[None], zero, zero, six, six)
 
 
 def event() -> Event:

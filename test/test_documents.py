@@ -198,7 +198,7 @@ def test_messages_help_and_docstrings_are_in_plain_words(folder: str) -> None:
 
 def test_messages_of_the_page_on_troubleshooting_exist() -> None:
     page = (ROOT / 'docs' / 'how-to' / 'troubleshooting.md').read_text(encoding='utf-8')
-    rows = page[page.index('| message | fix |') : page.index('## Exit codes')]
+    rows = page[page.index('| message | fix |') : page.index('## The robot description is refused')]
     messages = re.findall(r'^\| ([^-].*?) \|', rows, re.MULTILINE)[1:] + re.findall(r'^## "(.*)"$', page, re.MULTILINE)
     parts = [part.strip() for each in messages for part in re.split(r'\.\.\.|[;,]|/\w+|\(.*?\)', each)]
     code = '\n'.join(text for _, text in texts('mbaid_ros')).lower()

@@ -45,8 +45,6 @@ class DisturbanceConfig:
 class ThrustConfig:
     """The commanded thrust on the topic thrust."""
 
-    hold: float = parameter(1.0, 's', minimum=0.0, exclusive_minimum=True)
-    """Longest time that a commanded wrench acts after its stamp; the next one in its frame ends it."""
     scale_std: float = parameter(0.0, minimum=0.0)
     """Relative standard deviation of the strength of a thruster, constant, estimated by trajectory; 0: commands are
     exact."""
@@ -70,5 +68,3 @@ class CaptureConfig:
     """Time of the capture after the first sample, if known beforehand; 0: phase decides."""
     detect: bool = parameter(default=False)
     """Interpret a jump of the momentum as the capture, once pre_capture has lasted five seconds."""
-    margin: float = parameter(0.5, 's', minimum=0.0)
-    """Time before and after the capture in which bodies touch and slip: windows with such samples are not used."""

@@ -85,8 +85,6 @@ class ConvergenceConfig:
     """A parameter is identifiable when its relative standard deviation is below this."""
     largest_residual: float = parameter(2.0, minimum=1.0, read_only=False)
     """A run is inconsistent when its residuals exceed this multiple of the noise."""
-    length: float = parameter(1.0, 'm', minimum=0.0, exclusive_minimum=True, read_only=False)
-    """Length that the standard deviation of the centre of mass is relative to."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from mbaid_ros.config.parameters import by_name, parameter
 @dataclass(frozen=True)
 class _Zero:
     zero_std: float = parameter(1e-3, 'rad', minimum=0.0)
-    """Standard deviation of every joint's zero, true less measured position, constant; m for a prismatic joint. 0:
+    """Standard deviation of every joint's zero, true minus measured position, constant; m for a prismatic joint. 0:
     exact."""
 
 
@@ -82,8 +82,8 @@ class KnownLinksConfig:
 @dataclass(frozen=True)
 class _Tracking:
     tracking_std: float = parameter(0.0, 'rad', minimum=0.0)
-    """Standard deviation of the tracking error of every joint, for joint states that hold commands: true less commanded
-    position, a Gauss-Markov process of 2 s; m for a prismatic joint; 0: none."""
+    """Standard deviation of the tracking error of every joint, for joint states that hold commands: true minus
+    commanded position, a Gauss-Markov process of 2 s; m for a prismatic joint; 0: none."""
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,6 @@ class PlanConfig:
     the order mass, com_x, com_y, com_z, ixx, ixy, ixz, iyy, iyz, izz; empty: convergence.relative_std."""
     duration: float = parameter(0.0, 's', minimum=0.0, maximum=3600.0, read_only=False)
     """Length of the most informative motion; 0: the shortest that reaches relative_std."""
-    longest: float = parameter(300.0, 's', minimum=0.0, maximum=3600.0, exclusive_minimum=True, read_only=False)
-    """Longest motion of the search."""
     joint_velocity: float = parameter(0.0, 'rad/s', minimum=0.0, read_only=False)
     """Velocity that no joint exceeds, in addition to its limit in the URDF (m/s for a prismatic joint); 0: the URDF's
     limit alone."""

@@ -112,6 +112,7 @@ class Identifier:
         self._window = window
         self._notes: dict[str, float] = {}  # notes on the data for the user, and since when (s)
         self.used = 0
+        self.last: Samples | None = None  # sample
         self.end_of_window: int | None = None  # ns, stamp that closes the window that is open
         self._dropped: Counter[str] = Counter()
 
@@ -139,6 +140,7 @@ class Identifier:
         if samples is None:
             return []
         self.used += len(samples)
+        self.last = samples[-1:]
         number = np.floor((samples.time[-1] + 1e-9) / self._window) + 1.0
         self.end_of_window = self.synchroniser.origin + round(number * self._window * 1e9)
         closed = self._prepared(self._windows.push(samples))

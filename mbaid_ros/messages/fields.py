@@ -6,7 +6,6 @@ layouts of `mbaid_ros.cdr` do the same for bytes.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -112,13 +111,6 @@ def odometry_shape(message: Any) -> OdometryShape | OdometryLayout | BasePoseSha
     if isinstance(message, BasePose):
         return BasePoseShape(message.frame_id, message.child_frame_id)
     return OdometryShape(message.header.frame_id, message.child_frame_id)
-
-
-def positions_of(message: Any) -> dict[str, float]:
-    """Return the finite positions in a JointState by their joints' names."""
-    shape = joint_state_shape(message)
-    values = shape.columns([message])[1][0]
-    return {name: float(value) for name, value in zip(shape.names, values, strict=False) if math.isfinite(value)}
 
 
 def _covariances(messages: Sequence[Any], part: str) -> Array:

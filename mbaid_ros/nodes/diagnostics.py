@@ -126,8 +126,8 @@ class Diagnostics:
         awaited = []
         if state.session is None:
             awaited.append(
-                f'a robot description that can be used on {self._description_topic} (std_msgs/msg/String, latched), or '
-                'the parameter robot_description_file'
+                f'a usable robot description on {self._description_topic} (std_msgs/msg/String, latched), or the '
+                'parameter robot_description_file'
             )
         silent = [each for each in self._wanted(state).values() if not each.received]
         return awaited + [f'{each.topic} ({each.type_name}){_help(each)}' for each in silent]

@@ -141,8 +141,8 @@ class SimulatorNode(Node):
         now = self._pace.now()
         if self._pace.late > _LATE:
             self.get_logger().warning(  # type: ignore[no-untyped-call]
-                f'this machine does not keep up with real_time_factor {self._config.real_time_factor:g}: the run goes '
-                'on later, with nothing left out',
+                f'this machine does not keep up with real_time_factor {self._config.real_time_factor:g}: the run '
+                'takes longer, and leaves nothing out',
                 once=True,
             )
         duration = self._config.duration

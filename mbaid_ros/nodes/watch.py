@@ -199,7 +199,7 @@ class WatchNode(Node):
             self._hint_at(found)
             return
         if not self._wanted and len(estimates) > 1:
-            self._hint(f'{len(estimates)} estimators: {listing(estimates)}; shown is {topic}, NAME chooses another')
+            self._hint(f'{len(estimates)} estimators: {listing(estimates)}; showing {topic}, NAME selects another')
 
         def take(message: InertiaEstimate) -> None:
             self.seen += 1

@@ -143,8 +143,8 @@ def single_joint(motions: Motions, wanted: Wanted, base: BaseLimits) -> str:
         instead = beyond_motion(alone, speeds[best], alone.coarse, wanted)
         return f'no single joint improves {PARAMETERS[worst]}, known to {before}' + (f': {instead}' if instead else '')
     return (
-        f'of single joints {model.independent_joints[joint]} improves {PARAMETERS[worst]} most: {turn} there and back '
-        f'in {_LENGTH:g} s reduce it from {before} to {then}'
+        f'best single joint: {model.independent_joints[joint]}, {turn} there and back in {_LENGTH:g} s reduce '
+        f'{PARAMETERS[worst]} from {before} to {then}'
     )
 
 
@@ -165,6 +165,6 @@ def beyond_motion(motions: Motions, speeds: Array, grid: Grid, wanted: Wanted) -
         return ''
     cause = int(np.argmax(shares[worst]))
     return (
-        f'{100.0 * shares[worst, cause]:.0f} % of the variance that the motion leaves of {PARAMETERS[worst]} comes '
-        f'from {causes[cause]}: better known by calibrating or weighing it than by moving more'
+        f'{100.0 * shares[worst, cause]:.0f} % of the remaining variance of {PARAMETERS[worst]} comes from '
+        f'{causes[cause]}: calibrate or weigh it, because more motion hardly helps'
     )

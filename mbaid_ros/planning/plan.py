@@ -113,10 +113,9 @@ class Plan:
             )
         if self.shortest:
             return (
-                f'{wanted} is out of reach within plan.longest {self.longest:g} s{at}; {length} reach {then} for '
-                f'{known}, now {now}'
+                f'{wanted} is out of reach within {self.longest:g} s{at}; {length} reach {then} for {known}, now {now}'
             )
-        return f'{length} of motion bring {known} from {now} to {then}, not to the {wanted} that is wanted{at}'
+        return f'{length} of motion bring {known} from {now} to {then}, not to the wanted {wanted}{at}'
 
     @property
     def excursions(self) -> tuple[str, ...]:

@@ -134,7 +134,7 @@ class Planner:
         if not np.isfinite(search.best.cost):
             raise ParameterError(
                 'no motion of the joints, however small, keeps the collision shapes of the robot apart; accepted: a '
-                'smaller plan.clearance, or a pose that is further from itself'
+                'smaller plan.clearance, or a start with more distance between them'
             )
         search.base = self._assurance.tightened(search.best)
         compared = 0

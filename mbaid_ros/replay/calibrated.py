@@ -15,6 +15,7 @@ from mbaid_ros.config.calibration import CalibrationParameters
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import BAND, PARAMETERS, rounded
+from mbaid_ros.core.results.reporting import LENGTH
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.catalogue import underestimated_text
 from mbaid_ros.replay.run import BagMotions
@@ -84,7 +85,7 @@ def why_not(result: Calibrated) -> str:
     limit = result.parameters.estimator.convergence.identifiable_std
     left_open: dict[str, list[str]] = {}
     for link in calibration.links:
-        size = _sizes(link, result.parameters.estimator.convergence.length)
+        size = _sizes(link)
         for index in np.flatnonzero(np.isinf(link.prior_std) & ~(link.std < limit * size)):
             left_open.setdefault(_PRIORS[index], []).append(f'{link.name}.{PARAMETERS[index]}')
     if left_open:
@@ -95,11 +96,11 @@ def why_not(result: Calibrated) -> str:
     return ''
 
 
-def _sizes(link: LinkResult, length: float) -> Array:
+def _sizes(link: LinkResult) -> Array:
     """Return the size that each standard deviation is relative to, for a CoM the radius of gyration."""
     values = link.cad if link.cad[0] > 0.0 else link.parameters
     gyration = float(np.sqrt(np.sum(values[[4, 7, 9]]) / 2.0 / values[0]))
-    com = gyration if link.cad[0] > 0.0 else max(length, gyration)
+    com = gyration if link.cad[0] > 0.0 else max(LENGTH, gyration)
     moments = np.sqrt(np.abs(link.parameters[_FIRST] * link.parameters[_SECOND]))
     return np.concatenate((np.abs(link.parameters[:1]), np.full(3, com), moments))
 
@@ -185,8 +186,8 @@ def _ratio_words(link: LinkResult) -> str:
     each = zip(ratios.principal.tolist(), ratios.principal_std.tolist(), strict=True)
     parts = ', '.join(' ± '.join(rounded(value, std)) for value, std in each)
     return (
-        f'inertia of {one_line(link.name)}: known but for a factor, {100.0 * BAND * ratios.scale_std:.2g} % either '
-        f'way; principal moments over their sum: {parts} (95 %)'
+        f'inertia of {one_line(link.name)}: known up to a factor, ± {100.0 * BAND * ratios.scale_std:.2g} %; '
+        f'principal moments over their sum: {parts} (95 %)'
     )
 
 

@@ -106,5 +106,5 @@ def in_words(made: MadeBy) -> list[str]:
 
 def files_in_words(bag: str, files: Mapping[str, str | None]) -> list[str]:
     """Return the identity of each file of a bag, a line each."""
-    missing = f'SHA-256 not taken, for the bag is larger than {LARGEST_HASHED / 1e9:g} GB'
+    missing = f'no SHA-256: the bag is larger than {LARGEST_HASHED / 1e9:g} GB'
     return [f'{bag}, {name}: {f"SHA-256 {digest}" if digest else missing}' for name, digest in files.items()]

@@ -1,31 +1,25 @@
-"""The result of a replay, and its sources: estimates, times of arrival, the last pose."""
+"""The result of a replay, and its sources: estimates and times of arrival."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
 
-from mbaid_ros.cdr import Packets
 from mbaid_ros.core.capture.known_momentum import Capture
-from mbaid_ros.core.geometry import Array, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import CapturePhase, Estimate
 from mbaid_ros.core.results.published_inertia import Debris
-from mbaid_ros.core.robot.model import Link, RobotModel
-from mbaid_ros.core.samples import Stamps
+from mbaid_ros.core.samples import Samples, Stamps
 from mbaid_ros.core.sensors.levels import SensorLevels
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.messages.fields import joint_state_shape, odometry_shape, positions_of
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.holdout import Holdout
 from mbaid_ros.session.model_summary import ModelSummary
 
 HISTORY_LIMIT = 5_000
 Record = TypeVar('Record', Estimate, SensorLevels)
-
-_NAME_LISTS = 64  # of joints, of which the last message is kept
 
 
 @dataclass(frozen=True)
@@ -36,15 +30,6 @@ class TopicStatistics:
     type: str
     messages: int
     rate: float
-
-
-@dataclass(frozen=True)
-class Pose:
-    """Rotation (3, 3) base to odometry axes, position (3,) m of the base, and joint positions (n,) of the model."""
-
-    base_rotation: Array
-    base_position: Array
-    joint_position: Array
 
 
 @dataclass(frozen=True)
@@ -60,7 +45,7 @@ class Run:
     dropped: Mapping[str, int]  # messages that were not used, by cause
     warnings: tuple[str, ...]  # of the bag and of the run, one line each
     urdf: str = ''  # text of the robot description
-    pose: Pose | None = None  # the last one, None where the bag holds none
+    last: Samples | None = None  # the last sample, with the robot's pose; None without one
     settings: Mapping[str, object] = field(default_factory=dict)  # every parameter of the estimator with its value
     debris: Debris | None = None  # the captured body alone, None where not asked for or not determined
     phase: CapturePhase = 'post_capture'  # in which the bag ends
@@ -155,51 +140,3 @@ class Arrivals:
         """Return the statistics of a topic whose bag claims a number of messages."""
         rate = (messages - 1) / self.span if self.span > 0.0 else float('nan')
         return TopicStatistics(topic, type_name, messages, rate)
-
-
-class LastPose:
-    """The last pose of a robot in a stream of messages, unsynchronised: each joint's and the base's last reading."""
-
-    def __init__(self, model: RobotModel, prefix: str = '') -> None:
-        self._model = model
-        self._carriers = {prefix + link.name: link for link in model.links if link.body == 0}
-        self._joint_state: dict[tuple[str, ...], Any] = {}  # the last message of each list of names
-        self._odometry: Any = None
-
-    def add_joint_states(self, messages: Sequence[Any]) -> None:
-        """Take JointStates in order, of all joints or of some."""
-        last = {joint_state_shape(message): message for message in _ends(messages)}
-        for shape, message in last.items():
-            if shape.names in self._joint_state or len(self._joint_state) < _NAME_LISTS:
-                self._joint_state[shape.names] = message
-
-    def add_odometry(self, messages: Sequence[Any]) -> None:
-        """Take Odometry in order, of the base link or of links fixed to it."""
-        own = (message for message in reversed(_ends(messages)) if self._carrier(message) is not None)
-        self._odometry = next(own, self._odometry)
-
-    def _carrier(self, odometry: Any) -> Link | None:
-        return self._carriers.get(odometry_shape(odometry).child_frame_id.lstrip('/'))
-
-    def pose(self) -> Pose | None:
-        """Return the pose, None while a joint or the base has none."""
-        positions: dict[str, float] = {}
-        for message in self._joint_state.values():
-            positions.update(positions_of(message))
-        link = None if self._odometry is None else self._carrier(self._odometry)
-        angles = self._model.positions_from(positions)
-        if link is None or not np.all(np.isfinite(angles)):
-            return None
-        numbers = odometry_shape(self._odometry).columns([self._odometry])[1][0]
-        position, quaternion = numbers[:3], numbers[3:7]
-        if not np.all(np.isfinite(position)) or not np.all(np.abs(quaternion) < 2.0):
-            return None
-        if not 0.5 < np.sum(quaternion**2) < 2.0:
-            return None
-        rotation = rotation_from_quaternion(quaternion) @ link.rotation.T
-        return Pose(rotation, position - rotation @ link.position, angles)
-
-
-def _ends(messages: Sequence[Any]) -> Sequence[Any]:
-    """Return of messages in order those that may be the last of their shape; packets together have one shape."""
-    return messages[-1:] if isinstance(messages, Packets) else messages

@@ -23,7 +23,7 @@ from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.messages.fields import stamps_of
 from mbaid_ros.outgoing import Frames, MessageTypes, debris_message, estimate_message, inertia_message
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.results import Arrivals, History, LastPose, Run, TopicStatistics
+from mbaid_ros.replay.results import Arrivals, History, Run, TopicStatistics
 from mbaid_ros.session.explanation import intake_warnings, missing_joints
 from mbaid_ros.session.session import Session
 
@@ -140,7 +140,7 @@ def replay_bag(
         survey=survey,
         warnings=warnings,
         urdf=robot.urdf,
-        pose=intake.pose.pose(),
+        last=session.last,
         settings=values_of(config),
         debris=robot.debris(history.last) if history.last else None,
         phase=robot.phase,
@@ -166,7 +166,6 @@ class _Intake:
         self._arrivals = {topic: Arrivals() for topic in topics}
         self._stamped = {topic: Arrivals() for topic in (inputs.joint_states, inputs.odometry)}  # by header stamps
         self.warnings: list[str] = []
-        self.pose = LastPose(session.robot.model, session.config.frame_prefix)
 
     def add(self, messages: Recorded) -> None:
         """Take messages."""
@@ -177,8 +176,6 @@ class _Intake:
         poses = self._session.base_source.poses(messages.of(self._inputs.odometry))
         self._stamped[self._inputs.joint_states].add(stamps_of(joints))
         self._stamped[self._inputs.odometry].add(stamps_of(poses))
-        self.pose.add_joint_states(joints)
-        self.pose.add_odometry(poses)
 
     def statistics(self, bag: BagReader) -> tuple[TopicStatistics, ...]:
         """Return the statistics of each topic, by header stamps where the bag's times of recording cannot be."""

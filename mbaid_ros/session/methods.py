@@ -69,7 +69,7 @@ def _varies(config: EstimatorConfig) -> bool:
 
 def make_reporting(config: EstimatorConfig, kernel: MomentumKernel) -> Reporting:
     """Return the thresholds of publication of a method."""
-    reporting = Reporting(unknown_scale(kernel)[:10], 0.0, 0.0, 0.0, 0.0)
+    reporting = Reporting(unknown_scale(kernel)[:10], 0.0, 0.0, 0.0)
     set_thresholds(reporting, config.convergence)
     return reporting
 
@@ -78,7 +78,6 @@ def set_thresholds(reporting: Reporting, convergence: ConvergenceConfig) -> None
     """Change the thresholds of publication, from the next window on."""
     reporting.identifiable_std = convergence.identifiable_std
     reporting.converged_std = convergence.relative_std
-    reporting.length = convergence.length
     reporting.largest_residual = convergence.largest_residual
 
 
@@ -113,7 +112,7 @@ def _difference(config: EstimatorConfig, known: KnownRobot, reporting: Reporting
     if config.method == 'difference' and isinstance(known.uncertainty.target, KnownTarget):
         raise ParameterError(
             f"parameter 'known_links.{known.kernel.target.name[:60]}' is of the link that is identified, with method "
-            'difference, which takes nothing of the target for known; accepted: none, or method trajectory'
+            'difference, which uses no prior of the target; accepted: none, or method trajectory'
         )
     if config.method == 'difference' and config.target_prior.mass_std > 0.0:
         raise ParameterError(
@@ -144,7 +143,6 @@ def _paper(config: EstimatorConfig, kernel: MomentumKernel) -> PaperEstimator:
         lag=paper.lag,
         total_angular_momentum=paper.total_angular_momentum,
         settled=config.convergence.relative_std,
-        length=config.convergence.length,
     )
     return PaperEstimator(kernel, settings)
 
@@ -190,7 +188,6 @@ def make_capture(
         kernel,
         make,
         config.noise.declared,
-        config.capture.margin,
         config.convergence.largest_residual,
         detect=config.capture.detect,
     )

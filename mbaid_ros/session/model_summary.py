@@ -37,7 +37,7 @@ class ModelSummary:
     @property
     def lines(self) -> list[str]:
         """The summary, a line each, without the warnings."""
-        beside = f" beside target link '{self.target_link}'" if self.target_link else ''
+        beside = f" without target link '{self.target_link}'" if self.target_link else ''
         lines = [f"robot '{self.robot}': '{self.base_link}' floats, {self.joints} joints, {self.mass:.6g} kg{beside}"]
         if self.target_link and not self.chosen:
             lines.append(

@@ -44,7 +44,6 @@ def plan_settings(config: EstimatorConfig) -> PlanSettings:
     return PlanSettings(
         relative=_wanted(plan, config.convergence.relative_std),
         duration=plan.duration,
-        longest=plan.longest,
         joint_velocity=plan.joint_velocity or np.inf,
         joint_acceleration=plan.joint_acceleration,
         base=BaseLimits(*(given or np.inf for given in (plan.base_rotation, plan.base_translation, plan.base_rate))),

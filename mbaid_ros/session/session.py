@@ -18,6 +18,7 @@ from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust
 from mbaid_ros.core.sensors.joint_rates import JointRates
 from mbaid_ros.core.sensors.levels import FoundNoise
@@ -209,6 +210,11 @@ class Session:
         return self._segment.identifier.used
 
     @property
+    def last(self) -> Samples | None:
+        """The last sample of the segment; None before the first."""
+        return self._segment.identifier.last
+
+    @property
     def dropped(self) -> Counter[str]:
         """Unused messages, by cause."""
         return self._earlier + self._segment.dropped + self.queue.dropped + self.base_source.dropped
@@ -267,7 +273,7 @@ class _Segment:
         method = partial(make, config, described, robot.known)
         self._capture = make_capture(config, described, method)
         robot.begin(self._capture)
-        self.thrust = Thrust(model, round(config.thrust.hold * 1e9), uncertain_thrusters(config.thrust, model))
+        self.thrust = Thrust(model, uncertain_thrusters(config.thrust, model))
         noise, gyro = config.noise, make_gyro(config, model)
         on_base = gyro is not None and gyro.on_base
         checks = WindowChecks(config.twist_frame, HeldBase(described), JointRates(model.joint_names), gyro=on_base)

@@ -13,7 +13,7 @@ from checked import same, some
 from mbaid_ros.core.capture.estimator import BEFORE, CaptureEstimator
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.published_inertia import Frame, debris
+from mbaid_ros.core.results.published_inertia import debris
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples
 from observed import MID, configured_motion, estimator, kernel, observe, windows
@@ -22,7 +22,6 @@ BEGIN, END = 8.0, 12.0  # s: the capture, and how long the run goes on after it
 VELOCITY = np.array([0.004, -0.006, 0.003])  # m/s
 SPIN = np.array([0.02, -0.03, 0.015])  # rad/s
 RARE = 1e-3
-HERE = Frame('link7', np.eye(3), np.zeros(3))
 
 
 @cache
@@ -34,21 +33,21 @@ def pieces(seed: int | None = 1) -> list[Samples]:
     return windows(observe(joined().truth, MID, seed))
 
 
-def make(margin: float = 0.5, method: str = 'difference') -> CaptureEstimator:
+def make(method: str = 'difference') -> CaptureEstimator:
     robot = chaser()
     again = partial(estimator, robot, MID, method=method)
-    return CaptureEstimator(robot, again, MID, margin, 2.0)
+    return CaptureEstimator(robot, again, MID, 2.0)
 
 
-def told(margin: float = 0.5, method: str = 'difference') -> CaptureEstimator:
-    made = make(margin, method)
+def told(method: str = 'difference') -> CaptureEstimator:
+    made = make(method)
     made.time = BEGIN
     return made
 
 
 def body(estimate: Estimate) -> Array:
     """Return the captured body's parameters."""
-    found = some(debris(estimate, chaser().target.parameters, HERE))
+    found = some(debris(estimate, chaser().target.parameters))
     error = found.parameters - physical(alone())
     assert float(error @ np.linalg.solve(found.covariance, error)) < chi2.isf(RARE, 10)
     return found.parameters
@@ -117,7 +116,7 @@ def test_a_capture_told_too_early_can_be_moved(method: str) -> None:
 
 def test_a_capture_is_detected() -> None:
     robot = chaser()
-    run = CaptureEstimator(robot, lambda: estimator(robot, MID, method='difference'), MID, 0.5, 2.0, detect=True)
+    run = CaptureEstimator(robot, lambda: estimator(robot, MID, method='difference'), MID, 2.0, detect=True)
     last = [run.update([window], 0) for window in pieces()][-1][-1]
     assert run.time == pytest.approx(BEGIN, abs=0.5)
     found, known = run.capture(body(last)), told()
@@ -130,14 +129,14 @@ def test_a_capture_is_detected() -> None:
 
 def test_nothing_is_taken_for_a_capture_that_is_none() -> None:
     robot = chaser()
-    run = CaptureEstimator(robot, lambda: estimator(robot, MID, method='difference'), MID, 0.5, 2.0, detect=True)
+    run = CaptureEstimator(robot, lambda: estimator(robot, MID, method='difference'), MID, 2.0, detect=True)
     run.update([window for window in pieces(2) if window.time[-1] < BEGIN], 0)
     assert (run.time, run.phase) == (None, 'pre_capture')
 
 
 def test_a_planar_capture_tells_what_a_plane_can() -> None:
     planar = kernel('table1')
-    run = CaptureEstimator(planar, lambda: estimator(planar, MID), MID, 0.5, 2.0)
+    run = CaptureEstimator(planar, lambda: estimator(planar, MID), MID, 2.0)
     run.time = 3.0
     run.update(windows(observe(configured_motion('table1', 15.0, 50.0), MID, 1)), 0)
     found = some(run.capture(None))
@@ -154,7 +153,7 @@ def test_a_wrong_known_model_is_doubted_before_and_after() -> None:
     change = np.zeros_like(robot.known)
     change[0] = 0.3 * robot.known[0]
     wrong = robot.corrected(change)
-    run = CaptureEstimator(wrong, lambda: estimator(wrong, MID), MID, 0.5, 2.0)
+    run = CaptureEstimator(wrong, lambda: estimator(wrong, MID), MID, 2.0)
     run.time = BEGIN
     made = run.update(pieces(), 0)
     doubts = [estimate for estimate in made if any('the known model changes' in text for text in estimate.warnings)]

@@ -59,7 +59,7 @@ def test_the_demo_shows_the_estimate_converging_to_the_truth(tmp_path: Path) -> 
     assert f'report    {tmp_path / "report.html"}' in out
     report = (tmp_path / 'report.html').read_text()
     assert report.lstrip().startswith('<!')
-    assert 'Furthest from the truth that came with the bag is' in report
+    assert 'Largest deviation from the truth beside the bag:' in report
     assert '>truth</th>' in report
     result = json.loads((tmp_path / 'report.json').read_text())
     assert result['estimate']['mass'] == pytest.approx(934.45, rel=0.01)
@@ -105,9 +105,9 @@ def test_a_planned_motion_is_followed_and_tells_what_was_uncertain(graph: Graph,
     graph.start('simulator', '--ros-args', *words(given))
     graph.wait(lambda: estimates and estimates[-1].span.sec >= 7, 'an estimate after the first motion')
     before = estimates[-1]
-    graph.wait(lambda: 'next: of single joints ' in estimator.stderr, 'in the log what would help')
-    graph.wait(lambda: "key='next', value='of single joints " in str(diagnostics), 'the same in the diagnostics')
-    graph.wait(lambda: ', next: of single joints ' in watch.stdout, 'the same in the terminal')
+    graph.wait(lambda: 'next: best single joint: ' in estimator.stderr, 'in the log what would help')
+    graph.wait(lambda: "key='next', value='best single joint: " in str(diagnostics), 'the same in the diagnostics')
+    graph.wait(lambda: ', next: best single joint: ' in watch.stdout, 'the same in the terminal')
     answer = call(graph)
     assert answer.success, answer.message
     assert 'the motion comes on ~/motion' in answer.message

@@ -42,7 +42,7 @@ def test_one_line_has_everything() -> None:
     text = line(message(warnings=('one', 'two')))
     assert text.startswith('10.0 s, converged, mass 162.000 ±0.059 kg, com_x 0.33000 ±0.00020 m')
     assert text.endswith('! one; two')
-    advice = 'of single joints joint7 improves ixx most'
+    advice = 'best single joint: joint7'
     assert screen(message(warnings=('one',)), '/estimate', 80, advice=advice)[-2:] == [f'next: {advice}', '! one']
     assert line(message(warnings=('one',)), advice=advice).endswith(f', next: {advice}, ! one')
 

@@ -73,7 +73,7 @@ def test_a_motion_from_where_a_run_has_ended(result: Path, planned: dict[str, An
     assert planned['base']['rotation']['certain'] <= planned['base']['rotation']['limit'] == 0.01
     for known in planned['relative_std'].values():
         assert known['after'] <= known['now']
-    assert planned['notes'][0].startswith('of single joints joint')
+    assert planned['notes'][0].startswith('best single joint: joint')
     assert planned['notes'][1].startswith('moved at the end of the run, and must rest before')
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import recorded
-from made_runs import BODY, HOSTILE, STD, estimate, event, hostile_urdf, planar, pose, run
+from made_runs import BODY, HOSTILE, STD, estimate, event, hostile_urdf, last_sample, planar, run
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.replay.report.page import comparison, html
@@ -65,7 +65,7 @@ def brief(**changes: Any) -> Run:
 
 def nothing() -> Run:
     empty = Estimate(method='difference', status='waiting')
-    return run(empty, history=(), pose=None, topics=(), dropped={}, warnings=('no joint of the robot in the bag',))
+    return run(empty, history=(), last=None, topics=(), dropped={}, warnings=('no joint of the robot in the bag',))
 
 
 def svgs(text: str) -> list[ET.Element]:
@@ -120,8 +120,8 @@ def test_it_needs_nothing_else_and_has_no_script() -> None:
 def test_the_truth_is_compared() -> None:
     text = page_with_the_truth()
     assert cells(text, 'mass') == ['162.000', '0.059', 'kg', 'yes', '162.015', '-0.015', '-0.5']
-    assert 'Furthest from the truth that came with the bag is' in text
-    assert 'by 0.5 standard deviations' in text
+    assert 'Largest deviation from the truth beside the bag:' in text
+    assert ', 0.5 standard deviations.' in text
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ def test_the_truth_is_compared() -> None:
 def test_a_truth_that_does_not_fit_is_told_and_not_compared(given: Truth, note: str) -> None:
     text = html([brief()], [given])
     assert note in text
-    assert 'Furthest from the truth' not in text
+    assert 'Largest deviation from the truth' not in text
     assert cells(text, 'mass') == ['162.000', '0.059', 'kg', 'yes']
 
 
@@ -146,7 +146,7 @@ def test_a_planar_run_shows_what_it_does_not_determine() -> None:
 
 def test_events_are_marked_and_listed() -> None:
     text = page_with_an_event()
-    assert 'The momentum was changed from outside: 5 s.' in text
+    assert 'An external force changed the momentum: 5 s.' in text
     assert 'a push from outside' in text
     assert '(1, 0, \N{EN DASH})' in text
     assert text.count('>step<') >= 3
@@ -175,7 +175,7 @@ def test_a_contradiction_among_several_bags_comes_first() -> None:
     assert 'The runs agree' not in text
     assert '<p class="verdict wrong">The data contradict the model, so the numbers of link7 must not be trusted' in text
     assert '<p class="verdict good">The inertia of link7 is identified' in text
-    assert 'The momentum was changed from outside' not in text
+    assert 'An external force changed the momentum' not in text
 
 
 def hostile_run() -> Run:
@@ -184,7 +184,7 @@ def hostile_run() -> Run:
         bag=HOSTILE,
         target_link=HOSTILE.replace('\x1b', '').replace('\x07', ''),
         urdf=table1,
-        pose=pose(4),
+        last=last_sample(4),
         topics=tuple(replace(topic, topic=f'/{HOSTILE}', type=HOSTILE) for topic in run().topics),
         dropped={HOSTILE: 1},
         warnings=(HOSTILE,),

@@ -268,6 +268,21 @@ def test_slow_poses_of_a_noise_that_nobody_declares_contradict_nothing() -> None
     assert last.noise.found[2] == pytest.approx(0.02, rel=0.2)
 
 
+def test_slow_odometry_that_is_declared_ten_times_too_precise_contradicts_nothing() -> None:
+    def precise(message: Any) -> None:
+        for name in ('pose', 'twist'):
+            part = getattr(message, name)
+            covariance = 1e-2 * np.asarray(part.covariance)
+            setattr(message, name, SimpleNamespace(**{name: getattr(part, name), 'covariance': covariance}))
+
+    messages = changed(ODOMETRY, precise)(arrivals(ROBOT, SECONDS, 2, odometry_times=np.arange(0.0, SECONDS, 0.1)))
+    last = estimates(ROBOT, messages)[0][-1]
+    assert last.status in {'estimating', 'converged'}
+    assert any('the declared noise of the odometry is wrong: base position' in text for text in last.warnings)
+    truth = physical(robot(ROBOT).link(robot(ROBOT).last_link).parameters)
+    assert np.all(np.abs(last.parameters - truth) < 5.0 * last.std)
+
+
 def test_a_link_of_the_robot_that_is_fixed_to_the_base_is_found_by_itself() -> None:
     text = (CONFIG / f'{ROBOT}.urdf').read_text(encoding='utf-8')
     # Roll 0, pitch 0, yaw 90 degrees.

@@ -42,11 +42,9 @@ def argument(module: Any, name: str, key: str, parameters: dict[str, object]) ->
         ('maximum_gap', 0.3, {}, session, 'Identifier', 'maximum_gap', 0.3),
         ('noise.estimate', True, {}, session, 'FoundNoise', 'estimate', True),
         ('noise.trust_declared', True, {}, session, 'FoundNoise', 'trusted', True),
-        ('thrust.hold', 3.0, {}, session, 'Thrust', 'hold', 3_000_000_000),
         ('thrust.frames', ['link2'], {}, session, 'Thrust', 'uncertain', ('link2',)),
         ('reorder_time', 0.2, {}, reading, 'JointMerge', 'reorder_limit', 200_000_000),
         ('capture.detect', True, BEFORE, methods, 'CaptureEstimator', 'detect', True),
-        ('capture.margin', 2.0, BEFORE, methods, 'CaptureEstimator', 'margin', 2.0),
         ('disturbance.constant', 'body', {}, methods, 'TrajectorySettings', 'constant', 'body'),
         ('momentum.linear_prior_std', 0.1, {}, methods, 'DifferenceSettings', 'linear_momentum_std', 0.1),
         ('paper.forgetting_factor', 0.9, PAPER, methods, 'PaperSettings', 'forgetting_factor', 0.9),
@@ -99,7 +97,6 @@ def test_the_noise_of_a_published_momentum() -> None:
         ('relative_std', 0.5, 'converged_std'),
         ('identifiable_std', 0.9, 'identifiable_std'),
         ('largest_residual', 3.0, 'largest_residual'),
-        ('length', 0.2, 'length'),
     ],
 )
 def test_a_threshold_of_published_estimates(name: str, value: float, attribute: str) -> None:
@@ -112,7 +109,6 @@ def test_a_threshold_of_published_estimates(name: str, value: float, attribute: 
     ('name', 'value'),
     [
         ('duration', 20.0),
-        ('longest', 50.0),
         ('joint_velocity', 0.2),
         ('joint_acceleration', 0.3),
         ('clearance', 0.1),

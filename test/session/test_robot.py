@@ -39,7 +39,7 @@ def test_what_is_odd_is_named() -> None:
     assert found.foreign == ('gripper',)
     assert found.unheard == ('w',)
     text = '\n'.join(found.lines)
-    assert "robot 'odd': 'base' floats, 4 joints, 4 kg beside target link 'tool'" in text
+    assert "robot 'odd': 'base' floats, 4 joints, 4 kg without target link 'tool'" in text
     assert "'tool' is a guess" in text
     assert 'links without inertia: camera' in text
     assert 'lacks: gripper' in text

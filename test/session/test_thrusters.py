@@ -98,7 +98,7 @@ def test_commands_that_are_right_stay_so() -> None:
 
 def commanded(wrench: Array, delay: float = 0.0, *, late: bool = False) -> tuple[Array, Array]:
     """Return impulse (N, 6) and columns (N, 6, 5) of a wrench on link3, told before its samples or after all."""
-    thrust = Thrust(robot('servicer7'), 1_000_000_000, ['link3'])
+    thrust = Thrust(robot('servicer7'), ['link3'])
     parts = windows(observe(pushed(), MID))
     last = len(parts) - 1
     found = [] if late else _told(thrust, wrench, delay)

@@ -19,6 +19,7 @@ from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.posterior import Posterior
 
 BEFORE = 'before the capture only the known model is checked; nothing is identified'
+MARGIN = 0.5  # s, before and after the capture, in which bodies touch and slip: those windows are not used
 _SLACK = 1e-9  # s, by which times of stamps in nanoseconds may differ as numbers
 _REMEMBERED = 200  # estimates, in which an event that is found late has to lie: those before are final
 _JUMP = 60.0  # chi-square of six numbers, which chance exceeds once in 1e10 windows
@@ -31,7 +32,6 @@ class CaptureEstimator:
     ----------
     make : makes the method; anew where the capture turns out to have been announced too early
     noise : of the sensors
-    margin : s, before and after the capture, that is used for neither
     largest_residual : of the known model, from which its momentum does not count as conserved
     detect : take a jump of the momentum that two windows in a row show for the capture
 
@@ -46,7 +46,6 @@ class CaptureEstimator:
         kernel: MomentumKernel,
         make: Callable[[], Estimator],
         noise: SensorNoise,
-        margin: float,
         largest_residual: float,
         *,
         detect: bool = False,
@@ -56,7 +55,6 @@ class CaptureEstimator:
         self.needs_rates = self._after.needs_rates
         self.time: float | None = None
         self.kernel = kernel
-        self._margin = margin
         self._largest_residual = largest_residual
         self._detect = detect
         self._suspect: Samples | None = None  # the first window after a possible capture
@@ -88,11 +86,11 @@ class CaptureEstimator:
                 made.append(self._before(window, origin))
                 self._until = window[-1:]
                 continue
-            self._use(self.time - self._margin)
+            self._use(self.time - MARGIN)
             self._waiting.clear()
             if self._place is None or not self._found:
                 self._look(window, self.time)
-            if window.time[0] > self.time + self._margin - _SLACK:
+            if window.time[0] > self.time + MARGIN - _SLACK:
                 later.append(self._since(window))
         found = self._after.update(later, origin) if later else []
         self._found.extend(found)
@@ -149,7 +147,7 @@ class CaptureEstimator:
         time = float(window.time[-1])
         if self._detect and self.time is None:
             self._watch(window)
-        self._use((time if self._suspect is None else float(self._suspect.time[0])) - self._margin)
+        self._use((time if self._suspect is None else float(self._suspect.time[0])) - MARGIN)
         chaser = self._known.chaser()
         estimate = Estimate(
             method=self.method,

@@ -17,11 +17,12 @@ import numpy as np
 
 from mbaid_ros.core.diagnosis.base_axes import axis_conventions
 from mbaid_ros.core.diagnosis.conventions import FITTED, Fit, conventions, fitted, point_as_described
-from mbaid_ros.core.diagnosis.passes import SLIPPING, FilterPasses, WhitenedWindows, Work, attempted
+from mbaid_ros.core.diagnosis.filter_passes import SLIPPING, FilterPasses, WhitenedWindows, Work, attempted
 from mbaid_ros.core.diagnosis.ranking import WORTH, CandidateCause, Change, IsolationResult
 from mbaid_ros.core.diagnosis.readings import (
+    LARGE_SWING,
+    SMALL_SWING,
     loose_joint_text,
-    noise_factors,
     noisier_poses,
     slipped_readings,
     stopped_readings,
@@ -255,7 +256,7 @@ class CandidateCauses:
     ) -> Work[list[CandidateCause]]:
         """Return the gain of a joint whose far side swings against its encoder; of the likeliest one."""
         names = self.layout.kernel.model.joint_names
-        first, *others = noise_factors(base.nis / base.measured)
+        first, *others = LARGE_SWING if base.nis > LARGEST_NIS * base.measured else SMALL_SWING
         filters: dict[tuple[int, float], HypothesisFilter] = {}
 
         def tried(joint: int, times: float) -> Work[None]:

@@ -13,7 +13,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array, Flags, log
 from mbaid_ros.core.results.evidence import SENSORS, Innovations
-from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.samples import Samples
 
 
@@ -101,12 +100,7 @@ def _stopped(windows: Sequence[Window], still: Flags, joint: str) -> SpoiltReadi
 
 # The declared noise, so many times: all joints are tried with the first, the likeliest with the others. Where little is
 # unexplained, a swing that has died down, fewer.
-_LARGE_SWING, _SMALL_SWING = (30.0, 10.0, 100.0), (3.0, 2.0, 10.0)
-
-
-def noise_factors(nis: float) -> tuple[float, ...]:
-    """Return how many times as noisy a joint is tried, by the mean normalised innovation squared."""
-    return _LARGE_SWING if nis > LARGEST_NIS else _SMALL_SWING
+LARGE_SWING, SMALL_SWING = (30.0, 10.0, 100.0), (3.0, 2.0, 10.0)
 
 
 def swinging(windows: Sequence[Window], joint: int, times: float, joints: int) -> list[Window]:

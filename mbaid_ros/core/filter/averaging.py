@@ -60,6 +60,7 @@ class KnotAveraging:
         fastest: float = 0.0,
     ) -> None:
         self._wanted = min(_KNOT, 1.0 / (_KNOTS_A_PERIOD * fastest)) if fastest else _KNOT
+        self._alike = fastest > 0.0  # a spring adds up errors that alternate with the number of samples in a knot
         self._orientation_measured = orientation_measured
         self._course: Array = np.zeros(36)
         self._gyro = gyro
@@ -80,7 +81,7 @@ class KnotAveraging:
         """Return the windows that closed ones complete."""
         if not self._knots_a_window:
             self.origin = windows[0].base_position[0].copy()
-            self._knots_a_window = knots_a_window(windows[0], self._length, self._wanted)
+            self._knots_a_window = knots_a_window(windows[0], self._length, self._wanted, alike=self._alike)
         length, count = self._length, self._knots_a_window
         numbers = [int(np.floor((window.time[0] + 1e-9) / length)) for window in windows]
         new = averages(windows, np.array(numbers) * length, length / count, count, self.origin)
@@ -163,7 +164,11 @@ class KnotAveraging:
         )
 
 
-def knots_a_window(window: Samples, length: float, wanted: float) -> int:
-    """Return the number of knots in a window of a length in s: as wanted, s apart, and no fewer samples than knots."""
+def knots_a_window(window: Samples, length: float, wanted: float, *, alike: bool = False) -> int:
+    """Return the number of knots in a window of a length in s: as wanted, s apart, and no fewer samples than knots.
+
+    Knots that are to be alike have as many samples each, if these come evenly.
+    """
     spacing = float(np.median(np.diff(window.time))) if len(window) > 1 else length
-    return max(round(length / max(wanted, spacing)), _FEWEST_KNOTS)
+    count, samples = max(round(length / max(wanted, spacing)), _FEWEST_KNOTS), round(length / spacing)
+    return next((each for each in range(count, samples + 1) if samples % each == 0), count) if alike else count

@@ -219,7 +219,7 @@ def _pushes(windows: WindowModel, variables: Variables) -> list[dict[Axes, Array
 
 
 LINEARISED = 5  # work of linearising a window, in steps of the filter
-_FEWEST, _MOST = 8, 32  # windows linearised at once: fewer waste the first's overhead, more do not fit the cache
+_FEWEST, MOST = 8, 32  # windows linearised at once: fewer waste the first's overhead, more do not fit the cache
 
 
 class LinearisationCache:
@@ -274,4 +274,4 @@ class LinearisationCache:
         turn = self._turn.get(window)
         if turn is None:
             return [window]
-        return self._coming[turn : turn + min(max(_FEWEST, self._likely - self._served, self._served), _MOST)]
+        return self._coming[turn : turn + min(max(_FEWEST, self._likely - self._served, self._served), MOST)]

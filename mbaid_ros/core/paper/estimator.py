@@ -12,6 +12,7 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.paper import forms
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.reporting import LENGTH
 from mbaid_ros.core.results.status import status_of
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
@@ -85,7 +86,6 @@ class PaperSettings:
     # (L_x, L_y, L_z) kg m^2/s about the odometry origin, needed by the main form
     total_angular_momentum: tuple[float, ...]
     settled: float  # largest relative change over the last ten windows that counts as converged
-    length: float  # m, that changes of the CoM are taken relative to
 
 
 class PaperEstimator:
@@ -129,10 +129,10 @@ class PaperEstimator:
         return self._estimates(window, states, solutions, determined, origin)
 
     def _determined(self) -> Flags:
-        solution, length = self._rls.estimate, self._settings.length
+        solution = self._rls.estimate
         # At first the inertia is still near its start, zero: a body of that mass and the given size is no smaller.
-        inertia = np.maximum(_inertia_scale(solution), length**2 / max(abs(solution[0]), 1e-12))
-        size = np.concatenate((np.abs(solution[:1]), np.full(3, length), inertia))
+        inertia = np.maximum(_inertia_scale(solution), LENGTH**2 / max(abs(solution[0]), 1e-12))
+        size = np.concatenate((np.abs(solution[:1]), np.full(3, LENGTH), inertia))
         return np.asarray(np.abs(self._rls.remaining) @ size < _REMAINING * size)
 
     def _equations(self, states: BodyStates) -> tuple[Array, Array]:
@@ -198,7 +198,7 @@ class PaperEstimator:
         self._settled.append(np.where(determined, parameters, np.nan))
         if not np.any(determined) or len(self._settled) < _SETTLED_WINDOWS:
             return False
-        scale = np.concatenate((np.abs(parameters[:1]), np.full(3, self._settings.length), _inertia_scale(parameters)))
+        scale = np.concatenate((np.abs(parameters[:1]), np.full(3, LENGTH), _inertia_scale(parameters)))
         change = np.abs(np.array(self._settled) - parameters)[:, determined] / scale[determined]
         return bool(np.all(change < self._settings.settled))
 

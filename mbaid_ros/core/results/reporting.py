@@ -46,6 +46,7 @@ class Curvature:
         return not bool(self.straight(np.eye(10)).all())
 
 
+LENGTH = 1.0  # m, that the standard deviation of the centre of mass is relative to: of the size of what an arm holds
 # Standard deviations of an estimate from the nearest real body, from which a warning reports it.
 _LARGE_CORRECTION = 3.0
 _BY_CHANCE = 1e-6  # chance that so few equations leave as large a residual: asked once a window while a run is short
@@ -90,7 +91,6 @@ class Reporting:
     scale: Array  # (10,) typical sizes of the standard parameters
     identifiable_std: float  # relative standard deviation, as the next one
     converged_std: float
-    length: float  # m, that the centre of mass is taken relative to
     largest_residual: float  # RMS of the normalised residuals from which the data are inconsistent
 
     def estimates(self, method: str, solutions: Sequence[Solution], instants: Sequence[Instant]) -> list[Estimate]:
@@ -164,10 +164,10 @@ class Reporting:
     def sizes(self, parameters: Array) -> Array:
         """Return the sizes that standard deviations of the (..., 10) physical parameters are relative to."""
         moments = np.sqrt(np.abs(parameters[..., _FIRST] * parameters[..., _SECOND]))
-        length = np.full((*parameters.shape[:-1], 3), self.length)
+        length = np.full((*parameters.shape[:-1], 3), LENGTH)
         size = np.concatenate((np.abs(parameters[..., :1]), length, moments), axis=-1)
         # An element that vanishes is of the size that rounding leaves of a typical one.
-        typical = np.concatenate((self.scale[:1], np.full(3, self.length), self.scale[4:]))
+        typical = np.concatenate((self.scale[:1], np.full(3, LENGTH), self.scale[4:]))
         return np.maximum(size, 1e-9 * typical)
 
     def _reasons(

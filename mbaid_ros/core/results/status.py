@@ -104,11 +104,9 @@ class Evidence:
     # jumps, unconfirmed: of the momentum: how many, and the times, s, of those that may be something else yet
     jumps: int
     unconfirmed: tuple[float, ...]
-    # hypothesis, physical, odometry_drifts: the reported one, empty if undisturbed; whether it has a mechanism, and
-    # lets the odometry drift
+    # hypothesis, physical: the reported one, empty if undisturbed; whether it has a mechanism
     hypothesis: str
     physical: bool
-    odometry_drifts: bool
     gain: float  # log-likelihood of that hypothesis over the first
     # the part of the robot that, further off than declared, gains most without a force; and its gain
     instead: tuple[str, float]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from xml.etree import ElementTree as ET
@@ -85,11 +85,6 @@ class RobotModel:
     def independent_joints(self) -> tuple[str, ...]:
         """Names of the joints that follow no other: sensors must measure these."""
         return tuple(self.joint_names[place] for place in self.transmission.independent)
-
-    def positions_from(self, known: Mapping[str, float]) -> Array:
-        """Return the (n,) joint positions by measured ones, by name; NaN for joints that none of these moves."""
-        measured = [known.get(name, np.nan) for name in self.independent_joints]
-        return self.transmission.positions(np.array(measured))
 
     @cached_property
     def last_link(self) -> str:

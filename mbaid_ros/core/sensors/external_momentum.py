@@ -37,6 +37,7 @@ NOT_FINITE_MOMENTUM = 'stored momentum with a NaN or infinite value'
 OTHER_MOMENTUM_FRAME = 'stored momentum in another frame'
 NOT_ASKED_FOR = 'stored momentum is published but not used: set wheels.momentum_frame'
 
+HOLD = 1_000_000_000  # ns, longest time that a command acts: drivers repeat theirs several times a second
 _FAR = 10_000_000_000  # ns, from the newest sample: a command further away is by another clock
 _SHARED = 10  # commands between two with other components, from which they are another publisher's
 _REMEMBERED = 4 * _FAR  # ns, for commands that come late
@@ -75,7 +76,6 @@ class Thrust:
 
     Parameters
     ----------
-    hold : ns, longest time that a command counts
     uncertain : frames of thrusters whose thrust may differ from the command
 
     Attributes
@@ -89,10 +89,9 @@ class Thrust:
     shared : frame that two publishers seem to command; empty for none
     """
 
-    def __init__(self, model: RobotModel, hold: int, uncertain: Sequence[str] = ()) -> None:
+    def __init__(self, model: RobotModel, uncertain: Sequence[str] = ()) -> None:
         self._kinematics = Kinematics(model)
         self._links = {link.name: link for link in model.links}
-        self._hold = hold
         self._uncertain = {frame: index for index, frame in enumerate(uncertain)}
         self._columns: Array = np.zeros((len(uncertain), 6, OF_A_THRUSTER))  # derivatives of `brought` by the errors
         self._commands: dict[str, list[_Command]] = {}
@@ -112,7 +111,7 @@ class Thrust:
         """Return whether samples up to the newest stamp may depend on the arrival of a command."""
         earlier = self._commands.get(frame, [])
         before = earlier[-1] if earlier else _Command(stamp, np.zeros(6))
-        over = newest is not None and newest >= before.stamp + self._hold and bool(np.any(wrench))
+        over = newest is not None and newest >= before.stamp + HOLD and bool(np.any(wrench))
         return over or stamp < before.stamp or not np.array_equal(wrench, before.wrench)
 
     def command(self, frame: str, stamp: int, wrench: Array, newest: int | None) -> None:
@@ -218,7 +217,7 @@ class Thrust:
         """Return when the commands of a frame begin, s, how long each of them holds, s, and their wrenches (c, 6)."""
         commands = self._commands.get(frame, [])
         start = np.array([command.stamp - self._origin for command in commands]) * 1e-9
-        length = np.minimum(np.diff(start, append=np.inf), self._hold * 1e-9)
+        length = np.minimum(np.diff(start, append=np.inf), HOLD * 1e-9)
         return start, length, np.array([command.wrench for command in commands]).reshape(-1, 6)
 
     def _mean_gain(self, frame: str, samples: Samples) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise, Stamps
-from mbaid_ros.core.sensors.noise import NoiseLevels, median
+from mbaid_ros.core.sensors.noise import ORDER, NoiseLevels, median
 
 CHANNELS = (
     'joint_position',
@@ -126,7 +126,8 @@ _LEAST = 1.0 / 30.0
 # Of poses without a twist, undeclared: spacing (s) up to which differences determine their noise, poses that this
 # takes, lost ones included, and how many times as noisy as usual they count until then.
 _SLOWEST, _FIRST, _AT_FIRST = 0.2, 40, 100.0
-_SETTLED = 4.0  # s, after which differences separate errors that last from small ones
+# s, and poses, after which differences separate errors that last from small ones; s, after which no run waits longer.
+_SETTLED, _READ, _PATIENCE = 4.0, 80, 10.0
 _NEVER = np.iinfo(np.int64).max
 
 
@@ -183,7 +184,8 @@ class FoundNoise:
             end = float(window.time[-1])
             self._waiting.append(window)
             if not self._settled:
-                self._settled = end > _SETTLED or self.applied(self._waiting[0], origin, end)[1].as_declared
+                enough = min(max(_SETTLED, _READ * float(median(window.apart))), _PATIENCE)
+                self._settled = end > enough or self.applied(self._waiting[0], origin, end)[1].as_declared
             if self._settled:
                 released += [self.applied(each, origin, end) for each in self._waiting]
                 self._waiting.clear()
@@ -191,7 +193,8 @@ class FoundNoise:
 
     def applied(self, window: Samples, origin: int, until: float | None = None) -> tuple[Samples, SensorLevels]:
         """Return a window with the noise found until a time (s), its end by default, and the levels then."""
-        end = origin + round((float(window.time[-1]) if until is None else until) * 1e9)
+        until = float(window.time[-1]) if until is None else until
+        end = origin + round(until * 1e9)
         undeclared = self._undeclared & (self._declared_from > end)
         free = undeclared | self._estimate
         spacing = float(median(window.apart))
@@ -222,7 +225,8 @@ class FoundNoise:
             used=used & ~np.isnan(found),
             twist_correlation_time=of_twist,
             contradicted=contradicted,
-            clear=levels.clear,
+            # Before the first difference nothing can contradict what is declared.
+            clear=levels.clear and (until > ORDER * spacing or bool(free[2:].all())),
         )
 
     def _declared(self, window: Samples, apart: float) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbaid_ros.core.diagnosis.candidates import CandidateCauses
 from mbaid_ros.core.diagnosis.fault_isolation import FaultIsolation
-from mbaid_ros.core.diagnosis.passes import another_body
+from mbaid_ros.core.diagnosis.filter_passes import another_body
 from mbaid_ros.core.diagnosis.ranking import Change
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
@@ -173,7 +173,6 @@ class TargetRuns:
             unconfirmed=run.unconfirmed or self.isolation.open_jumps(run),
             hypothesis=hypothesis.name if hypothesis.disturbed else '',
             physical=hypothesis.physical,
-            odometry_drifts=hypothesis.position > 0.0,
             gain=run.lead,
             instead=(kind_in_words(instead), gain),
         )

@@ -306,7 +306,6 @@ class Hypothesis:
     cause: str = ''  # the likely source, and the remedy
     momentum: float = 0.0  # N s and N m s: an external force
     position: float = 0.0  # m: the odometry's own drift
-    orientation: float = 0.0  # rad
     # axes of a constant force and torque: of the base, on its origin, or inertial, at the common centre of mass
     force: Axes = 'none'
     physical: bool = True  # whether it has a mechanism; a random walk follows anything
@@ -328,7 +327,7 @@ class Hypothesis:
 
     @cached_property
     def _intensities(self) -> Array:
-        return np.repeat((self.orientation, self.position, self.momentum), (3, 3, 6))
+        return np.repeat((0.0, self.position, self.momentum), (3, 3, 6))
 
 
 UNDISTURBED = Hypothesis('nothing drifts')

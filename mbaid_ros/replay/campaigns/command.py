@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import fcntl
 import json
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
+from os import SEEK_END
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, BinaryIO
 
 from tqdm import tqdm
 
@@ -34,7 +35,7 @@ def make_campaign(arguments: argparse.Namespace) -> int:
     output = Path(arguments.output or Path(arguments.campaign).stem)
     with CampaignFolder(output, campaign, retry_failed=arguments.retry_failed) as folder:
         runs = list(campaign.runs())
-        missing = [each for each in runs if each.number not in folder.results]
+        missing = [each for each in runs if each.number not in folder.places]
         with (
             tqdm(total=len(runs), initial=len(runs) - len(missing), unit=' runs', disable=None, leave=False) as bar,
             closing(_made(missing, campaign.urdf, arguments)) as results,
@@ -43,11 +44,11 @@ def make_campaign(arguments: argparse.Namespace) -> int:
                 folder.add(result)
                 bar.update()
         folder.sort()
-        made = [folder.results[each.number] for each in runs]
+        made = folder.results([each.number for each in runs])
         cases = statistics(made)
         summary = as_json(cases, made)
         folder.write_summary(summary)
-    print(table(cases, made))
+        print(table(cases, made))
     print(one_line(f'{output / RUNS}, {output / SUMMARY}'))
     return FAILED_RUNS if summary['failed'] else 0
 
@@ -68,10 +69,24 @@ def _made(runs: Sequence[CampaignRun], urdf: str, arguments: argparse.Namespace)
     return made_on_cluster(runs, urdf, arguments.scheduler)
 
 
+class StoredResults:
+    """Results of runs in a file, which are read one after the other: of ten thousand, one is in memory."""
+
+    def __init__(self, file: BinaryIO, places: Sequence[int]) -> None:
+        self._file, self._places = file, places
+
+    def __iter__(self) -> Iterator[Result]:
+        """Read each."""
+        for place in self._places:
+            self._file.seek(place)
+            yield json.loads(self._file.readline())
+
+
 class CampaignFolder:
-    """The results of a campaign's runs by their number, as a context: while it is open, no other process can open it.
+    """The results of a campaign's runs, as a context: while it is open, no other process can open it.
 
     The folder is made where there is none; with `retry_failed`, runs that failed count as not made.
+    `places` has where in the file the line of each run begins, by its number.
 
     Raises ParameterError: The folder holds something else, another campaign, or is in use.
     Raises DataError: The results in it cannot be read.
@@ -86,7 +101,7 @@ class CampaignFolder:
         try:
             self._lock()
             self._compare(_contents(campaign))
-            self.results = self._read(retry_failed=retry_failed)
+            self.places = self._read(retry_failed=retry_failed)
         except BaseException:
             self._file.close()
             raise
@@ -103,17 +118,21 @@ class CampaignFolder:
 
     def add(self, result: Result) -> None:
         """Keep the result of a run: from here on a kill cannot take it away."""
+        self.places[result['run']] = self._file.seek(0, SEEK_END)
         self._file.write(_line(result).encode())
         self._file.flush()
-        self.results[result['run']] = result
+
+    def results(self, numbers: Sequence[int]) -> StoredResults:
+        """Return the results of runs by their numbers."""
+        return StoredResults(self._file, [self.places[number] for number in numbers])
 
     def sort(self) -> None:
         """Put the results into the order of the runs."""
-        self._replace(RUNS, ''.join(_line(self.results[number]) for number in sorted(self.results)))
+        self._replace(RUNS, map(_line, self.results(sorted(self.places))))
 
     def write_summary(self, summary: Mapping[str, Any]) -> None:
         """Write the statistics."""
-        self._replace(SUMMARY, _document(summary))
+        self._replace(SUMMARY, [_document(summary)])
 
     def _lock(self) -> None:
         try:
@@ -125,7 +144,7 @@ class CampaignFolder:
         """Keep the contents of the campaign, or compare them with those that were kept."""
         path, text = self._path / CAMPAIGN, _document(campaign)
         if not path.exists():
-            self._replace(CAMPAIGN, text)
+            self._replace(CAMPAIGN, [text])
             return
         before = read_json(path, 'campaign', limits.JSON_CHARACTERS, 'accepted: as an earlier run has written it')
         difference = _difference(before, json.loads(text), '')
@@ -135,27 +154,30 @@ class CampaignFolder:
                 'or another folder'
             )
 
-    def _read(self, *, retry_failed: bool) -> dict[int, Result]:
-        """Return the results that are there; a last line that was cut off is dropped."""
+    def _read(self, *, retry_failed: bool) -> dict[int, int]:
+        """Return where the results are that are there; a last line that was cut off is dropped."""
         self._file.seek(0)
-        kept: dict[int, Result] = {}
-        content = self._file.read()
-        whole = content[: content.rfind(b'\n') + 1]
-        for place, line in enumerate(whole.splitlines(), start=1):
+        kept: dict[int, int] = {}
+        end = 0
+        for place, line in enumerate(self._file, start=1):
+            if not line.endswith(b'\n'):
+                break
             try:
                 result = json.loads(line)
                 number, has_failed = result['run'], result['status'] == FAILED
             except (ValueError, KeyError, TypeError, RecursionError) as error:
                 raise DataError(f"'{self._path / RUNS}', line {place}, is no result of a run: {error}") from error
             if not (has_failed and retry_failed):
-                kept[number] = result
-        self._file.truncate(len(whole))
+                kept[number] = end
+            end += len(line)
+        self._file.truncate(end)
         return kept
 
-    def _replace(self, name: str, text: str) -> None:
+    def _replace(self, name: str, texts: Iterable[str]) -> None:
         """Write a file so that at every instant it is there as a whole, the old one or the new one."""
         new = self._path / f'{name}.new'
-        new.write_text(text, encoding='utf-8')
+        with new.open('w', encoding='utf-8') as file:
+            file.writelines(texts)
         new.replace(self._path / name)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -125,20 +125,21 @@ class CaseStatistics:
     then: SecondMotionStatistics | None = None  # of second motions; None where there are none
 
 
-def statistics(results: Sequence[Result]) -> list[CaseStatistics]:
+def statistics(results: Iterable[Result]) -> list[CaseStatistics]:
     """Return the statistics of every case, in the order in which they first occur."""
     by_case: dict[str, list[Result]] = {}
     for result in results:
         name = ' '.join(f'{group}={choice}' for group, choice in result['case'].items()) or 'all runs'
-        by_case.setdefault(name, []).append(result)
+        # Of each result only what counts: together they may not fit in memory.
+        kept: Result = {key: result[key] for key in ('case', 'status', 'nees', 'then') if key in result}
+        kept['numbers'] = np.array([_ten(result.get(key)) for key in ('estimate', 'truth', 'std')])
+        by_case.setdefault(name, []).append(kept)
     return [_case(name, own) for name, own in by_case.items()]
 
 
 def _case(name: str, results: Sequence[Result]) -> CaseStatistics:
     made = [result for result in results if result['status'] != FAILED]
-    estimate, truth, std = (
-        np.array([_ten(result[key]) for result in made]).reshape(-1, 10) for key in ('estimate', 'truth', 'std')
-    )
+    estimate, truth, std = np.array([result['numbers'] for result in made]).reshape(-1, 3, 10).swapaxes(0, 1)
     squared = np.array([result['nees'] for result in made if result['nees'] is not None])
     error = estimate - truth
     return CaseStatistics(
@@ -163,11 +164,11 @@ def _ten(values: Mapping[str, Any] | None) -> Array:
     return np.array(ten, dtype=float)
 
 
-def as_json(cases: Sequence[CaseStatistics], results: Sequence[Result]) -> dict[str, Any]:
+def as_json(cases: Sequence[CaseStatistics], results: Iterable[Result]) -> dict[str, Any]:
     """Return the statistics as scripts read them; None for unknown values."""
     return {
-        'runs': len(results),
-        'inconsistent': _inconsistent(results),
+        'runs': _count(cases),
+        'inconsistent': _count(cases, 'inconsistent'),
         'failed': [{'run': result['run'], 'reason': result['reason']} for result in _failed(results)],
         'cases': [
             {
@@ -186,7 +187,7 @@ def as_json(cases: Sequence[CaseStatistics], results: Sequence[Result]) -> dict[
     }
 
 
-def table(cases: Sequence[CaseStatistics], results: Sequence[Result]) -> str:
+def table(cases: Sequence[CaseStatistics], results: Iterable[Result]) -> str:
     """Return the statistics for a terminal."""
     rows = []
     for case in cases:
@@ -202,7 +203,7 @@ def table(cases: Sequence[CaseStatistics], results: Sequence[Result]) -> str:
         if case.then is not None:
             rows.append(f'  {case.then}')
     failed = _failed(results)
-    rows += ['', f'{len(results)} runs, {len(failed)} of them failed, {_inconsistent(results)} inconsistent']
+    rows += ['', f'{_count(cases)} runs, {len(failed)} of them failed, {_count(cases, "inconsistent")} inconsistent']
     rows += [f'  run {result["run"]}: {result["reason"]}' for result in failed[:_REASONS]]
     if len(failed) > _REASONS:
         rows.append(f'  ... ({len(failed) - _REASONS} more)')
@@ -217,9 +218,10 @@ def _row(case: CaseStatistics, index: int) -> str:
     return f'  {PARAMETERS[index]:6} {case.rmse[index]:>10.3g} {std:>10} {percent:>12} {share:>11}  {UNITS[index]}'
 
 
-def _inconsistent(results: Sequence[Result]) -> int:
-    return sum(result['status'] == 'inconsistent' for result in results)
+def _count(cases: Sequence[CaseStatistics], status: str = '') -> int:
+    """Return how many runs ended with a status; all of them by default."""
+    return sum(count for case in cases for name, count in case.statuses.items() if name == (status or name))
 
 
-def _failed(results: Sequence[Result]) -> list[Result]:
+def _failed(results: Iterable[Result]) -> list[Result]:
     return [result for result in results if result['status'] == FAILED]

@@ -125,7 +125,7 @@ def _residual(axis: Axes, time: Array, residual: Array, run: Run) -> None:
         always.append(limit)
     scale(axis, residual, always=always)
     axis.set_ylim(bottom=0.0)
-    entitle(axis, 'Residual [\N{GREEK SMALL LETTER SIGMA}]: 1 is as noisy as the noise model')
+    entitle(axis, 'Residual [\N{GREEK SMALL LETTER SIGMA}]: 1 means noise as declared')
     _mark_events(axis, run)
 
 

@@ -99,7 +99,7 @@ def _causes(run: Run) -> str:
 def _disturbed(run: Run) -> str:
     """Return when the momentum changed; nothing if the data contradict the model."""
     times = '' if run.contradicted else ', '.join(f'{event.time:.4g} s' for event in run.final.events)
-    return f' The momentum was changed from outside: {times}.' if times else ''
+    return f' An external force changed the momentum: {times}.' if times else ''
 
 
 def _accuracy(run: Run, truth: Truth | None) -> str:
@@ -111,7 +111,7 @@ def _accuracy(run: Run, truth: Truth | None) -> str:
         return ''
     worst = int(np.nanargmax(sigmas))
     name = PARAMETERS[worst]
-    return f' Furthest from the truth that came with the bag is {name}, by {sigmas[worst]:.1f} standard deviations.'
+    return f' Largest deviation from the truth beside the bag: {name}, {sigmas[worst]:.1f} standard deviations.'
 
 
 def _parameters(run: Run, truth: Truth | None) -> str:
@@ -129,7 +129,7 @@ def _parameters(run: Run, truth: Truth | None) -> str:
         f'{final.samples} samples over {final.time:.4g} s, method {method(final)}, status {final.status}.'
     )
     if run.contradicted:
-        where = f'Not to be trusted, nor are the intervals. {where}'
+        where = f'Do not use the numbers or the intervals. {where}'
     return table(head, rows, 'untrusted' if run.contradicted else '') + paragraph(where, 'note')
 
 
@@ -141,7 +141,7 @@ def _curves(run: Run, truth: Truth | None, name: str) -> list[str]:
         caption = 'Shaded: 95 % band.' + (' Dotted: truth.' if truth is not None else '')
         parts += ['<h3>Convergence</h3>', figure(figures.convergence(run, truth, name), caption)]
     if momentum := figures.momentum(run, truth, name):
-        caption = 'In the odometry frame, angular about its origin. Shaded: 95 % band.' if run.reached else ''
+        caption = 'Odometry frame; angular momentum about its origin. Shaded: 95 % band.' if run.reached else ''
         title = 'Total momentum and residual' if run.reached else 'Residual'
         parts += [f'<h3>{title}</h3>', figure(momentum, caption), _momentum(run) if run.reached else '', _events(run)]
     caption = 'Filled: the data so far determine the parameter.'
@@ -169,8 +169,8 @@ def _triple(values: Sequence[float | None]) -> str:
 
 
 def _robot(run: Run, name: str) -> str:
-    if run.pose is None or not run.urdf:
-        return paragraph('Not drawn: the bag holds no pose that can be read.', 'note')
+    if run.last is None or not run.urdf:
+        return paragraph('Not drawn: the bag holds no sample that can be used.', 'note')
     try:
         return figure(*drawing(run, name))
     except MbaidError as error:

@@ -21,10 +21,10 @@ _IN_PLANE = (2, 1, 0)  # the view along each axis
 
 
 def drawing(run: Run, name: str) -> tuple[str, str]:
-    """Return the drawing of a robot whose last pose is known, in odometry axes from the base link, and its caption."""
-    assert run.pose is not None, 'there is a pose'
+    """Return the drawing of a robot with a last sample, in odometry axes from the base link, and its caption."""
+    assert run.last is not None, 'there is a sample'
     model = load_model(run.urdf, str(run.settings.get('base_link', '')))
-    placed = Kinematics(model).configure(run.pose.base_rotation[None], run.pose.joint_position[None])
+    placed = Kinematics(model).configure(run.last.base_rotation, run.last.joint_position)
     origins, target = placed.position[0], model.link(run.target_link)
     rotation, position = (part[0] for part in placed.link(target))
     com = rotation @ np.nan_to_num(run.final.parameters[1:4]) + position

@@ -159,7 +159,7 @@ def captured_body(run: Run) -> str:
         return ''
     rows = estimates(PARAMETERS, run.debris.parameters, run.debris.std, SHOWN_UNITS)
     note = (
-        f"The captured body alone, in the frame of link '{run.target_link}': the estimate less the <inertial> of that "
+        f"The captured body alone, in the frame of link '{run.target_link}': the estimate minus the <inertial> of that "
         'link in the robot description.'
     )
     return (
@@ -174,7 +174,7 @@ def before_the_capture(run: Run) -> str:
         return ''
     head = ('before the capture', 'captured body', PLUS_MINUS, 'robot alone', PLUS_MINUS, 'unit')
     body, chaser = _bands(capture.momentum, capture.covariance), [('', '')] * 6
-    sentence = f'Captured at {capture.time:.4g} s. In the odometry frame, angular about its origin. '
+    sentence = f'Captured at {capture.time:.4g} s. Odometry frame; angular momentum about its origin. '
     if capture.chaser is None:
         sentence += 'Nothing was measured before it.'
     else:

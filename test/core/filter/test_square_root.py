@@ -140,10 +140,10 @@ def test_walks_add_their_variance() -> None:
     gaussian = SquareRootInformation.prior(space)
     still, walked = (
         covariance_of(advance(gaussian, white, space, hypothesis), space)
-        for hypothesis in (UNDISTURBED, Hypothesis('', momentum=3.0, position=2.0, orientation=1.0))
+        for hypothesis in (UNDISTURBED, Hypothesis('', momentum=3.0, position=2.0))
     )
     expected = np.zeros(STATE)
-    expected[:3], expected[3:6], expected[6:12] = 0.5, 2.0, 4.5
+    expected[3:6], expected[6:12] = 2.0, 4.5
     assert walked - still == pytest.approx(np.diag(expected), abs=1e-9)
 
 

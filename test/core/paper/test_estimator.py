@@ -25,7 +25,7 @@ def settings(
     reference: Literal['previous', 'first'] = 'previous',
     lag: int = 0,
 ) -> PaperSettings:
-    return PaperSettings(form, 0.99, 1e6, reference, lag, tuple(momentum), settled=0.01, length=1.0)
+    return PaperSettings(form, 0.99, 1e6, reference, lag, tuple(momentum), settled=0.01)
 
 
 @pytest.fixture(scope='module', name='case')

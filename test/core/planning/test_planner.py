@@ -148,7 +148,7 @@ def test_the_same_seed_gives_the_same_motion_and_whoever_waits_no_longer_gets_th
 def test_what_is_out_of_reach_is_told_with_the_limit_that_makes_it_so(identified: Begun) -> None:
     plan = planner(identified, relative=np.full(10, 1e-5), longest=12.0).plan()
     assert not plan.reached
-    assert plan.verdict.startswith('0.001 % is out of reach within plan.longest 12 s; the motion is at ')
+    assert plan.verdict.startswith('0.001 % is out of reach within 12 s; the motion is at ')
     assert 'the velocity limits of the joints' in plan.verdict
 
 
@@ -157,10 +157,8 @@ def test_what_no_motion_improves_is_told_with_where_it_comes_from() -> None:
     plan = planner(robot, duration=20.0, effort=10).plan()
     assert not plan.reached
     single, beyond = plan.notes[:2]
-    assert re.match(
-        r'of single joints joint\d improves \w+ most: [\d.]+ deg there and back in 10 s reduce it from', single
-    )
-    assert re.match(r'\d+ % of the variance that the motion leaves of \w+ comes from zero:joint6: better', beyond)
+    assert re.match(r'best single joint: joint\d, [\d.]+ deg there and back in 10 s reduce \w+ from', single)
+    assert re.match(r'\d+ % of the remaining variance of \w+ comes from zero:joint6: calibrate', beyond)
 
 
 def test_to_ask_what_would_help_most_leaves_the_estimates_as_they_are() -> None:
@@ -174,7 +172,7 @@ def test_to_ask_what_would_help_most_leaves_the_estimates_as_they_are() -> None:
         assert same(estimate, beside)
         known = knowledge_of(asked)
         told.append(advice(build(EstimatorConfig, {'plan.joint_velocity': FASTEST}), known) if known else '')
-    assert told[-1].startswith('of single joints joint')
+    assert told[-1].startswith('best single joint: joint')
 
 
 @pytest.mark.parametrize(

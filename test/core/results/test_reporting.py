@@ -29,7 +29,6 @@ REPORTING = Reporting(
     scale=np.array([600.0, *(1800.0,) * 3, *(5400.0,) * 6]),
     identifiable_std=0.5,
     converged_std=0.01,
-    length=1.0,
     largest_residual=2.0,
 )
 

@@ -19,7 +19,6 @@ from simulated import robot
 from thrusting import FORCE_TORQUE, OFF, ON, pushed
 
 EPOCH = 1_700_000_000_000_000_000  # ns
-HOLD = 1_000_000_000
 ZERO = np.zeros(6)
 
 
@@ -27,8 +26,8 @@ def ns(time: float) -> int:
     return EPOCH + round(time * 1e9)
 
 
-def make(hold: int = HOLD) -> Thrust:
-    thrust = Thrust(robot('servicer7'), hold)
+def make() -> Thrust:
+    thrust = Thrust(robot('servicer7'))
     thrust.odometry_frame = 'odom'
     return thrust
 
@@ -76,11 +75,11 @@ def test_a_link_s_force_acts_where_the_link_is() -> None:
 
 
 def test_a_command_ends_after_the_hold_or_by_the_next() -> None:
-    thrust = make(hold=200_000_000)
+    thrust = make()
     thrust.command('odom', ns(1.0), FORCE_TORQUE, None)
-    thrust.command('odom', ns(1.15), FORCE_TORQUE, None)
+    thrust.command('odom', ns(1.75), FORCE_TORQUE, None)
     thrust.command('link1', ns(1.2), ZERO, None)  # another thruster
-    assert impulses(thrust, [samples()])[-1] == pytest.approx(0.35 * FORCE_TORQUE)
+    assert impulses(thrust, [samples()])[-1] == pytest.approx(1.75 * FORCE_TORQUE)
 
 
 def test_what_acted_before_the_first_sample_does_not_count() -> None:
@@ -127,7 +126,7 @@ def test_commands_that_cannot_be_used_are_counted() -> None:
     thrust.command('base_link', 5_000_000_000, FORCE_TORQUE, ns(1.0))
     assert thrust.dropped == {NOT_FINITE_THRUST: 1, UNKNOWN_FRAME: 1, FAR_THRUST: 1}
     assert thrust.commands == 0
-    unknown = Thrust(robot('servicer7'), HOLD)
+    unknown = Thrust(robot('servicer7'))
     unknown.command('moon', ns(1.0), FORCE_TORQUE, ns(1.0))
     unknown.odometry_frame = 'odom'
     assert np.all(impulses(unknown, [samples()]) == 0.0)

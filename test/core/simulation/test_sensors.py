@@ -141,7 +141,7 @@ def test_the_momentum_changes_by_the_impulse(frame: str, passive: bool) -> None:
     truth = thrusting(frame, Passive() if passive else None).advance(TIMES)
     momentum = total_momentum(robot('servicer7'), truth)
     # The estimator's own account of the same thrust, at a hundred samples a second.
-    known = Thrust(robot('servicer7'), 10**9)
+    known = Thrust(robot('servicer7'))
     known.odometry_frame = ODOM
     known.command(frame, round(BEGIN * 1e9), WRENCH, None)
     known.command(frame, round(END * 1e9), np.zeros(6), None)
