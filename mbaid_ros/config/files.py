@@ -167,18 +167,8 @@ def _matches(pattern: str, target: str) -> bool:
 
 def _like(part: str, level: str) -> bool:
     """Return whether one level of a name matches a part of a pattern, in which each ``*`` is any text."""
-    first, *others = part.split('*')
-    if not others:
-        return part == level
-    if not level.startswith(first):
-        return False
-    place = len(first)
-    for text in others[:-1]:  # each as early as it can be
-        found = level.find(text, place)
-        if found < 0:
-            return False
-        place = found + len(text)
-    return len(level) - place >= len(others[-1]) and level.endswith(others[-1])
+    pattern = '.*'.join(map(re.escape, re.split(r'\*+', part)))
+    return re.fullmatch(pattern, level) is not None
 
 
 def dotted(values: Mapping[Any, object], prefix: str = '') -> dict[str, object]:

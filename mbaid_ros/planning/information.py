@@ -13,13 +13,13 @@ from functools import cached_property
 import numpy as np
 
 from mbaid_ros.core.compiled import dtrtrs
-from mbaid_ros.core.filter.chain import WindowModel, window_models
+from mbaid_ros.core.filter.chain import window_models
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.joint_noise import no_bias
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots
 from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, update
 from mbaid_ros.core.filter.state import BODY, Point
-from mbaid_ros.core.filter.whitened import WhitenedWindow, prepared
+from mbaid_ros.core.filter.whitened import MOST, WhitenedWindow, prepared
 from mbaid_ros.core.filter.window import Stack, Window, WindowNoise
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.evidence import Innovations
@@ -30,7 +30,6 @@ from mbaid_ros.core.trajectory.posterior import FIRST, Posterior
 from mbaid_ros.planning.floating import BaseMotion
 
 _NOTHING = 1e-6  # of its size, by which undetermined directions must not move a determined parameter
-_MOST = 256  # windows linearised at once: more of them no longer fit the processor's memory
 
 
 @dataclass(frozen=True)
@@ -163,11 +162,13 @@ class Information:
             for number in range(grid.windows)
             for each in range(batch)
         ]
-        layout, made = self._known.layout, []
-        for begin in range(0, len(windows), _MOST):
-            part = tuple(windows[begin : begin + _MOST])
-            made.append(window_models(layout, [Stack(part, tuple(range(len(part))))], self._point))
-        return prepared(WindowModel.concatenate(made), self._known.variables)
+        layout = self._known.layout
+        made: list[WhitenedWindow] = []
+        for begin in range(0, len(windows), MOST):
+            part = tuple(windows[begin : begin + MOST])
+            models = window_models(layout, [Stack(part, tuple(range(len(part))))], self._point)
+            made += prepared(models, self._known.variables)
+        return made
 
     def _knots(self, grid: Grid, position: Array, base: BaseMotion, number: int, each: int) -> Knots:
         begin = number * grid.knots

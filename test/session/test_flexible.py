@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from appendages import PANELS, SLOSH, with_fuel, with_panel_on_the_target, with_panels
+from benchmarks.appendages import PANELS, SLOSH, with_fuel, with_panel_on_the_target, with_panels
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.model_errors import EXACT

@@ -17,7 +17,7 @@ import numpy as np
 
 from mbaid_ros.core.diagnosis.base_axes import axis_conventions
 from mbaid_ros.core.diagnosis.conventions import FITTED, Fit, conventions, fitted, point_as_described
-from mbaid_ros.core.diagnosis.passes import SLIPPING, FilterPasses, WhitenedWindows, Work, attempted
+from mbaid_ros.core.diagnosis.filter_passes import SLIPPING, FilterPasses, WhitenedWindows, Work, attempted
 from mbaid_ros.core.diagnosis.ranking import WORTH, CandidateCause, Change, IsolationResult
 from mbaid_ros.core.diagnosis.readings import (
     LARGE_SWING,

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.diagnosis.candidates import FEWEST, CandidateCauses
-from mbaid_ros.core.diagnosis.passes import SLIPPING
+from mbaid_ros.core.diagnosis.filter_passes import SLIPPING
 from mbaid_ros.core.diagnosis.ranking import CandidateCause, Change, IsolationResult, ranked
 from mbaid_ros.core.diagnosis.readings import roughness
 from mbaid_ros.core.filter.batch import BackgroundTask

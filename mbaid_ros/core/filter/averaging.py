@@ -60,6 +60,7 @@ class KnotAveraging:
         fastest: float = 0.0,
     ) -> None:
         self._wanted = min(_KNOT, 1.0 / (_KNOTS_A_PERIOD * fastest)) if fastest else _KNOT
+        self._alike = fastest > 0.0  # a spring adds up errors that alternate with the number of samples in a knot
         self._orientation_measured = orientation_measured
         self._course: Array = np.zeros(36)
         self._gyro = gyro
@@ -68,6 +69,7 @@ class KnotAveraging:
         self.origin: Array = np.zeros(3)
         self._knots_a_window = 0
         self._number = -1
+        self._end: float | None = None  # s, of the last window that had all its neighbours
         self._kept: Knots | None = None  # of the last two windows of the call before
         self._linked = 0  # number of windows without a gap up to the last, at most three
         self._latest: WindowNoise | None = None  # of the last of them
@@ -79,7 +81,7 @@ class KnotAveraging:
         """Return the windows that closed ones complete."""
         if not self._knots_a_window:
             self.origin = windows[0].base_position[0].copy()
-            self._knots_a_window = knots_a_window(windows[0], self._length, self._wanted)
+            self._knots_a_window = knots_a_window(windows[0], self._length, self._wanted, alike=self._alike)
         length, count = self._length, self._knots_a_window
         numbers = [int(np.floor((window.time[0] + 1e-9) / length)) for window in windows]
         new = averages(windows, np.array(numbers) * length, length / count, count, self.origin)
@@ -131,6 +133,7 @@ class KnotAveraging:
         ready = None
         if self._linked > 1 and noise is not None:
             ready = self._window(knots, empty, place - 1, AFTER, noise)
+            self._end = ready.start + ready.length
         still_open = None if empty[end - 1] else self._window(knots, empty, place, 0, noise_now)
         return ready, still_open
 
@@ -148,18 +151,24 @@ class KnotAveraging:
         parts = knots[first:end]
         if any(empty[first:end]):
             parts = bridged(parts)
+        start = (self._number - (1 if after else 0)) * self._length
         return Window(
             knots=parts,
             inside=slice(begin - first, begin - first + count - (0 if end > begin + count else 1)),
             spacing=self._length / count,
             noise=with_truncation(noise, parts, at_an_end=not (earlier and after)),
-            start=(self._number - (1 if after else 0)) * self._length,
+            start=start,
             fresh=not earlier,
             origin=self.origin,
+            gap=0.0 if earlier or self._end is None else start - self._end,
         )
 
 
-def knots_a_window(window: Samples, length: float, wanted: float) -> int:
-    """Return the number of knots in a window of a length in s: as wanted, s apart, and no fewer samples than knots."""
+def knots_a_window(window: Samples, length: float, wanted: float, *, alike: bool = False) -> int:
+    """Return the number of knots in a window of a length in s: as wanted, s apart, and no fewer samples than knots.
+
+    Knots that are to be alike have as many samples each, if these come evenly.
+    """
     spacing = float(np.median(np.diff(window.time))) if len(window) > 1 else length
-    return max(round(length / max(wanted, spacing)), _FEWEST_KNOTS)
+    count, samples = max(round(length / max(wanted, spacing)), _FEWEST_KNOTS), round(length / spacing)
+    return next((each for each in range(count, samples + 1) if samples % each == 0), count) if alike else count

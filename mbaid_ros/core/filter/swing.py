@@ -24,7 +24,8 @@ from mbaid_ros.core.geometry import Array, Flags, Integers
 
 BESIDE = 2  # intervals on either side of a window that its steps are interpolated from
 _SWEEPS = 8  # of Newton's iteration along the windows, at most: each squares the error
-_CONVERGED = 1e-4  # rad or m, change of a deflection by a sweep: that after it would be a thousand times smaller
+# rad or m, change of deflection, and of its rate over the natural one, by a sweep: it squares the error.
+_CONVERGED = 1e-4
 _LARGEST = 30.0  # rad or m, of such a change: no appendage swings as far
 _POINTS, _ENDS, _GUESSES = 8, 2_000, 20_000  # linearisation points, their intervals, and guesses that are remembered
 
@@ -98,13 +99,16 @@ class SwingCourse:
             found, rates = passive_motion(self._layout, flat, point, along)
             slope = np.concatenate((rates, found.forces), axis=-1)[..., None]
             slopes, by_state = _divided(slope, motions), _divided(found.by_state, motions)
-            each = list(zip(slopes, by_state, states, strict=True))
-            driven = [rate - jacobian @ x[..., None] for rate, jacobian, x in each]
+            driven = [
+                rate - jacobian @ x[..., None] for rate, jacobian, x in zip(slopes, by_state, states, strict=True)
+            ]
             new = self._followed(runs, stacks, (by_state, driven), start, point, 1)
             # Rates to first order of the last step, which is small.
             rate_of = [rest + jacobian @ x for rest, jacobian, x in zip(driven, by_state, new, strict=True)]
+            steps = [part[..., 0] - before for part, before in zip(new, states, strict=True)]
+            faster = [(one - other)[..., :size, 0] / springs.rate for one, other in zip(rate_of, slopes, strict=True)]
             states = [part[..., 0] for part in new]
-            change = max(float(np.max(np.abs(x - last[2])[..., :size])) for x, last in zip(states, each, strict=True))
+            change = max(float(np.max(np.abs(part))) for part in (*(step[..., :size] for step in steps), *faster))
             if not change < _LARGEST:  # nor where it is NaN
                 raise np.linalg.LinAlgError('the passive joints swing without bounds')
             if change < _CONVERGED:

@@ -43,6 +43,10 @@ class WhitenedWindow:
     places: Integers  # (k,) of the values among the numbers that a window may measure, as of `Innovations`
     carried: TwistLink | None = None  # for an integrated twist, the links to the windows before and after
 
+    def brought_in(self, seconds: float) -> Array | None:
+        """Return the change of the momentum by the variables in so many seconds, (p, v); None where nothing does."""
+        return self.brought * (seconds / self.length) if seconds and self.brought.any() else None
+
     def push(self, axes: Axes) -> Array:
         """Return the change of the momentum by a constant force and torque in these axes, (p, f)."""
         return self.pushes[axes]
@@ -215,7 +219,7 @@ def _pushes(windows: WindowModel, variables: Variables) -> list[dict[Axes, Array
 
 
 LINEARISED = 5  # work of linearising a window, in steps of the filter
-_FEWEST, _MOST = 8, 32  # windows linearised at once: fewer waste the first's overhead, more do not fit the cache
+_FEWEST, MOST = 8, 32  # windows linearised at once: fewer waste the first's overhead, more do not fit the cache
 
 
 class LinearisationCache:
@@ -270,4 +274,4 @@ class LinearisationCache:
         turn = self._turn.get(window)
         if turn is None:
             return [window]
-        return self._coming[turn : turn + min(max(_FEWEST, self._likely - self._served, self._served), _MOST)]
+        return self._coming[turn : turn + min(max(_FEWEST, self._likely - self._served, self._served), MOST)]

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbaid_ros.core.diagnosis.candidates import CandidateCauses
 from mbaid_ros.core.diagnosis.fault_isolation import FaultIsolation
-from mbaid_ros.core.diagnosis.passes import another_body
+from mbaid_ros.core.diagnosis.filter_passes import another_body
 from mbaid_ros.core.diagnosis.ranking import Change
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors

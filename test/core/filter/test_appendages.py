@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from appendages import PANELS, SLOSH, with_fuel, with_panels
+from benchmarks.appendages import PANELS, SLOSH, with_fuel, with_panels
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation
 from mbaid_ros.core.results.estimate import PassiveJoint
 from mbaid_ros.core.robot.kernel import MomentumKernel

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from appendages import servicer
+from benchmarks.appendages import servicer
 from in_basilisk import column, craft_of, seen_falling
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model

@@ -1,8 +1,10 @@
-"""The seven-joint servicer with solar panels or propellant that swing, for the tests of passive joints."""
+"""The seven-joint servicer with solar panels or propellant that swing, or a grasp that gives."""
 
 from __future__ import annotations
 
-from simulated import CONFIG
+from pathlib import Path
+
+CONFIG = Path(__file__).resolve().parents[2] / 'config'
 
 PANELS = ('panel_left', 'panel_right')
 _PANEL = """
@@ -52,3 +54,21 @@ def with_fuel(mass: float) -> str:
         )
         parent = name
     return servicer(*parts, lighter=mass)
+
+
+_TARGET = """
+<joint name="grasp" type="revolute"><parent link="link7"/><child link="target"/><origin xyz="0.02 -0.03 0.3"/>
+  <axis xyz="0.6 0.64 0.48"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<link name="target"><inertial><origin xyz="0.32 -0.19 0.48"/><mass value="155"/>
+  <inertia ixx="24.6" ixy="-3.4" ixz="2.7" iyy="33.8" iyz="-1.9" izz="29.1"/></inertial></link>
+"""
+_HAND = """<inertial><origin xyz="0.010 -0.015 0.150"/><mass value="7"/>
+  <inertia ixx="0.070" ixy="0.001" ixz="-0.003" iyy="0.075" iyz="0.002" izz="0.040"/>"""
+
+
+def with_grasp() -> str:
+    """Return it with a hand of 7 kg that holds a target of 155 kg by a joint."""
+    text = servicer(_TARGET)
+    end = text.rindex('<joint name="grasp"')
+    first, last = text.rindex('<inertial>', 0, end), text.rindex('</inertial>', 0, end)
+    return text[:first] + _HAND + text[last:]

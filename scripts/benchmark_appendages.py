@@ -1,0 +1,176 @@
+"""Write measured/appendages.md: robots with panels, propellant or a grasp that gives, beside the rigid robot."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from benchmarks.appendages import (
+    CONFIG,
+    PANELS,
+    SLOSH,
+    servicer,
+    with_fuel,
+    with_grasp,
+    with_panel_on_the_target,
+    with_panels,
+)
+from benchmarks.frame import Frame, Runs, number, percent, provenance, statuses, table
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.files import load_parameter_file
+from mbaid_ros.config.model_errors import EXACT
+from mbaid_ros.config.parameters import build
+from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.replay.run import BAG_TYPES
+from mbaid_ros.session.session import Session
+from mbaid_ros.simulated_run import SimulatedRun
+
+BAND, FAR = 1.96, 5.0  # standard deviations: of an interval of 95 %; beyond which an estimate is wrong
+DECLARED = 0.05  # relative standard deviation of declared frequencies
+CLAIMS = ('estimating', 'converged')
+RATE = 100.0  # Hz
+POSTURE = (0.4, 0.7, -0.3, 0.9, 0.5, -0.6, 0.2)  # rad
+NOISE = {
+    'noise.joint_position': 1e-4,
+    'noise.joint_velocity': 1e-3,
+    **{f'noise.base_{part}': 1e-3 for part in ('position', 'linear_velocity')},
+    **{f'noise.base_{part}': 1e-4 for part in ('orientation', 'angular_velocity')},
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A robot, its passive joints, their frequency (Hz), and the deflections at the start (rad or m)."""
+
+    name: str
+    urdf: str
+    joints: tuple[str, ...] = ()
+    frequency: float = 0.0
+    start: tuple[float, ...] = ()
+    target: str = 'link7'
+
+    @property
+    def frequencies(self) -> Array:
+        """Of each joint, Hz; each a little higher than the one before where they are panels."""
+        step = 1.03 if self.joints == PANELS else 1.0
+        return np.asarray(self.frequency * step ** np.arange(len(self.joints)))
+
+
+RIGID = Row('none', servicer())
+ROWS = (
+    RIGID,
+    *(
+        Row(f'two panels of 20 kg, {each:g} Hz', with_panels(), PANELS, each, (swing, -0.5 * swing))
+        for each, swing in ((0.1, 0.02), (0.3, 0.02), (1.0, 0.006), (2.0, 0.003))
+    ),
+    Row('a panel of 20 kg on the target, 0.3 Hz', with_panel_on_the_target(), PANELS[:1], 0.3, (0.02,)),
+    *(
+        Row(f'{mass:g} kg of propellant, {each:g} Hz', with_fuel(mass), SLOSH, each, (0.02, 0.0, 0.01))
+        for mass in (20.0, 2.0)
+        for each in (0.1, 0.5)
+    ),
+    Row('a grasp of 3 Hz', with_grasp(), ('grasp',), 3.0, (0.003,), 'target'),
+)
+
+
+@dataclass(frozen=True)
+class Outcome(Runs):
+    """Runs at their end."""
+
+    # error, std: (runs, 10)
+    error: Array
+    std: Array
+    status: Array
+    nees: Array
+    frequency: Array  # the largest error of a resolved frequency, in standard deviations; NaN without any
+    seconds: Array  # of processor time
+
+
+def run(row: Row, work: tuple[int, float]) -> Outcome:
+    """Return the outcome of one run of a seed and a duration in s."""
+    seed, duration = work
+    values = load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator')
+    values |= {'joint_rate': RATE, 'odometry_rate': RATE, **NOISE, 'seed': seed, 'target_link': row.target}
+    values |= {'flexible.joints': list(row.joints)}
+    values['initial.joint_positions'] = [*POSTURE, *row.start]
+    values |= {f'flexible.{name}.frequency': each for name, each in zip(row.joints, row.frequencies, strict=True)}
+    simulated = SimulatedRun(build(SimulatorConfig, values), row.urdf, BAG_TYPES)
+    off = 1.0 + DECLARED * np.random.default_rng(1000 + seed).standard_normal(len(row.joints))
+    given = zip(row.joints, off * row.frequencies, strict=True)
+    parameters = {**EXACT, **NOISE, 'method': 'trajectory', 'target_link': row.target}
+    parameters |= {'flexible.joints': list(row.joints), **{f'flexible.{name}.frequency': each for name, each in given}}
+    session = Session(build(EstimatorConfig, parameters), row.urdf)
+    for each in simulated.read(duration):
+        (session.add_joint_state if each.topic == 'joint_states' else session.add_odometry)(each.message)
+    begin = time.process_time()
+    estimates = session.process()
+    seconds = time.process_time() - begin
+    if not estimates:
+        nothing = np.full(10, np.nan)
+        return Outcome(nothing, nothing, np.array('no estimate'), np.array(np.nan), np.array(np.nan), np.array(seconds))
+    last = estimates[-1]
+    error = last.parameters - simulated.target_inertia
+    nees = error @ np.linalg.pinv(last.covariance) @ error if np.isfinite(last.covariance).all() else np.nan
+    far = [
+        abs(each.frequency - true) / each.frequency_std
+        for each, true in zip(last.flexible, row.frequencies, strict=False)
+        if each.resolved
+    ]
+    return Outcome(
+        error, last.std, np.array(last.status), np.array(nees), np.array(max(far, default=np.nan)), np.array(seconds)
+    )
+
+
+def cells(row: Row, own: Outcome, rigid: Outcome) -> tuple[str, ...]:
+    """Return a line of the table."""
+    claimed = np.isin(own.status, CLAIMS)
+    far = np.abs(own.error / own.std)[claimed]
+    known = np.isfinite(far)
+    wrong = int(np.any(np.where(known, far, 0.0) > FAR, axis=1).sum())
+    # In reported deviations of the rigid robot: every parameter counts alike.
+    squares = [
+        np.nanmean((each.error / np.nanmean(rigid.std, axis=0))[np.isin(each.status, CLAIMS)] ** 2)
+        if np.isin(each.status, CLAIMS).any()
+        else np.nan
+        for each in (own, rigid)
+    ]
+    return (
+        row.name,
+        statuses(own.status),
+        percent(float(np.mean(far[known] < BAND))) if known.any() else '-',
+        number(float(np.nanmean(own.nees[claimed])) if claimed.any() else np.nan, 1),
+        number(float(np.max(far[known], initial=0.0)), 1),
+        str(wrong or '-'),
+        number(float(np.sqrt(squares[0] / squares[1]))),
+        number(float(np.nanmax(own.frequency, initial=-np.inf)), 1),
+        number(float(np.mean(own.seconds)), 1),
+    )
+
+
+HEADER = (
+    *('appendage', 'status', 'covered', 'NEES of 10', 'largest error over its deviation', 'wrong'),
+    *('RMSE over that of the rigid robot', 'largest error of a frequency over its deviation', 'processor time, s'),
+)
+
+
+def main() -> None:
+    """Run the benchmark."""
+    frame = Frame(__doc__, 'measured/appendages.md', seeds=20, seconds=40.0)
+    work = [(seed, frame.arguments.seconds) for seed in frame.seeds]
+    lines: list[tuple[str, ...]] = []
+    rigid: Outcome | None = None
+    for row in (RIGID, *(each for each in frame.chosen(ROWS, lambda each: each.name) if each is not RIGID)):
+        for _, own in frame.outcomes(Outcome, partial(run, row), {row: (f'appendages-{row.name}', work)}):
+            rigid = rigid or own
+            lines.append(cells(row, own, rigid))
+            print(' | '.join(lines[-1]), flush=True)
+    note = f'{len(work)} seeds of {frame.arguments.seconds:g} s'
+    frame.write(rows=f'{table(HEADER, lines)}\n\n{provenance(note)}')
+
+
+if __name__ == '__main__':
+    main()
