@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mbaid_ros.calibration.iteration import CalibrationIteration
 from mbaid_ros.core.errors import ModelError, ParameterError
@@ -18,7 +19,6 @@ from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.state import BODY
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.linear_algebra import block_diag
 from mbaid_ros.core.results.estimate import PassiveJoint, Thruster
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from mbaid_ros.core.compiled import chdtri
+from scipy.special import chdtri
 
 
 @lru_cache(maxsize=1024)  # asked for many times a window, of few degrees

@@ -1,26 +1,15 @@
-"""Symmetric systems, some of whose directions may be empty; block-diagonal matrices."""
+"""Symmetric systems, some of whose directions may be empty."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dtrtri
 
-from mbaid_ros.core.compiled import dpotrf, dtrtri
 from mbaid_ros.core.geometry import Array, Flags
 
 # Part of the largest eigenvalue (all unknowns scaled to unit diagonal) that double precision can still separate from 0.
 _RESOLUTION = 1e-13
 _DOUBTFUL = 1e-9  # part of an unknown's information that others leave of it, below which directions may be empty
-
-
-def block_diag(*blocks: Array) -> Array:
-    """Return a matrix of blocks along its diagonal, any of which may be empty."""
-    whole = np.zeros((sum(len(block) for block in blocks), sum(block.shape[1] for block in blocks)))
-    row = column = 0
-    for block in blocks:
-        rows, columns = block.shape
-        whole[row : row + rows, column : column + columns] = block
-        row, column = row + rows, column + columns
-    return whole
 
 
 def solve_symmetric(information: Array, right_side: Array) -> Array:

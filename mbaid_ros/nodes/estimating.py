@@ -8,8 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import scipy.linalg
-import scipy.optimize  # noqa: F401 - of these two: a window that needed one first would wait for it
+import scipy.optimize  # noqa: F401 - a window that needed it first would wait for it
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, Vector3Stamped, WrenchStamped
 from nav_msgs.msg import Odometry

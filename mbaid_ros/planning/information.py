@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg.lapack import dtrtrs
 
-from mbaid_ros.core.compiled import dtrtrs
 from mbaid_ros.core.filter.chain import window_models
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.joint_noise import no_bias

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 
 from mbaid_ros.core import chi_square
-from mbaid_ros.core.compiled import dsygvd
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White, first_solutions
 from mbaid_ros.core.geometry import Array
@@ -101,9 +101,7 @@ class MarginalisedPrior:
             return
         # Directions with more information than `idle`, orthonormal in it, and the ratio of both.
         size = 1.0 / np.sqrt(np.diag(idle))
-        ratio, vectors, info = dsygvd(self._sum * size * size[:, None], idle * size * size[:, None])
-        if info:
-            raise np.linalg.LinAlgError('the noise has no information in a direction')
+        ratio, vectors = scipy.linalg.eigh(self._sum * size * size[:, None], idle * size * size[:, None])
         excited = ratio > 1.0
         if not np.all(excited):
             known = size[:, None] * vectors[:, excited]

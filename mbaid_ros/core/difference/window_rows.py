@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import block_diag, orth
 
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.geometry import Array, cross, skew
-from mbaid_ros.core.linear_algebra import block_diag
 from mbaid_ros.core.robot.kernel import MomentumKernel, MomentumRows, momentum_rows
 from mbaid_ros.core.robot.kinematics import Plane, PlaneDetector
 from mbaid_ros.core.robot.model import express
@@ -62,12 +62,6 @@ def subspace(detector: PlaneDetector, kernel: MomentumKernel) -> Subspace:
     if plane is None:
         return Subspace(rows, np.eye(UNKNOWNS), None)
     return Subspace(rows, np.asarray(block_diag(plane.basis, rows.T)), plane)
-
-
-def _orthonormal(matrix: Array) -> Array:
-    """Return an orthonormal basis (m, r) of the columns of a matrix (m, n)."""
-    basis, values, _ = np.linalg.svd(matrix, full_matrices=False)
-    return np.asarray(basis[:, values > values.max(initial=0.0) * np.finfo(float).eps * max(matrix.shape)])
 
 
 def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoise, origin: Array) -> Blocks:
@@ -219,7 +213,7 @@ class ConsiderParameters:
         self._start: Array | None = None  # of the base, about which momentum changes are counted
         self._before: dict[Unknown, tuple[float, Array, Array]] = {}  # time, rates and total at the last sample
         self._unknowns = [unknown for unknown in unknowns if unknown.in_equations]
-        factor = block_diag(*(unknown.factor for unknown in self._unknowns))
+        factor = block_diag(np.zeros((0, 0)), *(unknown.factor for unknown in self._unknowns))
         self._joint_factor: Array | None = None
         if prior is not None:
             used = np.repeat([unknown.in_equations for unknown in unknowns], [unknown.count for unknown in unknowns])
@@ -231,7 +225,7 @@ class ConsiderParameters:
         labels = np.array([label for unknown in self._unknowns for label in unknown.labels])
         self.labels = list(dict.fromkeys(labels.tolist()))
         # For each part, the directions that it has a share in: orthonormal (e, k).
-        self._directions = [_orthonormal(factor[labels == label].T) for label in self.labels]
+        self._directions = [orth(factor[labels == label].T) for label in self.labels]
 
     def columns(self, windows: Sequence[Samples], body: Array) -> Array:
         """Return the means of E over each of K windows, (K, 6, e), with a target body (10,) (m, h, I_o).

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.linear_algebra import block_diag
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg.lapack import dtrtrs
 
-from mbaid_ros.core.compiled import dtrtrs
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, BODY, LINEAR, Layout
 from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, gains_by_unknowns, joint_gains
 from mbaid_ros.core.filter.variables import Variables

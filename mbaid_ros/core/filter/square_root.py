@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+from scipy.linalg.lapack import dgeqrf, dtpqrt, dtrtri, dtrtrs
 
-from mbaid_ros.core.compiled import dgeqrf, dtpqrt, dtrtri, dtrtrs
 from mbaid_ros.core.filter.integrated_twist import TwistLink
 from mbaid_ros.core.filter.joint_noise import no_bias
 from mbaid_ros.core.filter.state import MOMENTUM, POSE

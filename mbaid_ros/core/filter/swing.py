@@ -14,6 +14,7 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import expm
 
 from mbaid_ros.core.filter.knots import Midpoints
 from mbaid_ros.core.filter.passive_prediction import passive_motion
@@ -289,8 +290,6 @@ def _steps(mean: Array, by_state: Array, driven: Array, spacing: float) -> tuple
 
     Lawson's method of order 4: the mean (2 f, 2 f) of the derivatives exactly, the rest by Runge and Kutta's.
     """
-    from scipy.linalg import expm  # noqa: PLC0415 - robots without passive joints start sooner
-
     half = expm(0.5 * spacing * mean)
     whole, size, count = half @ half, len(mean), driven.shape[-1]
     rest = by_state - mean

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR, MOMENTUM, POSE, Layout
 from mbaid_ros.core.geometry import Array, Integers
-from mbaid_ros.core.linear_algebra import block_diag
 from mbaid_ros.core.robot.kernel import unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.unknowns.catalogue import Uncertainty

@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mbaid_ros.core.geometry import Array, exp, rotate
-from mbaid_ros.core.linear_algebra import block_diag
 from mbaid_ros.core.robot.model import Link, RobotModel, express
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian
 
@@ -163,7 +163,7 @@ def declared(known: Array, std: float, own: Mapping[int, BodyDeviations] | None 
         if body in own or std > 0.0
     }
     uncertain = {body: factor for body, factor in factors.items() if factor.size}
-    return KnownErrors(tuple(uncertain), block_diag(*uncertain.values()))
+    return KnownErrors(tuple(uncertain), block_diag(*uncertain.values()) if uncertain else np.zeros((0, 0)))
 
 
 def calibrated(links: Sequence[Link], covariance: Array, unknown: Sequence[str] = ()) -> KnownErrors:

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.linear_algebra import block_diag
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.model_errors import KnownErrors, to_bodies

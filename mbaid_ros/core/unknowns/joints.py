@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mbaid_ros.core.geometry import Array, cross, rotate, skew
-from mbaid_ros.core.linear_algebra import block_diag
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics, PlaneDetector
 from mbaid_ros.core.robot.momentum import inertia_matrix
