@@ -202,7 +202,9 @@ def _pass(motions: Sequence[Motion], points: Sequence[Point]) -> CalibrationIter
         own = motion.variables
         gaussian = SquareRootInformation.prior(own) if gaussian is None else new_motion(gaussian, own)
         for window, white in _linearised(motion, point):
-            gaussian = update(pose_reset(gaussian, own) if window.fresh else gaussian, white)
+            if window.fresh:
+                gaussian = pose_reset(gaussian, own, white.brought_in(window.gap))
+            gaussian = update(gaussian, white)
             if window is not motion.windows[-1]:
                 gaussian = advance(gaussian, white, own, UNDISTURBED)
         heads.append(_of_momentum(gaussian, own))

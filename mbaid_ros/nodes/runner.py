@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -19,10 +19,11 @@ from rclpy.clock_type import ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.impl.logging_severity import LoggingSeverity
-from rclpy.logging import set_logger_level
+from rclpy.logging import get_logger, set_logger_level
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from rclpy.time_source import TimeSource
 from rclpy.utilities import remove_ros_args
 
 from mbaid_ros.config.parameters import ParameterSpec, build, specification, specification_of, specifications, values_of
@@ -147,6 +148,7 @@ def ros(argv: Sequence[str]) -> Iterator[Interrupt]:
     """
     with _refusals():
         rclpy.init(args=['', *argv], signal_handler_options=SignalHandlerOptions.NO)
+    _refuse_negative_times()
     # A node that rcl could not make raises an error that this warning adds nothing to.
     warnings.filterwarnings('ignore', message='Failed to fini rosout publisher', category=RuntimeWarning)
     try:
@@ -170,6 +172,21 @@ def spin(node: Node, over: Callable[[], object]) -> None:
     gc.set_threshold(_LITTER)
     while not over():
         executor.spin_once()
+
+
+def _refuse_negative_times() -> None:
+    """Ignore negative times on /clock, for which rclpy ends a node."""
+    take = TimeSource.clock_callback
+    log: Any = get_logger('clock')
+
+    def take_unless_negative(source: TimeSource, message: Any) -> None:
+        if message.clock.sec < 0:
+            text = f'a time on /clock is negative, {message.clock.sec} s: it is not taken'
+            log.warning(text, once=True)
+        else:
+            take(source, message)
+
+    TimeSource.clock_callback = take_unless_negative  # type: ignore[method-assign, assignment]
 
 
 @contextmanager

@@ -286,7 +286,7 @@ def test_a_stream_that_starts_again(graph: Graph) -> None:
 
 
 @pytest.mark.long
-def test_a_clock_that_is_missing_jumps_and_stands_still(graph: Graph) -> None:
+def test_a_clock_that_is_missing_jumps_stands_still_and_is_negative(graph: Graph) -> None:
     parameters = ['-p', f'robot_description_file:={CONFIG}/table1.urdf', '-p', 'use_sim_time:=true']
     node = graph.start('estimator', '--ros-args', *parameters)
     diagnostics = graph.collect('/diagnostics', DiagnosticArray, qos(100))
@@ -294,22 +294,24 @@ def test_a_clock_that_is_missing_jumps_and_stands_still(graph: Graph) -> None:
     graph.wait(lambda: 'nothing publishes it: check its name' in str(diagnostics), 'what would help')
     publisher = graph.publisher('/clock', Clock)
 
-    def publish(seconds: int, text: str) -> None:
-        """Publish a time until there is a report at it: /clock is best effort, and its queue is one."""
+    def publish(seconds: int, text: str, shown: int | None = None) -> None:
+        """Publish a time until there is a report at it, or at `shown`: /clock is best effort, and its queue is one."""
         message = Clock()
         message.clock.sec = seconds
+        now = seconds if shown is None else shown
 
         def reported() -> bool:
             publisher.publish(message)
-            return text in str([array for array in diagnostics if array.header.stamp.sec == seconds])
+            return text in str([array for array in diagnostics if array.header.stamp.sec == now])
 
-        graph.wait(reported, f'{seconds} s: {text}')
+        graph.wait(reported, f'{now} s: {text}')
         diagnostics.clear()
 
     publish(100, "message='stamps fit the clock'")
     publish(105, "message='stamps fit the clock'")
     publish(50, '/clock jumped 1 times since the last report, the last time by -55 s')
     publish(3000, '/clock jumped 1 times since the last report, the last time by 2950 s')
-    publish(3000, ' s it has been 3000 s')
+    publish(-5, ' s it has been 3000 s', shown=3000)
     assert node.stderr.count('/clock stands still: for ') == 1
+    assert node.stderr.count('a time on /clock is negative, -5 s: it is not taken') == 1
     assert node.stop() == 0

@@ -69,6 +69,7 @@ class KnotAveraging:
         self.origin: Array = np.zeros(3)
         self._knots_a_window = 0
         self._number = -1
+        self._end: float | None = None  # s, of the last window that had all its neighbours
         self._kept: Knots | None = None  # of the last two windows of the call before
         self._linked = 0  # number of windows without a gap up to the last, at most three
         self._latest: WindowNoise | None = None  # of the last of them
@@ -132,6 +133,7 @@ class KnotAveraging:
         ready = None
         if self._linked > 1 and noise is not None:
             ready = self._window(knots, empty, place - 1, AFTER, noise)
+            self._end = ready.start + ready.length
         still_open = None if empty[end - 1] else self._window(knots, empty, place, 0, noise_now)
         return ready, still_open
 
@@ -149,14 +151,16 @@ class KnotAveraging:
         parts = knots[first:end]
         if any(empty[first:end]):
             parts = bridged(parts)
+        start = (self._number - (1 if after else 0)) * self._length
         return Window(
             knots=parts,
             inside=slice(begin - first, begin - first + count - (0 if end > begin + count else 1)),
             spacing=self._length / count,
             noise=with_truncation(noise, parts, at_an_end=not (earlier and after)),
-            start=(self._number - (1 if after else 0)) * self._length,
+            start=start,
             fresh=not earlier,
             origin=self.origin,
+            gap=0.0 if earlier or self._end is None else start - self._end,
         )
 
 

@@ -80,7 +80,9 @@ def update_hypothesis(
     filtered: HypothesisFilter, window: Window, white: WhitenedWindow, variables: Variables
 ) -> HypothesisFilter:
     """Return a hypothesis updated by a window, with a jump of the momentum where the window is too unlikely without."""
-    before = pose_reset(filtered.gaussian, variables) if window.fresh else filtered.gaussian
+    before = filtered.gaussian
+    if window.fresh:
+        before = pose_reset(before, variables, white.brought_in(window.gap))
     after = update(before, white)
     unlikely = after.last_nis > _limit(after.last_measured) and after.measured > after.last_measured
     if not unlikely or filtered.jumped == filtered.longest:

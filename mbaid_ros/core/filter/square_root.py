@@ -223,11 +223,19 @@ def _advanced_with_link(
     return gaussian.with_root(np.array(whole[count:, count:], order='F'), whole[:count].copy())
 
 
-def pose_reset(gaussian: SquareRootInformation, variables: Variables) -> SquareRootInformation:
-    """Return the Gaussian with an unknown pose error: the chain was broken. The rows below its own are the marginal."""
+def pose_reset(
+    gaussian: SquareRootInformation, variables: Variables, brought: Array | None = None
+) -> SquareRootInformation:
+    """Return the Gaussian with an unknown pose error: the chain was broken. The rows below its own are the marginal.
+
+    `brought` (p, v) is the change of the momentum by the variables since, as of `WhitenedWindow`.
+    """
     root, poses = gaussian.root.copy(), variables.poses
     root[:poses] = 0.0
     root[:poses, :poses] = variables.prior()[1][:poses, :poses]
+    if brought is not None:
+        own = slice(variables.head, len(variables.scale))
+        root[:, own] -= root[:, poses : variables.head] @ brought[:, own]
     if variables.broken.shape[1]:
         root = _walked(root, variables.broken, len(variables.scale))
     return gaussian.with_root(_forgotten(root, variables))

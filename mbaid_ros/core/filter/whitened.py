@@ -43,6 +43,10 @@ class WhitenedWindow:
     places: Integers  # (k,) of the values among the numbers that a window may measure, as of `Innovations`
     carried: TwistLink | None = None  # for an integrated twist, the links to the windows before and after
 
+    def brought_in(self, seconds: float) -> Array | None:
+        """Return the change of the momentum by the variables in so many seconds, (p, v); None where nothing does."""
+        return self.brought * (seconds / self.length) if seconds and self.brought.any() else None
+
     def push(self, axes: Axes) -> Array:
         """Return the change of the momentum by a constant force and torque in these axes, (p, f)."""
         return self.pushes[axes]

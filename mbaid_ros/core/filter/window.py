@@ -92,6 +92,7 @@ class Window:
     start: float  # s since the first sample of the run
     fresh: bool  # whether a gap (or the start) comes before it
     origin: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, of the run in the odometry frame
+    gap: float = 0.0  # s from the end of the window before to its start
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -126,7 +126,8 @@ _LEAST = 1.0 / 30.0
 # Of poses without a twist, undeclared: spacing (s) up to which differences determine their noise, poses that this
 # takes, lost ones included, and how many times as noisy as usual they count until then.
 _SLOWEST, _FIRST, _AT_FIRST = 0.2, 40, 100.0
-_SETTLED, _READ = 4.0, 80  # s, and poses, after which differences separate errors that last from small ones
+# s, and poses, after which differences separate errors that last from small ones; s, after which no run waits longer.
+_SETTLED, _READ, _PATIENCE = 4.0, 80, 10.0
 _NEVER = np.iinfo(np.int64).max
 
 
@@ -183,8 +184,8 @@ class FoundNoise:
             end = float(window.time[-1])
             self._waiting.append(window)
             if not self._settled:
-                enough = end > max(_SETTLED, _READ * float(median(window.apart)))
-                self._settled = enough or self.applied(self._waiting[0], origin, end)[1].as_declared
+                enough = min(max(_SETTLED, _READ * float(median(window.apart))), _PATIENCE)
+                self._settled = end > enough or self.applied(self._waiting[0], origin, end)[1].as_declared
             if self._settled:
                 released += [self.applied(each, origin, end) for each in self._waiting]
                 self._waiting.clear()
@@ -224,7 +225,8 @@ class FoundNoise:
             used=used & ~np.isnan(found),
             twist_correlation_time=of_twist,
             contradicted=contradicted,
-            clear=levels.clear and until > ORDER * spacing,  # else there is no difference yet
+            # Before the first difference nothing can contradict what is declared.
+            clear=levels.clear and (until > ORDER * spacing or bool(free[2:].all())),
         )
 
     def _declared(self, window: Samples, apart: float) -> Array:

@@ -60,29 +60,33 @@ def main_table(methods: Sequence[Method], whole: Mapping[str, Score], rows: Scor
 
 def verdict(rows: Scores) -> str:
     """Return the rows in which the default method is not the most accurate, or its coverage is not right."""
-    better, uncovered = [], []
+    better, uncovered, silent = [], [], []
     for name, own in rows.get(BEST, {}).items():
+        found = []
         for method, by_row in rows.items():
             ratio = by_row[name].ratio if name in by_row else np.zeros(0)  # of the first seeds, for a slow method
             here, there = median(own.ratio[: len(ratio)]), median(ratio)
             if there < here:
-                better.append(f'{name} (`{method}`: {number(there)}, `{BEST}` there: {number(here)})')
-        if own.answers and not own.holds:
+                found.append((there / here, f'{name} (`{method}`: {number(there)}, `{BEST}` there: {number(here)})'))
+        better += [text for _, text in sorted(found)[:1]]
+        if not own.answers:
+            silent.append(name)
+        elif not own.holds:
             uncovered.append(f'{name} ({percent(own.covered)} of {own.intervals})')
     hold = [
         f'`{method}`' for method, by_row in rows.items() if all(each.holds for each in by_row.values() if each.answers)
     ]
-    return '\n'.join(
-        (
-            f'- Rows in which another method is more accurate than `{BEST}`: {"; ".join(better) or "none"}.',
-            f'- Rows in which the coverage of `{BEST}` does not hold: {"; ".join(uncovered) or "none"}.',
-            f'- Methods whose coverage holds in every row with an answer: {", ".join(hold) or "none"}.',
-        )
-    )
+    facts = {
+        f'Rows in which another method is more accurate than `{BEST}`, the best of them': '; '.join(better),
+        f'Rows in which the coverage of `{BEST}` does not hold': '; '.join(uncovered),
+        f'Rows without an answer of `{BEST}`': '; '.join(silent),
+        'Methods whose coverage holds in every row with an answer': ', '.join(hold),
+    }
+    return '\n'.join(f'- {fact}: {names or "none"}.' for fact, names in facts.items())
 
 
 def row_table(methods: Sequence[Method], rows: Scores) -> str:
-    """Return error over bound and coverage of every method in every row."""
+    """Return runs, and error over bound and coverage of every method, in every row."""
     names = dict.fromkeys(name for by_row in rows.values() for name in by_row)
     lines = []
     for name in names:
@@ -95,8 +99,8 @@ def row_table(methods: Sequence[Method], rows: Scores) -> str:
             covered = f', {percent(own.covered)}' if np.isfinite(own.covered) else ''
             few = f' ({own.answers} of {own.runs})' if own.answers < own.runs else ''
             cells.append(f'{number(own.median)}{covered}{few}')
-        lines.append((name, *cells))
-    return table(('row', *(f'`{method.name}`' for method in methods)), lines)
+        lines.append((name, str(max(each[name].runs for each in rows.values() if name in each)), *cells))
+    return table(('row', 'runs', *(f'`{method.name}`' for method in methods)), lines)
 
 
 def method_table(methods: Sequence[Method], whole: Mapping[str, Score]) -> str:

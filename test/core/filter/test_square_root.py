@@ -163,6 +163,22 @@ def test_a_broken_chain_keeps_momentum_and_body() -> None:
     assert covariance[:6, :6] == pytest.approx(np.diag(prior.variance[:6]), abs=1e-12)
 
 
+def test_the_momentum_changes_over_a_gap() -> None:
+    rng = np.random.default_rng(3)
+    space = variables(rng)
+    white = prepare(window(rng), space)
+    gaussian = update(SquareRootInformation.prior(space), white)
+    rest = len(space.scale) - space.head
+    brought = np.concatenate((np.zeros((6, space.head)), rng.normal(size=(6, rest))), axis=1)
+    still, after = (pose_reset(gaussian, space, each) for each in (None, brought))
+    change = np.eye(len(space.scale))
+    change[space.poses : space.head] += brought
+    assert after.moments()[0] == pytest.approx(change @ still.moments()[0], rel=1e-9, abs=1e-9)
+    assert after.factor @ after.factor.T == pytest.approx(
+        change @ still.factor @ still.factor.T @ change.T, rel=1e-8, abs=1e-8
+    )
+
+
 def test_a_jump_loosens_the_momentum_and_the_pose_it_moved() -> None:
     rng = np.random.default_rng(4)
     space = variables(rng)
