@@ -31,6 +31,7 @@ from mbaid_ros.core.trajectory.solution import (
     jumps,
     passive_joints,
     point_of,
+    soft_grasps,
     thrusters,
 )
 from mbaid_ros.core.trajectory.target_runs import TargetRuns, TrajectorySettings
@@ -128,7 +129,7 @@ class TrajectoryEstimator:
                 plane=self._plane.plane(self._kernel.target),
                 curvatures=run.curvatures(explained=verdict.adequate),
                 reasons=(
-                    *notes((*self._runs.warnings, *too_small, *estimated)),
+                    *notes((*self._runs.warnings, *too_small, *estimated, *soft_grasps(self._kernel))),
                     *contradictions(verdict.reasons),
                     *implausible(moments, layout, flexible),
                 ),

@@ -28,6 +28,7 @@ from mbaid_ros.core.results.estimate import (
 from mbaid_ros.core.results.parameters import SENSOR_NOISE, DeferredBudget, ErrorBudget
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.results.status import MOST_JUMPS, Reason, Verdict
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import physical_jacobian, standard
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Thrusters
@@ -305,6 +306,17 @@ def implausible(moments: MeanAndCovariance, layout: Layout, joints: Sequence[Pas
             )
             reasons.append(Reason(text, 'contradiction', 0.5 * _FAR**2))
     return reasons
+
+
+def soft_grasps(kernel: MomentumKernel) -> list[str]:
+    """Return a warning of each passive joint between base and target: its intervals have been seen too narrow."""
+    names, carried = kernel.model.joint_names, kernel.kinematics.ancestors[kernel.target.body]
+    return [
+        f'{names[joint]} is passive and carries the target: errors of five standard deviations have been seen, so '
+        'take the intervals as too narrow'
+        for joint in kernel.springs.joints
+        if carried[joint]
+    ]
 
 
 def _with_linear_momentum_unknown(estimate: Estimate) -> Estimate:

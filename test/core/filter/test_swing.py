@@ -18,6 +18,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import KnownErrors
 from mbaid_ros.core.robot.springs import Springs
+from mbaid_ros.core.trajectory.solution import soft_grasps
 from mbaid_ros.core.unknowns.bodies import known_bodies
 from mbaid_ros.core.unknowns.flexible import spring_errors, starting_swing, swing_noise
 from mbaid_ros.simulation.dynamics import State
@@ -129,3 +130,13 @@ def test_deflections_are_those_of_the_simulator(name: str) -> None:
     case = Case(name)
     found = case.predicted(case.state[case.layout.parameters])[2]
     assert found == pytest.approx(case.deflection(KNOT * (np.arange(len(found)) + 1.0)), abs=1e-6)
+
+
+def test_only_a_grasp_that_gives_warns_of_narrow_intervals() -> None:
+    for name, (urdf, joints, frequencies) in ROBOTS.items():
+        model = load_model(urdf)
+        places = tuple(model.joint_names.index(joint) for joint in joints)
+        rates = 2.0 * np.pi * np.array(frequencies)
+        springs = Springs(places, rates, np.full(len(places), 0.01), np.zeros((2, len(places))))
+        warnings = soft_grasps(MomentumKernel(model, 'link7').swinging(springs))
+        assert [text.split()[0] for text in warnings] == (['joint7'] if name == 'grasp' else [])
