@@ -154,13 +154,7 @@ class CandidateCauses:
         for fit in sorted(likely, key=lambda each: each.misfit)[:_TRIED]:
             other = replace(self.layout, kernel=fit.convention.kernel)
             passes = replace(self, layout=other).extended()
-            read = fit.convention.windows(windows)
-            tried = Candidate(fit.convention.text, passes, read, fit.point(other))
-            if len(read) < len(windows):  # of other times, some of which are before or after all readings
-                starts = {window.start for window in read}
-                same = [window for window in windows if window.start in starts]
-                tried = replace(tried, point=None, rival=replace(tried, point=None, windows=same))
-            yield tried
+            yield Candidate(fit.convention.text, passes, fit.convention.windows(windows), fit.point(other))
         passes, names = self.extended(), self.layout.kernel.model.joint_names
         wrong_twist = twist_convention_error(windows)
         yield 1

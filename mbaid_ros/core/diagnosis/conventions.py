@@ -162,21 +162,25 @@ def _joints(windows: Sequence[Window], change: Callable[[Array], Array]) -> list
 
 
 def _stamped(windows: Sequence[Window], delay: float) -> list[Window]:
-    """Return windows as they are if their joints are stamped late by a delay, s; where they were read by then."""
+    """Return windows as they are if their joints are stamped late by a delay, s."""
     times = [each.start + each.spacing * (np.arange(len(each.knots)) - each.inside.start) for each in windows]
     # Windows share knots with their neighbours.
     every, place = np.unique(np.round(np.concatenate(times), 6), return_index=True)
     values = np.concatenate([each.knots.joint_position for each in windows])[place]
     known = np.isfinite(values).all(axis=1)
     every, values = every[known], values[known]
-    moved = []
-    for each, own in zip(windows, times, strict=True):
-        read = np.isfinite(each.knots.joint_position).all(axis=1)
-        later, position = np.round(own + delay, 6), np.full_like(each.knots.joint_position, np.nan)
-        if np.all((later >= every[0]) & (later <= every[-1]) | ~read):
-            position[read] = np.column_stack([np.interp(later[read], every, joint) for joint in values.T])
-            moved.append(replace(each, knots=replace(each.knots, joint_position=position)))
-    return moved
+    # Before the first and after the last of them the joints go on as they went.
+    ends = np.array([[0, 1], [-1, -2]])
+    rates = np.diff(values[ends], axis=1)[:, 0] / np.diff(every[ends], axis=1)
+    beyond = np.array([every[0] - abs(delay), every[-1] + abs(delay)])
+    further = values[[0, -1]] + rates * (beyond - every[[0, -1]])[:, None]
+    every = np.concatenate((beyond[:1], every, beyond[1:]))
+    values = np.concatenate((further[:1], values, further[1:]))
+    moved = [np.column_stack([np.interp(own + delay, every, joint) for joint in values.T]) for own in times]
+    return [
+        replace(each, knots=replace(each.knots, joint_position=position))
+        for each, position in zip(windows, moved, strict=True)
+    ]
 
 
 def _largest(values: Iterable[Array]) -> float:
