@@ -13,7 +13,7 @@ import numpy as np
 
 from mbaid_ros.core.filter.averaging import KnotAveraging
 from mbaid_ros.core.filter.batch import is_converged, turns_back
-from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, new_motion, pose_reset, update
+from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, entered, new_motion, update
 from mbaid_ros.core.filter.start import angular_momentum
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, Point, layout_of, near_part
 from mbaid_ros.core.filter.variables import Variables, variables
@@ -93,7 +93,7 @@ class CalibrationIteration:
 class Converged:
     """The last iteration, whether it has converged, and the next point."""
 
-    passed: CalibrationIteration  # CalibrationIteration
+    passed: CalibrationIteration
     stays: bool  # whether it has converged
     # common, momenta: (s - 12,), (R, 6) the point: target link and unknowns, momentum of each motion
     common: Array
@@ -202,9 +202,7 @@ def _pass(motions: Sequence[Motion], points: Sequence[Point]) -> CalibrationIter
         own = motion.variables
         gaussian = SquareRootInformation.prior(own) if gaussian is None else new_motion(gaussian, own)
         for window, white in _linearised(motion, point):
-            if window.fresh:
-                gaussian = pose_reset(gaussian, own, white.brought_in(window.gap))
-            gaussian = update(gaussian, white)
+            gaussian = update(entered(gaussian, window, white, own), white)
             if window is not motion.windows[-1]:
                 gaussian = advance(gaussian, white, own, UNDISTURBED)
         heads.append(_of_momentum(gaussian, own))

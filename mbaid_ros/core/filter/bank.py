@@ -7,7 +7,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mbaid_ros.core import chi_square
-from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, momentum_inflation, pose_reset, update
+from mbaid_ros.core.filter.square_root import (
+    SquareRootInformation,
+    advance,
+    entered,
+    momentum_inflation,
+    pose_reset,
+    update,
+)
 from mbaid_ros.core.filter.state import MOMENTUM
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow
@@ -80,9 +87,7 @@ def update_hypothesis(
     filtered: HypothesisFilter, window: Window, white: WhitenedWindow, variables: Variables
 ) -> HypothesisFilter:
     """Return a hypothesis updated by a window, with a jump of the momentum where the window is too unlikely without."""
-    before = filtered.gaussian
-    if window.fresh:
-        before = pose_reset(before, variables, white.brought_in(window.gap))
+    before = entered(filtered.gaussian, window, white, variables)
     after = update(before, white)
     unlikely = after.last_nis > _limit(after.last_measured) and after.measured > after.last_measured
     if not unlikely or filtered.jumped == filtered.longest:

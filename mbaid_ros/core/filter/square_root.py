@@ -17,6 +17,7 @@ from mbaid_ros.core.filter.joint_noise import no_bias
 from mbaid_ros.core.filter.state import MOMENTUM, POSE
 from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow
+from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array, Integers
 from mbaid_ros.core.results.evidence import Innovations
 from mbaid_ros.core.unknowns.environment import Hypothesis
@@ -221,6 +222,13 @@ def _advanced_with_link(
     if variables.walks.shape[1]:
         whole = _walked(whole, np.sqrt(window.length) * variables.walks, count + columns)
     return gaussian.with_root(np.array(whole[count:, count:], order='F'), whole[:count].copy())
+
+
+def entered(
+    gaussian: SquareRootInformation, window: Window, white: WhitenedWindow, variables: Variables
+) -> SquareRootInformation:
+    """Return the Gaussian at the start of a window; with an unknown pose error where the chain was broken before it."""
+    return pose_reset(gaussian, variables, white.brought_in(window.gap)) if window.fresh else gaussian
 
 
 def pose_reset(

@@ -57,6 +57,7 @@ class TrajectoryEstimator:
         self._settings = settings
         self._reporting = reporting
         self._plane = PlaneDetector(kernel.model)
+        self._soft = soft_grasps(kernel)
         self._averaging = KnotAveraging(
             kernel.model.joints,
             settings.noise,
@@ -129,7 +130,7 @@ class TrajectoryEstimator:
                 plane=self._plane.plane(self._kernel.target),
                 curvatures=run.curvatures(explained=verdict.adequate),
                 reasons=(
-                    *notes((*self._runs.warnings, *too_small, *estimated, *soft_grasps(self._kernel))),
+                    *notes((*self._runs.warnings, *too_small, *estimated, *self._soft)),
                     *contradictions(verdict.reasons),
                     *implausible(moments, layout, flexible),
                 ),

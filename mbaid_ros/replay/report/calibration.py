@@ -9,14 +9,7 @@ from mbaid_ros.calibration.structure import formula
 from mbaid_ros.cli import one_line
 from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.replay.calibrated import HEAD, JOINTS_HEAD, Calibrated, headline, joint_rows, rows, sentences
-from mbaid_ros.replay.report.markup import (
-    folded,
-    listed,
-    number,
-    page,
-    paragraph,
-    table,
-)
+from mbaid_ros.replay.report.markup import folded, listed, number, page, paragraph, table
 
 
 def calibration_page(result: Calibrated) -> str:
