@@ -39,7 +39,7 @@ def make(method: str = 'difference') -> CaptureEstimator:
     return CaptureEstimator(robot, again, MID, 2.0)
 
 
-def told(method: str = 'difference') -> CaptureEstimator:
+def announced(method: str = 'difference') -> CaptureEstimator:
     made = make(method)
     made.time = BEGIN
     return made
@@ -55,7 +55,7 @@ def body(estimate: Estimate) -> Array:
 
 @pytest.mark.parametrize('method', ['difference', 'trajectory'])
 def test_what_the_body_brought_along(method: str) -> None:
-    run = told(method=method)
+    run = announced(method=method)
     last = run.update(pieces(), 0)[-1]
     found = some(run.capture(body(last)))
     assert found.time == BEGIN
@@ -66,7 +66,7 @@ def test_what_the_body_brought_along(method: str) -> None:
 
 
 def test_the_known_model_before_it() -> None:
-    run = told()
+    run = announced()
     made = run.update(pieces(), 0)
     before = [estimate for estimate in made if estimate.warnings == (BEFORE,)]
     assert len(before) == BEGIN / 0.5
@@ -83,7 +83,7 @@ def test_the_known_model_before_it() -> None:
 
 
 def test_a_capture_told_when_it_happens_leads_to_the_same_numbers() -> None:
-    known, later = told(), make()
+    known, later = announced(), make()
     expected = known.update(pieces(), 0)
     found = []
     for window in pieces():
@@ -101,7 +101,7 @@ def test_a_capture_told_when_it_happens_leads_to_the_same_numbers() -> None:
 
 @pytest.mark.parametrize('method', ['difference', 'trajectory'])
 def test_a_capture_told_too_early_can_be_moved(method: str) -> None:
-    known, moved = told(method=method), make(method=method)
+    known, moved = announced(method=method), make(method=method)
     expected = known.update(pieces(), 0)
     moved.time = BEGIN - 4.0
     found = []
@@ -119,7 +119,7 @@ def test_a_capture_is_detected() -> None:
     run = CaptureEstimator(robot, lambda: estimator(robot, MID, method='difference'), MID, 2.0, detect=True)
     last = [run.update([window], 0) for window in pieces()][-1][-1]
     assert run.time == pytest.approx(BEGIN, abs=0.5)
-    found, known = run.capture(body(last)), told()
+    found, known = run.capture(body(last)), announced()
     known.update(pieces(), 0)
     expected = some(known.capture(None))
     assert found is not None

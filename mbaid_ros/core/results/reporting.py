@@ -46,7 +46,7 @@ class Curvature:
         return not bool(self.straight(np.eye(10)).all())
 
 
-LENGTH = 1.0  # m, that the standard deviation of the centre of mass is relative to: of the size of what an arm holds
+LENGTH = 1.0  # m, that the standard deviation of the centre of mass is relative to: the size of a captured body
 # Standard deviations of an estimate from the nearest real body, from which a warning reports it.
 _LARGE_CORRECTION = 3.0
 _BY_CHANCE = 1e-6  # chance that so few equations leave as large a residual: asked once a window while a run is short
