@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -65,7 +66,7 @@ class _View:
     rates: bool
     noise: float
 
-    @property
+    @cached_property
     def step(self) -> Array:
         """From each reading to the next, (N - 1, k); of wrapped angles the shorter way."""
         step = np.diff(self.position, axis=0)
