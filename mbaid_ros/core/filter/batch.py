@@ -15,6 +15,7 @@ import numpy as np
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.filter.bank import LONGEST, MARGIN, Bank, HypothesisFilter, update_bank
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.hypotheses import Hypothesis
 from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, LINEAR, Layout, Point, near_part
 from mbaid_ros.core.filter.variables import Variables
@@ -25,7 +26,6 @@ from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, is_physical,
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import unknown_scale
 from mbaid_ros.core.robot.momentum import physical_shift
-from mbaid_ros.core.unknowns.environment import Hypothesis
 
 Outcome = TypeVar('Outcome')
 Work = Generator[int, None, Outcome]  # yields the cost of each piece, in steps of the filter; returns the outcome

@@ -9,6 +9,7 @@ import numpy as np
 from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.batch import HOPELESS, BackgroundTask, BatchIteration
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.hypotheses import Hypothesis
 from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.start import MultiStart, Start
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
@@ -18,7 +19,6 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.robot.model_errors import body_sizes
-from mbaid_ros.core.unknowns.environment import Hypothesis
 
 # Growth of the windows until the next search, so that all searches together cost three times the last; where the target
 # has a prior, at which it is linear until the data move it, five times.

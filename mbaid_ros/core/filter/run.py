@@ -10,6 +10,7 @@ import numpy as np
 from mbaid_ros.core.filter.bank import Bank, HypothesisFilter, best, update_bank, update_hypothesis
 from mbaid_ros.core.filter.batch import BatchIteration
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.hypotheses import Hypothesis
 from mbaid_ros.core.filter.initialisation import Initialisation
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.square_root import SquareRootInformation
@@ -22,7 +23,6 @@ from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.results.status import LARGEST_NIS
-from mbaid_ros.core.unknowns.environment import Hypothesis
 
 # The point moves when the estimate is this far from its reference (squared Mahalanobis distance, of 20 to 200
 # numbers): directions that nothing sees gain less information by that than their priors have. It moves along directions

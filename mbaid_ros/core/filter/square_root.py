@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 from scipy.linalg.lapack import dgeqrf, dtpqrt, dtrtri, dtrtrs
 
+from mbaid_ros.core.filter.hypotheses import Hypothesis
 from mbaid_ros.core.filter.integrated_twist import TwistLink
 from mbaid_ros.core.filter.joint_noise import no_bias
 from mbaid_ros.core.filter.state import MOMENTUM, POSE
@@ -20,7 +21,6 @@ from mbaid_ros.core.filter.whitened import WhitenedWindow
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array, Integers
 from mbaid_ros.core.results.evidence import Innovations
-from mbaid_ros.core.unknowns.environment import Hypothesis
 
 _BLOCK = 12  # columns that LAPACK reflects together: as many as a window has rows
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbaid_ros.core.filter.chain import WindowModel, window_models
+from mbaid_ros.core.filter.hypotheses import Axes
 from mbaid_ros.core.filter.integrated_twist import IntegratedTwist, TwistLink, linked
 from mbaid_ros.core.filter.joint_noise import errors_in_variables_bias
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, POSE, Layout, Point
@@ -15,7 +16,6 @@ from mbaid_ros.core.filter.swing import SwingCourse
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import Stack, Window, stacked
 from mbaid_ros.core.geometry import Array, Integers, skew
-from mbaid_ros.core.unknowns.environment import Axes
 
 
 @dataclass(frozen=True)

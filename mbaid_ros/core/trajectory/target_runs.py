@@ -11,6 +11,7 @@ from mbaid_ros.core.diagnosis.fault_isolation import FaultIsolation
 from mbaid_ros.core.diagnosis.filter_passes import another_body
 from mbaid_ros.core.diagnosis.ranking import Change
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.hypotheses import Axes, hypotheses
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.run import FilterRun
 from mbaid_ros.core.filter.state import BODY, Layout, layout_of
@@ -24,7 +25,6 @@ from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.solution import ChangedTarget, jumps
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, kind_in_words, target_changed_text
-from mbaid_ros.core.unknowns.environment import Axes, hypotheses
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
 
