@@ -13,10 +13,10 @@ import numpy as np
 
 from mbaid_ros.core.filter.averaging import KnotAveraging
 from mbaid_ros.core.filter.batch import is_converged, turns_back
-from mbaid_ros.core.filter.hypotheses import UNDISTURBED
-from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, entered, new_motion, update
+from mbaid_ros.core.filter.square_root import SquareRootInformation, update
 from mbaid_ros.core.filter.start import angular_momentum
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, Point, layout_of, near_part
+from mbaid_ros.core.filter.time_update import UNDISTURBED, advance, entered, new_motion
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import LinearisationCache, WhitenedWindow
 from mbaid_ros.core.filter.window import Window, in_stacks

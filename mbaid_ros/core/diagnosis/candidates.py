@@ -31,9 +31,9 @@ from mbaid_ros.core.diagnosis.readings import (
 )
 from mbaid_ros.core.diagnosis.twist_conventions import twist_convention_error
 from mbaid_ros.core.filter.bank import LONGEST, HypothesisFilter
-from mbaid_ros.core.filter.hypotheses import Hypothesis
 from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import Layout, Point
+from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.window import Window, without_twist
 from mbaid_ros.core.results.estimate import PULSE
 from mbaid_ros.core.results.status import LARGEST_NIS

@@ -11,8 +11,7 @@ import numpy as np
 from mbaid_ros.core.diagnosis.readings import CHANNELS, Roughness
 from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.square_root import SquareRootInformation
-from mbaid_ros.core.results.evidence import SENSORS, Innovations
-from mbaid_ros.core.results.status import Cause
+from mbaid_ros.core.results.status import SENSORS, Cause, Innovations
 
 # Log-likelihood, the odds of bank.MARGIN: a smaller gain is not reported, and a smaller lead is no lead.
 WORTH = 10.0

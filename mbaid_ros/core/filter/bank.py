@@ -7,16 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mbaid_ros.core import chi_square
-from mbaid_ros.core.filter.hypotheses import Hypothesis
-from mbaid_ros.core.filter.square_root import (
-    SquareRootInformation,
-    advance,
-    entered,
-    momentum_inflation,
-    pose_reset,
-    update,
-)
+from mbaid_ros.core.filter.square_root import SquareRootInformation, update
 from mbaid_ros.core.filter.state import MOMENTUM
+from mbaid_ros.core.filter.time_update import Hypothesis, advance, entered, momentum_inflation, pose_reset
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow
 from mbaid_ros.core.filter.window import Window

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from mbaid_ros.core.filter.chain import WindowModel, window_models
-from mbaid_ros.core.filter.hypotheses import Axes
 from mbaid_ros.core.filter.integrated_twist import IntegratedTwist, TwistLink, linked
 from mbaid_ros.core.filter.joint_noise import errors_in_variables_bias
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, POSE, Layout, Point
@@ -16,6 +16,9 @@ from mbaid_ros.core.filter.swing import SwingCourse
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import Stack, Window, stacked
 from mbaid_ros.core.geometry import Array, Integers, skew
+
+# Where a constant force and torque acts, and in which axes.
+Axes = Literal['none', 'inertial', 'inertial on the base', 'body']
 
 
 @dataclass(frozen=True)
