@@ -20,8 +20,7 @@ from mbaid_ros.config.files import load_parameter_file, read_robot_description
 from mbaid_ros.core.errors import DataError, ModelError, ParameterError, listing
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.model_errors import displaced
+from mbaid_ros.core.robot.model import RobotModel, displaced, load_model
 from mbaid_ros.core.robot.urdf_edit import displace_joint, replace_inertial
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.files import write_text

@@ -247,7 +247,7 @@ def suspects(known: Sequence[str], joints: Sequence[str]) -> tuple[Linear, ...]:
     """Return unknowns that a contradicted run is tried with, by joints' names, beside those whose labels are known.
 
     Their standard deviations are too small to matter, a thousandth of a plausible value: the run stays as it was. The
-    likelihood gain of a wider prior follows from its estimate (`core/results/evidence.py`).
+    likelihood gain of a wider prior follows from its estimate (`core/filter/prior_scale.py`).
     """
     every: tuple[Linear, ...] = (
         odometry_scale(5e-5),
