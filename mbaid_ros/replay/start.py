@@ -189,7 +189,7 @@ def _export_parser() -> ArgumentParser:
     add('input', metavar='FILE', help='a result of replay --json, or a bag with estimates (the last one counts)')
     add('--format', choices=FORMATS, default=FORMATS[0], help='default: %(default)s')
     add('--output', metavar='FILE', help='default: standard output')
-    add('--model', metavar='URDF', help='the robot description, for the format urdf and for --fill')
+    add('--model', metavar='URDF', help='the robot description: for the whole robot (urdf, mjcf) and for --fill')
     add('--result', type=_whole(1), default=1, metavar='N', help='number of a result in a JSON of several (default: 1)')
     add('--topic', default='', metavar='TOPIC', help='topic of the estimates, if a bag has several estimators')
     add('--debris', action='store_true', help='write the captured body alone (from a run with debris.report: true)')
