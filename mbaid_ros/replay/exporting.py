@@ -175,13 +175,12 @@ def _mjcf_body(name: str, parameters: Array, *, in_principal_axes: bool = False,
         tensor = {'quat': _spaced(_wxyz(rotation)), 'diaginertia': _spaced(inertia[[0, 3, 5]])}
     else:
         tensor = {'fullinertia': _spaced(inertia[[0, 3, 5, 1, 2, 4]])}
-    ET.SubElement(body, 'inertial', pos=com, mass=_exact(parameters[0]), **tensor)
+    ET.SubElement(body, 'inertial', {'pos': com, 'mass': _exact(parameters[0]), **tensor})
     if shape:
         size, axes = _equivalent(parameters, shape)
         half = np.maximum(0.5 * size if shape == BOX else size, 1e-6)
-        turn = _spaced(_wxyz(axes))
-        free = {'mass': '0', 'contype': '0', 'conaffinity': '0'}
-        ET.SubElement(body, 'geom', type=shape, size=_spaced(half), pos=com, quat=turn, **free)
+        seen = {'type': shape, 'size': _spaced(half), 'pos': com, 'quat': _spaced(_wxyz(axes))}
+        ET.SubElement(body, 'geom', {**seen, 'mass': '0', 'contype': '0', 'conaffinity': '0'})
     return body
 
 

@@ -171,11 +171,8 @@ def _from_json_file(path: str, result: int, *, alone: bool) -> Identified:
         parameters = _ten(body if alone else body['estimate'])
         warnings = tuple(map(str, chosen.get('warnings', ())))
         made = chosen.get('made_by') or {'robot': {'sha256': ''}, 'parameters': {}}
-        robot = {
-            'robot_sha256': str(made['robot']['sha256']),
-            'base_link': str(made['parameters'].get('base_link', '')),
-        }
-        return Identified(link, str(chosen['status']), parameters, covariance, warnings, **robot)
+        robot, base = str(made['robot']['sha256']), str(made['parameters'].get('base_link', ''))
+        return Identified(link, str(chosen['status']), parameters, covariance, warnings, (), robot, base)
 
 
 def _covariance(covariance: Any, std: Any) -> Array:
