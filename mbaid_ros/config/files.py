@@ -77,7 +77,7 @@ def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
     Parameters
     ----------
     path : the YAML file
-    node_name : name of the node, with its namespace or without: ``/arm/estimator``, ``estimator``
+    node_name : full name of the node, ``/arm/estimator``; without a slash in any namespace: ``estimator``
 
     Returns
     -------
@@ -86,15 +86,17 @@ def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
     content = read_yaml(path, 'parameter file')
     if not isinstance(content, dict):
         raise ParameterError(f"parameter file '{path}' has no section '<node name>: {_SECTION}:'")
-    target = '/' + node_name.strip('/')
     sections = list(_sections(content, '', str(path)))
     values: dict[str, object] = {}
     for pattern, section in sections:
-        if _matches(pattern, target):
+        if _matches(pattern, node_name):
             values.update(dotted(section))
-    if not any(_matches(pattern, target) for pattern, _ in sections):
+    if not any(_matches(pattern, node_name) for pattern, _ in sections):
         names = ', '.join(pattern for pattern, _ in sections) or 'none'
-        raise ParameterError(f"parameter file '{path}' has no section for node '{node_name}'; sections: {names}")
+        raise ParameterError(
+            f"parameter file '{path}' has no section for node '{node_name}'; sections: {names}; accepted: /** or "
+            f'{node_name}'
+        )
     return values
 
 
@@ -151,11 +153,10 @@ def _sections(content: Mapping[object, object], prefix: str, path: str) -> list[
 
 
 def _matches(pattern: str, target: str) -> bool:
-    """Return whether a section speaks to a node: ``/*`` is one level of the name, ``/**`` any number of them."""
+    """Return whether a section is a node's: ``/*`` is one level of the name, ``/**`` any number of them."""
     if '*' not in pattern:
-        # A bare name is the node of that name, whether or not the caller knows the namespace.
-        return pattern == target or ('/' not in target[1:] and pattern.rsplit('/', 1)[-1] == target[1:])
-    levels = target[1:].split('/')
+        return pattern == target or pattern.rsplit('/', 1)[-1] == target
+    levels = target.strip('/').split('/')
     reached = {0}  # numbers of levels of the target that the pattern may have come past
     for part in pattern[1:].split('/'):
         if part == '**':

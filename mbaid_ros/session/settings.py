@@ -187,6 +187,7 @@ def with_surroundings(
         *joints,
         mount_position=0.0 if alone else position,
         mount_orientation=0.0 if alone else orientation,
+        marker=marker_frame(config),
         spin_inertias=_spin_deviations(config.wheels),
         thrusters=uncertain_thrusters(config.thrust, model),
         thrust_scale=config.thrust.scale_std,
