@@ -6,7 +6,7 @@ where it belongs to a run, in `_not_calibrated` where it belongs to the robot.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -30,7 +30,7 @@ from mbaid_ros.core.unknowns.base import (
     odometry_scale,
     twist_bias,
 )
-from mbaid_ros.core.unknowns.bodies import KnownBodies, KnownTarget, TargetPrior, known_bodies, spin_inertias
+from mbaid_ros.core.unknowns.bodies import KnownBodies, KnownTarget, TargetPrior, TotalMass, known_bodies, spin_inertias
 from mbaid_ros.core.unknowns.declaration import Linear, Unknown, Words, diagonal
 from mbaid_ros.core.unknowns.environment import (
     Circle,
@@ -112,6 +112,7 @@ class Uncertainty:
     spring_ratio: Sequence[float] = ()  # of its damping ratio
     spring_start: Sequence[float] = ()  # rad or m, of its deflection at the start
     spring_noise: Sequence[float] = ()  # rad or m, stationary, of the deflection that the model does not excite
+    weighed: TotalMass | None = None  # the mass of the whole robot, where it is known
 
 
 def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
@@ -288,13 +289,10 @@ def remedy_text(cause: str) -> str:
     return words.remedy.format(name) or cause
 
 
-def underestimated_text(cause: str, size: float, declared: Mapping[str, str] | None = None) -> str:
-    """Return that a thing, 'link:arm', or all of a kind, 'link', is `size` times as far off as declared.
-
-    `declared` names parameters, by kind, other than a run's.
-    """
+def underestimated_text(cause: str, size: float) -> str:
+    """Return that a thing, 'link:arm', or all of a kind, 'link', is `size` times as far off as declared."""
     words, name = _words_of(cause)
-    parameter = (declared or {}).get(cause.partition(':')[0], words.parameter) or 'its standard deviation'
+    parameter = words.parameter or 'its standard deviation'
     times = f'{size:.1f}' if size < 0.95 * _LARGEST_SIZE else f'{_LARGEST_SIZE:g} or more'
     return (
         f'{kind_in_words(cause)} {"looks" if name else "look"} {times} times as far off as declared: intervals allow '
