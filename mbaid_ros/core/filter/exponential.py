@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from scipy.linalg import expm
 
@@ -18,9 +16,10 @@ def steps_of(mean: Array, by_state: Array, driven: Array, spacing: float) -> tup
     """
     rest, size, count = by_state - mean, len(mean), driven.shape[-1]
     between, pushed = _midway(rest), _midway(driven)
-    half, within, _, _ = _exponentials(0.5 * spacing * mean)
-    whole, once, twice, thrice = _exponentials(spacing * mean)
-    within *= 0.5 * spacing
+    halfway = _exponential(0.5 * spacing, mean)
+    half, within, _, _ = np.split(halfway[:size], 4, axis=1)
+    whole, once, twice, thrice = np.split((halfway @ halfway)[:size], 4, axis=1)
+    twice, thrice = twice / spacing, thrice / spacing**2
     identity: Array = np.zeros((*between.shape[:-2], size, size + count))
     identity[..., :size] = np.eye(size)
 
@@ -35,7 +34,7 @@ def steps_of(mean: Array, by_state: Array, driven: Array, spacing: float) -> tup
     third = rate(between, pushed, half @ identity + within @ second)
     last = rate(rest[1:], driven[1:], half @ early + within @ (2.0 * third - first))
     forces = (once - 3.0 * twice + 4.0 * thrice) @ first + (2.0 * twice - 4.0 * thrice) @ (second + third)
-    after = whole @ identity + spacing * (forces + (4.0 * thrice - twice) @ last)
+    after = whole @ identity + forces + (4.0 * thrice - twice) @ last
     return after[..., :size], after[..., size:]
 
 
@@ -48,9 +47,12 @@ def _midway(values: Array) -> Array:
     return middle
 
 
-def _exponentials(matrix: Array) -> Sequence[Array]:
-    """Return exp A and the functions phi_1, phi_2, phi_3 of A (n, n): phi_k = (phi_(k-1) - 1 / (k - 1)!) / A."""
+def _exponential(time: float, matrix: Array) -> Array:
+    """Return a matrix (4 n, 4 n) whose first rows are exp(t A), t phi_1(t A), t^2 phi_2(t A), t^3 phi_3(t A), A (n, n).
+
+    phi_k (z) = (phi_(k-1) (z) - 1 / (k - 1)!) / z, and phi_0 the exponential.
+    """
     size = len(matrix)
-    blocks = np.kron(np.eye(4, k=1), np.eye(size))
+    blocks: Array = np.eye(4 * size, k=size)
     blocks[:size, :size] = matrix
-    return np.split(expm(blocks)[:size], 4, axis=1)
+    return np.asarray(expm(time * blocks))
