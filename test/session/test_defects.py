@@ -170,16 +170,6 @@ def test_outliers_cost_little_and_are_told(share: float) -> None:
     assert any(many in warning for warning in intake_warnings(session)) == (count > 12)
 
 
-@pytest.mark.parametrize('constant', [0.1, pytest.param(1.0, marks=pytest.mark.long)])
-def test_the_time_over_which_odometry_is_correlated_is_found(constant: float) -> None:
-    messages = defects.correlated(ROBOT, 20.0, constant, 1)(arrivals(ROBOT, 20.0, 1))
-    last = estimates(ROBOT, messages)[0][-1]
-    assert last.status in {'estimating', 'converged'}
-    assert last.noise is not None
-    assert 0.85 * constant < last.noise.correlation_time <= 10.0
-    assert f'correlated over {last.noise.correlation_time:.2g} s' in last.noise.differences()[-1]
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(('constant', 'declared'), [(0.1, 1.5), (0.3, 0.1), (1.0, 10.0), (5.0, 1.0 / 1.5)])
 def test_odometry_of_a_navigation_filter_is_as_uncertain_as_reported(constant: float, declared: float) -> None:

@@ -17,11 +17,9 @@ from floating import DEFAULT, float_freely, follow, make, normalised, pushing, t
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth
 from observed import HIGH, MID, estimator, kernel, observe, true_body, windows
-from shortened import shorten
 
 SECONDS = 20.0
 FORCE_TORQUE = np.array([0.012, -0.010, 0.011, -0.006, 0.005, 0.006])  # N, N m
@@ -119,17 +117,6 @@ def test_a_force_that_is_declared_contends_with_nothing_that_is_declared_of_the_
     assert normalised(last, robot) < LIMIT
 
 
-@pytest.mark.long
-def test_an_odometry_position_that_drifts(robot: MomentumKernel, servicer: Truth) -> None:
-    walk = np.cumsum(1e-4 * np.random.default_rng(7).normal(size=(len(servicer), 3)), axis=0)
-    samples = observe(servicer, MID, 6)
-    samples = replace(samples, base_position=samples.base_position + walk)
-    last = follow(robot, samples, MID, adapt=True)[-1]
-    assert any('odometry position drifts' in warning for warning in last.warnings)
-    assert normalised(last, robot) < LIMIT
-    assert not last.events
-
-
 @pytest.mark.parametrize('seed', [1, *(pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3))])
 def test_an_odometry_position_that_drifts_beside_poor_encoders(
     robot: MomentumKernel, servicer: Truth, seed: int
@@ -157,16 +144,6 @@ def test_joints_that_are_late(robot: MomentumKernel, servicer: Truth) -> None:
     assert abs(last.time_offset - LATE) < 3.0 * last.time_offset_std
     assert last.time_offset_std < 2e-4
     assert normalised(last, robot) < LIMIT
-
-
-@pytest.mark.long
-def test_a_force_that_only_linearisation_speaks_for_is_not_believed(plane: Truth) -> None:
-    # Encoders so poor that for this draw a force that fits worse, at a body of a third of the mass, has the larger
-    # likelihood: what is linearised there leaves less room for errors.
-    planar = kernel('table1')
-    last = follow(planar, observe(plane, HIGH, 16_834_525_784_445_026_308), HIGH, adapt=True)[-1]
-    assert not last.events
-    assert last.parameters[0] == pytest.approx(physical(planar.target.parameters)[0], abs=5.0 * last.std[0])
 
 
 CAUGHT, END = 20.0, 40.0  # s
@@ -209,18 +186,3 @@ def gone_on(name: str, seed: int, cause: str) -> Outcome:
 @pytest.mark.long
 def test_after_a_slip_the_run_goes_on() -> None:
     gone_on('the body slips in the grasp by 5 deg', 0, 'moved in the grasp at 30.0 s')
-
-
-@pytest.mark.long
-def test_a_wide_slip_is_told_from_the_first_inquiry_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    name = 'the body slips in the grasp by 30 deg'
-    shorten(monkeypatch, name, 48.0)
-    gone_on(name, 1, 'moved in the grasp at 30.0 s')
-
-
-@pytest.mark.long
-def test_after_the_hand_has_lost_its_body_the_run_goes_on_with_the_empty_hand(monkeypatch: pytest.MonkeyPatch) -> None:
-    name = 'the hand loses the body'
-    shorten(monkeypatch, name, 48.0)
-    told = gone_on(name, 0, 'another body is in the grasp since 30.0 s, caught or lost')
-    assert told.error[0] < 5.0  # kg, of a body that was 155 kg heavier
