@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.diagnosis.base_axes import axis_conventions
-from mbaid_ros.core.diagnosis.conventions import FITTED, Fit, conventions, fitted, point_as_described
+from mbaid_ros.core.diagnosis.conventions import FITTED, Fit, conventions, fitted, inverted_marker, point_as_described
 from mbaid_ros.core.diagnosis.filter_passes import SLIPPING, FilterPasses, WhitenedWindows, Work, attempted
 from mbaid_ros.core.diagnosis.ranking import WORTH, CandidateCause, Change, IsolationResult, gained, likeliest_kinds
 from mbaid_ros.core.diagnosis.readings import (
@@ -38,7 +38,7 @@ from mbaid_ros.core.filter.window import Window, without_twist
 from mbaid_ros.core.results.estimate import PULSE
 from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.unknowns.base import OF_TWIST, vibration
+from mbaid_ros.core.unknowns.base import OF_TWIST, marker_text, vibration
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, deviation_text, suspects, target_changed_text
 from mbaid_ros.core.unknowns.declaration import Unknown
 
@@ -219,9 +219,10 @@ class CandidateCauses:
     def _fits(self, windows: Sequence[Window]) -> Work[list[Fit]]:
         """Return the fits of windows under the conventions that are possible, the declared ones first."""
         found = []
-        axes = axis_conventions(self.layout.kernel, windows)
+        kernel, marker = self.layout.kernel, self.uncertainty.marker
+        axes = axis_conventions(kernel, windows, marker)
         yield FITTED
-        for convention in (*conventions(self.layout.kernel), *axes):
+        for convention in (*conventions(kernel), *inverted_marker(kernel, marker), *axes):
             if convention.possible(windows):
                 found.append(fitted(windows, convention, _EVERY))
                 yield FITTED // _EVERY
@@ -286,7 +287,8 @@ def _text_of(passes: FilterPasses, cause: str) -> Callable[[HypothesisFilter], s
         value, kernel = passes.value(filtered, cause), passes.layout.kernel
         if kind == 'link' and value[0] <= -_LIGHTER * kernel.known[kernel.model.link(name).body, 0]:
             return None
-        return deviation_text(cause, value)
+        declared = f', or set {marker_text(value, passes.uncertainty.marker)}' if kind == 'mount' else ''
+        return deviation_text(cause, value) + declared
 
     return text
 

@@ -222,15 +222,19 @@ class BatchIteration:
         moments = MeanAndCovariance.of(filtered.gaussian, self.variables)
         draws = np.random.default_rng(0)
         shifts: list[Array] = []
+        covariances: list[Array] = []
         for _ in range(_DRAWS):
             step = moments.factor @ draws.standard_normal(moments.factor.shape[1])
             part = near_part(moments.mean[self.layout.parameters], step[self.layout.parameters])
-            shift = yield from self._shift(stacks, filtered, moments, part * step)
+            shift, covariance = yield from self._shift(stacks, filtered, moments, part * step)
+            covariances.append(covariance)
             shift[BODY] = physical_shift(moments.mean[BODY], part * step[BODY], shift[BODY])
             shifts.append(shift / part**2)  # of second order in the step
         moved = np.array(shifts)
         unknowns = moved[:, BODY.stop :] @ self.layout.known.whitening.T
-        return Curvature(moved[:, BODY], moments.covariance(BODY_PLACES), unknowns=unknowns)
+        return Curvature(
+            moved[:, BODY], moments.covariance(BODY_PLACES), unknowns=unknowns, elsewhere=np.array(covariances)
+        )
 
     def displacement(self, stacks: list[list[Stack]], filtered: HypothesisFilter) -> Work[Curvature]:
         """Return how far the solution moves where all windows are linearised at it: a Newton step.
@@ -241,20 +245,24 @@ class BatchIteration:
         filtered : a hypothesis after them, each linearised at an earlier estimate
         """
         moments = MeanAndCovariance.of(filtered.gaussian, self.variables)
-        shift = yield from self._shift(stacks, filtered, moments, np.zeros(len(moments.mean)))
-        curvature = Curvature(shift[None, BODY], moments.covariance(BODY_PLACES))
+        shift, covariance = yield from self._shift(stacks, filtered, moments, np.zeros(len(moments.mean)))
+        curvature = Curvature(shift[None, BODY], moments.covariance(BODY_PLACES), elsewhere=covariance[None])
         return replace(curvature, largest=_DISPLACED) if curvature.anywhere else curvature
 
     def _shift(
         self, stacks: list[list[Stack]], filtered: HypothesisFilter, moments: MeanAndCovariance, step: Array
-    ) -> Work[Array]:
-        """Return how far the state (s,) moves where the windows are linearised a step (s,) from a solution."""
+    ) -> Work[tuple[Array, Array]]:
+        """Return how far the state (s,) moves where the windows are linearised a step (s,) from a solution.
+
+        Second, the (10, 10) covariance of the body there.
+        """
         try:
             relinearised = yield from self.relinearise(
                 stacks, self.layout.point(moments.mean + step, moments.deviation)
             )
             (moved,) = yield from self.filter(relinearised, (self.prior(filtered.hypothesis, filtered.longest),))
-            shift: Array = MeanAndCovariance.of(moved.gaussian, self.variables).mean - moments.mean
+            there = MeanAndCovariance.of(moved.gaussian, self.variables)
         except np.linalg.LinAlgError:
-            shift = moments.deviation  # no robot that can exist: it may be anywhere in its interval
-        return shift
+            # No robot that can exist: it may be anywhere in its interval, and nothing is known there.
+            return moments.deviation, np.full((10, 10), np.nan)
+        return there.mean - moments.mean, there.covariance(BODY_PLACES)

@@ -6,7 +6,7 @@ where it belongs to a run, in `_not_calibrated` where it belongs to the robot.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -17,6 +17,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.model_errors import KnownErrors, to_bodies
+from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.unknowns.base import (
     LATE,
     TURNING,
@@ -29,7 +30,7 @@ from mbaid_ros.core.unknowns.base import (
     odometry_scale,
     twist_bias,
 )
-from mbaid_ros.core.unknowns.bodies import KnownBodies, KnownTarget, TargetPrior, known_bodies, spin_inertias
+from mbaid_ros.core.unknowns.bodies import KnownBodies, KnownTarget, TargetPrior, TotalMass, known_bodies, spin_inertias
 from mbaid_ros.core.unknowns.declaration import Linear, Unknown, Words, diagonal
 from mbaid_ros.core.unknowns.environment import (
     Circle,
@@ -87,6 +88,7 @@ class Uncertainty:
     axes: Sequence[float] = ()  # of each joint: rad
     mount_position: float = 0.0  # m, of the base's frame in the one that the odometry locates
     mount_orientation: float = 0.0  # rad
+    marker: AttachedFrame | None = None  # that the odometry locates, as declared; None for the base link or another
     time_offset: float = 0.0  # s, of the joints' stamps
     target: TargetPrior | KnownTarget = field(default_factory=TargetPrior)
     linear_momentum: float = 0.0  # N s, of the total linear momentum about zero; 0 where nothing is known of it
@@ -110,6 +112,7 @@ class Uncertainty:
     spring_ratio: Sequence[float] = ()  # of its damping ratio
     spring_start: Sequence[float] = ()  # rad or m, of its deflection at the start
     spring_noise: Sequence[float] = ()  # rad or m, stationary, of the deflection that the model does not excite
+    weighed: TotalMass | None = None  # the mass of the whole robot, where it is known
 
 
 def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
@@ -286,13 +289,10 @@ def remedy_text(cause: str) -> str:
     return words.remedy.format(name) or cause
 
 
-def underestimated_text(cause: str, size: float, declared: Mapping[str, str] | None = None) -> str:
-    """Return that a thing, 'link:arm', or all of a kind, 'link', is `size` times as far off as declared.
-
-    `declared` names parameters, by kind, other than a run's.
-    """
+def underestimated_text(cause: str, size: float) -> str:
+    """Return that a thing, 'link:arm', or all of a kind, 'link', is `size` times as far off as declared."""
     words, name = _words_of(cause)
-    parameter = (declared or {}).get(cause.partition(':')[0], words.parameter) or 'its standard deviation'
+    parameter = words.parameter or 'its standard deviation'
     times = f'{size:.1f}' if size < 0.95 * _LARGEST_SIZE else f'{_LARGEST_SIZE:g} or more'
     return (
         f'{kind_in_words(cause)} {"looks" if name else "look"} {times} times as far off as declared: intervals allow '
