@@ -135,8 +135,8 @@ class FilterPasses:
         return best
 
     def _point(self, gaussian: SquareRootInformation) -> Point:
-        moments = MeanAndCovariance.of(gaussian, self.variables)
-        return self.layout.point(moments.mean, moments.deviation)
+        distribution = MeanAndCovariance.of(gaussian, self.variables)
+        return self.layout.point(distribution.mean, distribution.deviation)
 
     def unpredicted(self, passed: WhitenedWindows, gaussian: SquareRootInformation, hypothesis: Hypothesis) -> Array:
         """Return by how much each window's way is not as predicted, (W, p), in units of pose errors.

@@ -32,7 +32,7 @@ class MeanAndCovariance:
     @staticmethod
     def of(gaussian: SquareRootInformation, variables: Variables) -> MeanAndCovariance:
         """Return them of a Gaussian in information form."""
-        mean, shift = gaussian.moments()
+        mean, shift = gaussian.mean_and_shift()
         count, spread = len(variables.scale), variables.spread
         force = variables.force[:, : gaussian.size - count] @ mean[count:]
         return MeanAndCovariance(gaussian, variables, spread @ mean[:count], spread @ shift[:count], force)
@@ -69,7 +69,7 @@ class MeanAndCovariance:
         variables, count = self.variables, len(self.variables.scale)
         if self.gaussian.size == count:
             return np.zeros(6)
-        numbers = self.gaussian.moments()[0][count:]
+        numbers = self.gaussian.mean_and_shift()[0][count:]
         change = np.broadcast_to(pushed, (variables.head - variables.poses, len(numbers))) @ numbers
         return np.asarray(variables.spread[MOMENTUM, variables.poses : variables.head] @ change)
 
@@ -78,7 +78,7 @@ class MeanAndCovariance:
         part = self.factor_of(self.variables.spread[rows])
         return np.asarray(part @ part.T + self.variables.outside[np.ix_(rows, rows)])
 
-    def published(self, sizes: PriorScaleFactors, layout: Layout, rows: Integers) -> tuple[Array, Array]:
+    def published(self, prior_scales: PriorScaleFactors, layout: Layout, rows: Integers) -> tuple[Array, Array]:
         """Return some numbers (r,) of the state, the body's among them, and a covariance factor (r, w), as published.
 
         With the correction for noise in the rows (trajectory.md, eq. 14), and the priors scaled (eq. 7).
@@ -87,8 +87,8 @@ class MeanAndCovariance:
         part = self.factor_of(self.variables.spread[rows])
         times = self.amplification(part, rows)
         columns = [times @ part, self.by_score(part)]
-        if not sizes.as_declared:
-            columns.append(times @ sizes.beside(self.contributions(part, layout)))
+        if not prior_scales.as_declared:
+            columns.append(times @ prior_scales.beside(self.contributions(part, layout)))
         return self.mean[rows] + part @ (body.T @ attenuation.shift), np.concatenate(columns, axis=1)
 
     def amplification(self, part: Array, rows: Integers) -> Array:
@@ -135,7 +135,7 @@ class MeanAndCovariance:
         upper = dpotri(self.gaussian.root[first:, first:-2])[0][:count, :count]
         return np.where(_upper(count), upper, upper.T)
 
-    def sizes(self, layout: Layout, moved: Array | None = None) -> PriorScaleFactors:
+    def prior_scales(self, layout: Layout, moved: Array | None = None) -> PriorScaleFactors:
         """Return the scale factors of the unknowns' priors; `moved` (d, e) as of `Curvature.unknowns`.
 
         Numbers that noise drives beyond these count as right.

@@ -62,7 +62,7 @@ class SquareRootInformation:
         """Number v of variables."""
         return len(self.root)
 
-    def moments(self) -> tuple[Array, Array]:
+    def mean_and_shift(self) -> tuple[Array, Array]:
         """Return the mean (v,), and the part of it that corrects for shared noise (v,).
 
         Raises LinAlgError: The information has a direction without any.

@@ -175,7 +175,7 @@ class MultiStart:
 
     def _is_hardly_shifted(self, result: BatchResult) -> bool:
         """Return whether the correction for noise in the rows is small."""
-        shift = np.abs(result.moments.shift[self.batch.layout.parameters])
+        shift = np.abs(result.distribution.shift[self.batch.layout.parameters])
         return bool(np.all(shift <= _LARGEST_SHIFT * result.deviation))
 
     def _guesses(self, windows: Sequence[Window], layout: Layout) -> list[Point]:

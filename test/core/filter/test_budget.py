@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,7 +35,8 @@ from observed import MID, configured_motion, estimator, kernel, observe, windows
 def uncertainty(joints: int, *, given: bool) -> Uncertainty:
     each = [1e-3] * joints
     known = TargetPrior(160.0, 2.0, (0.1, 0.2, 0.3), 0.01) if given else TargetPrior()
-    return Uncertainty(each, each, each, 2e-3, 2e-3, 0.02, known, 0.5 if given else 0.0)
+    prior: dict[str, Any] = {'target': known, 'linear_momentum': 0.5 if given else 0.0}
+    return Uncertainty(each, each, each, 2e-3, 2e-3, time_offset=0.02, **prior)
 
 
 def measured(gaussian: SquareRootInformation, seed: int, truth: Array) -> tuple[SquareRootInformation, Array]:
@@ -71,16 +73,16 @@ def test_each_prior_has_its_share_and_noise_the_rest(name: str, given: bool) -> 
     state[BODY] = robot.target.parameters
     prior = SquareRootInformation.prior(of_filter)
     gaussian, rows = measured(prior, 1, of_filter.gather @ state)
-    moments = MeanAndCovariance.of(gaussian, of_filter)
-    declared = replace(moments.sizes(layout), each=np.ones(layout.size - BODY.stop))
-    found = error_budget(moments, layout, known, declared, np.ones(10, dtype=bool))
+    distribution = MeanAndCovariance.of(gaussian, of_filter)
+    declared = replace(distribution.prior_scales(layout), each=np.ones(layout.size - BODY.stop))
+    found = error_budget(distribution, layout, known, declared, np.ones(10, dtype=bool))
     zeros = np.array([cause.startswith('zero') for unknown in layout.unknowns for cause in unknown.causes])
     wrong = replace(declared, each=np.where(zeros, 3.0, 1.0))
-    wider = error_budget(moments, layout, known, wrong, np.ones(10, dtype=bool))
+    wider = error_budget(distribution, layout, known, wrong, np.ones(10, dtype=bool))
 
     information = prior.root[:, :-2].T @ prior.root[:, :-2]
     covariance = np.linalg.inv(information + rows.T @ rows)
-    gains = physical_jacobian(moments.mean[BODY]) @ of_filter.spread[BODY] @ covariance
+    gains = physical_jacobian(distribution.mean[BODY]) @ of_filter.spread[BODY] @ covariance
     parts = {
         cause: np.sum((gains[:, which] @ np.linalg.cholesky(information[np.ix_(which, which)])) ** 2, axis=1)
         for cause, which in blocks(layout, of_filter, given=given).items()

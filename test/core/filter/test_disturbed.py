@@ -76,13 +76,13 @@ def test_a_constant_force(robot: MomentumKernel, joints: Sinusoids, momentum: Ar
     assert normalised(last, robot) < LIMIT
     assert [event.kind for event in last.events] == ['ramp']
     run = some(following._runs.run)
-    moments = run.moments()
-    error = moments.force - wrench
-    covariance = moments.force_factor @ moments.force_factor.T
+    distribution = run.distribution()
+    error = distribution.force - wrench
+    covariance = distribution.force_factor @ distribution.force_factor.T
     known = slice(0, 3 if axes == 'inertial' else 6)  # the torque there is about the centre of mass
     error, covariance = error[known], covariance[known, known]
     assert float(error @ np.linalg.solve(covariance, error)) < chi2.isf(1e-3, len(error))
-    assert np.array_equal(np.concatenate((last.events[0].linear, last.events[0].angular)), moments.force)
+    assert np.array_equal(np.concatenate((last.events[0].linear, last.events[0].angular)), distribution.force)
     # Without the hypothesis the force is taken for inertia.
     assert normalised(follow(robot, observe(truth, MID, 5), MID)[-1], robot) > 2.0 * LIMIT
 
