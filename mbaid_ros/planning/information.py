@@ -14,10 +14,9 @@ import numpy as np
 from scipy.linalg.lapack import dtrtrs
 
 from mbaid_ros.core.filter.chain import window_models
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.joint_noise import no_bias
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots
-from mbaid_ros.core.filter.square_root import SquareRootInformation, update
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY, Point
 from mbaid_ros.core.filter.time_update import advance
 from mbaid_ros.core.filter.whitened import MOST, WhitenedWindow, prepared

@@ -13,9 +13,9 @@ from mbaid_ros.core.diagnosis.candidates import FEWEST, CandidateCauses
 from mbaid_ros.core.diagnosis.filter_passes import SLIPPING
 from mbaid_ros.core.diagnosis.ranking import CandidateCause, Change, IsolationResult, ranked
 from mbaid_ros.core.diagnosis.readings import roughness
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.initialisation import BackgroundTask
 from mbaid_ros.core.filter.run import FilterRun
+from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.results.status import Cause, Verdict

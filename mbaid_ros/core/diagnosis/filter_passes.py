@@ -10,9 +10,8 @@ from typing import TypeVar
 import numpy as np
 
 from mbaid_ros.core.filter.bank import HypothesisFilter, as_usual, update_bank
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.prior_scale import PriorComparison
-from mbaid_ros.core.filter.square_root import SquareRootInformation
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, Point
 from mbaid_ros.core.filter.time_update import Hypothesis, inflated, pose_reset
 from mbaid_ros.core.filter.variables import Variables, variables

@@ -14,8 +14,7 @@ import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.filter.bank import LONGEST, MARGIN, Bank, HypothesisFilter, update_bank
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.square_root import SquareRootInformation
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, LINEAR, Layout, Point, near_part
 from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.variables import Variables

@@ -9,8 +9,7 @@ import numpy as np
 
 from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.batch import HOPELESS, BatchIteration, Outcome
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.square_root import SquareRootInformation
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.start import MultiStart, Start
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
 from mbaid_ros.core.filter.swing_start import resolved_frequencies

@@ -9,10 +9,9 @@ import numpy as np
 
 from mbaid_ros.core.filter.bank import Bank, HypothesisFilter, best, update_bank, update_hypothesis
 from mbaid_ros.core.filter.batch import BatchIteration
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.initialisation import Initialisation
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
-from mbaid_ros.core.filter.square_root import SquareRootInformation
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.start import Start
 from mbaid_ros.core.filter.state import BODY, Layout, Point, near_part
 from mbaid_ros.core.filter.swing_start import resolved_frequencies

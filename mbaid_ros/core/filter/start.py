@@ -9,7 +9,7 @@ import numpy as np
 
 from mbaid_ros.core.filter.bank import LONGEST_AT_A_GUESS, NO_JUMPS, Bank, best, clamped, far_better
 from mbaid_ros.core.filter.batch import MASS, BatchIteration, BatchResult, Relinearised, Work
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import ANGULAR, BODY, BODY_PLACES, Layout, Point
 from mbaid_ros.core.filter.swing_start import from_loose_swing
 from mbaid_ros.core.filter.time_update import Hypothesis

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from mbaid_ros.core.filter.batch import BatchIteration
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import Layout
 from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.geometry import Array, Flags

@@ -9,8 +9,8 @@ import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.filter.bank import HypothesisFilter
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
+from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout, Point
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array, Flags, cross

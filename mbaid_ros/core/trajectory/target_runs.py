@@ -11,9 +11,9 @@ from mbaid_ros.core.diagnosis.candidates import CandidateCauses
 from mbaid_ros.core.diagnosis.fault_isolation import FaultIsolation
 from mbaid_ros.core.diagnosis.filter_passes import another_body
 from mbaid_ros.core.diagnosis.ranking import Change
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.run import FilterRun
+from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import BODY, Layout, layout_of
 from mbaid_ros.core.filter.time_update import hypotheses
 from mbaid_ros.core.filter.variables import Variables, variables

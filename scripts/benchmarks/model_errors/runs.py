@@ -30,8 +30,7 @@ from benchmarks.model_errors.variant import Variant, settings
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.filter.averaging import KnotAveraging
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.square_root import SquareRootInformation, update
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, layout_of
 from mbaid_ros.core.filter.time_update import UNDISTURBED, advance
 from mbaid_ros.core.filter.variables import Variables, variables

@@ -11,8 +11,7 @@ import pytest
 
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.square_root import SquareRootInformation
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.geometry import Array, Flags

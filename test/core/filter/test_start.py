@@ -12,9 +12,9 @@ from checked import some
 from floating import make
 from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.batch import BatchIteration, Work
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.initialisation import BackgroundTask, Initialisation
 from mbaid_ros.core.filter.run import Phase
+from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.start import MultiStart, Start
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
 from mbaid_ros.core.filter.time_update import UNDISTURBED

@@ -9,8 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from floating import DEFAULT, RATE, make, normalised
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.square_root import SquareRootInformation
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.variables import variables
 from mbaid_ros.core.geometry import Array
