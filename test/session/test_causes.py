@@ -44,15 +44,6 @@ def test_the_true_cause_is_named_first(condition: str, seconds: float, monkeypat
     assert len(set(causes)) == len(causes)
 
 
-@LONG
-def test_a_panel_is_named_by_its_frequency_next_to_that_something_moves(monkeypatch: pytest.MonkeyPatch) -> None:
-    condition = 'a flexible panel of 0.3 Hz'
-    shorten(monkeypatch, condition, 32.0)
-    told = run((condition, 'trajectory', 0))
-    assert told.status in {'inconsistent', 'not_identifiable'}
-    assert rank(condition, told.causes.split('\n')) <= 2
-
-
 @pytest.mark.parametrize('seed', [0, *(pytest.param(seed, marks=LONG) for seed in (3, 5))])
 def test_intervals_hold_with_one_link_ten_times_further_off_than_declared(seed: int) -> None:
     told = run(("a link's mass 10 % off", 'trajectory', seed))

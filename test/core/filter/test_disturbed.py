@@ -10,7 +10,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
-from benchmarks.honesty.runs import PUBLISHED, Outcome, run
+from benchmarks.honesty.runs import PUBLISHED
 from captured import capture
 from checked import some
 from floating import DEFAULT, float_freely, follow, make, normalised, pushing, true_momentum
@@ -171,18 +171,3 @@ def test_what_is_in_the_grasp_then_is_never_published_as_what_was_before() -> No
     assert since
     for estimate in since:
         assert np.abs(estimate.parameters[0] - true_body(kernel('servicer7'))[0]) < 5.0 * estimate.std[0]
-
-
-def gone_on(name: str, seed: int, cause: str) -> Outcome:
-    """Return what a run says that has told of a change and goes on with the target of afterwards."""
-    told = run((name, 'trajectory', seed))
-    assert told.status in PUBLISHED
-    assert cause in told.causes
-    given = told.std > 0.0
-    assert np.all(np.abs(told.error[given]) < 4.0 * told.std[given])
-    return told
-
-
-@pytest.mark.long
-def test_after_a_slip_the_run_goes_on() -> None:
-    gone_on('the body slips in the grasp by 5 deg', 0, 'moved in the grasp at 30.0 s')
