@@ -296,8 +296,8 @@ class BatchIteration:
         filtered : a hypothesis after them, each linearised at an earlier estimate
         """
         moments = MeanAndCovariance.of(filtered.gaussian, self.variables)
-        shift, covariance = yield from self._shift(stacks, filtered, moments, np.zeros(len(moments.mean)))
-        curvature = Curvature(shift[None, BODY], moments.covariance(BODY_PLACES), elsewhere=covariance[None])
+        shift, _ = yield from self._shift(stacks, filtered, moments, np.zeros(len(moments.mean)))
+        curvature = Curvature(shift[None, BODY], moments.covariance(BODY_PLACES))
         return replace(curvature, largest=_DISPLACED) if curvature.anywhere else curvature
 
     def _shift(
