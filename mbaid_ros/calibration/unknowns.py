@@ -23,8 +23,8 @@ from mbaid_ros.core.results.estimate import PassiveJoint, Thruster
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import Link
-from mbaid_ros.core.robot.model_errors import KnownErrors, body_sizes, to_bodies
-from mbaid_ros.core.robot.momentum import physical, physical_jacobian, pseudo_inertia
+from mbaid_ros.core.robot.model_errors import KnownErrors, to_bodies
+from mbaid_ros.core.robot.momentum import body_sizes, physical, physical_jacobian, pseudo_inertia
 from mbaid_ros.core.unknowns.base import OdometryMount
 from mbaid_ros.core.unknowns.bodies import masses
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue

@@ -22,8 +22,8 @@ from mbaid_ros.config.files import load_parameter_file, parse_assignment, read_r
 from mbaid_ros.core.errors import DataError, ModelError, ParameterError, listing
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import Link, RobotModel, load_model
-from mbaid_ros.core.robot.model_errors import displaced, relative_factor
+from mbaid_ros.core.robot.model import Link, RobotModel, displaced, load_model
+from mbaid_ros.core.robot.model_errors import relative_factor
 from mbaid_ros.core.robot.urdf_edit import displace_joint, replace_inertial
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.files import write_text

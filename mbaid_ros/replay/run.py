@@ -127,6 +127,7 @@ def replay_bag(
         intake = _Intake(session, inputs, inputs.topics(bag))
         for _ in feed(bag, inputs, intake.add, progress):
             _keep(session.process(), session, history, writer)
+        _keep(session.finish(), session, history, writer)
         topics = intake.statistics(bag)
         survey = session.model_summary()
         warnings = (*bag.warnings, *intake.warnings, *survey.warnings, *intake_warnings(session))
@@ -254,6 +255,7 @@ def read_motions(path: str, config: EstimatorConfig, urdf: str, inputs: Inputs) 
         for _ in feed(bag, resolved, lambda messages: resolved.add_to(session, messages), progress):
             estimates = session.process()
             notes = estimates[-1].warnings if estimates else notes
+        session.finish()
         warnings = (*bag.warnings, *notes, *intake_warnings(session))
     runs = tuple(collector.windows for collector in collectors if collector.windows)
     return BagMotions(path, runs, tuple(dict.fromkeys(warnings)), tuple(session.intake.joint_reader.heard))

@@ -14,7 +14,8 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.robot.model_errors import BodyDeviations, KnownErrors, body_sizes, calibrated, declared
+from mbaid_ros.core.robot.model_errors import BodyDeviations, KnownErrors, calibrated, declared
+from mbaid_ros.core.robot.momentum import body_sizes
 from mbaid_ros.core.unknowns.bodies import KnownTarget, TotalMass
 from mbaid_ros.core.unknowns.catalogue import CalibratedSide, Uncertainty
 from mbaid_ros.session.settings import declared_uncertainty

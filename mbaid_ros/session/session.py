@@ -159,6 +159,10 @@ class Session:
         self._ready = []
         return estimates
 
+    def finish(self) -> list[Estimate]:
+        """Return the estimates of windows that wait for later ones, after the last `process` of a recording."""
+        return self._work(last=True)
+
     def run_slice(self) -> bool:
         """Run a time slice of the method's background task; return whether some of it is left.
 
@@ -239,7 +243,7 @@ class Session:
         if jumped is None:
             return self._segment.is_due(name, stamp, self.queue)
         if jumped:
-            self._ready += self._work()
+            self._ready += self._work(last=True)
             self._start_again(jumped)
         self.queue.confirm_jump(name, message)
         return True
@@ -253,11 +257,11 @@ class Session:
         self.restarted += 1
         self._begin()
 
-    def _work(self) -> list[Estimate]:
+    def _work(self, *, last: bool = False) -> list[Estimate]:
         messages = self.queue.take_all()
         self.received.update({name: number_of(each) for name, each in messages.items()})
         try:
-            return self._segment.process(messages)
+            return self._segment.process(messages, last=last)
         except UNSOLVABLE as error:
             self._start_again(_unsolved(error))
             return []
@@ -311,11 +315,12 @@ class _Segment:
         """Unused messages, by cause."""
         return self.intake.dropped + self.identifier.dropped + self.thrust.dropped
 
-    def process(self, messages: Mapping[str, Sequence[Any]]) -> list[Estimate]:
+    def process(self, messages: Mapping[str, Sequence[Any]], *, last: bool = False) -> list[Estimate]:
         """Return the estimates of messages, by topic; raise one of UNSOLVABLE if the equations have no solution."""
         streams = self.intake.streams(messages)
         self.thrust.odometry_frame = self.intake.odometry_reader.frame
-        estimates = map(self.intake.faults.applied, self.identifier.push(*streams))
+        found = self.identifier.push(*streams)
+        estimates = map(self.intake.faults.applied, [*found, *(self.identifier.finish() if last else ())])
         return [self._with_doubts(each) if each.contradicted else each for each in estimates]
 
     def _with_doubts(self, estimate: Estimate) -> Estimate:

@@ -15,10 +15,9 @@ from mbaid_ros.config.flexible import FlexibleConfig
 from mbaid_ros.config.model_errors import KnownJointsConfig, TargetPriorConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import rotation_from_quaternion
-from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.kinematics import Kinematics, Springs
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.momentum import Storage
-from mbaid_ros.core.robot.springs import Springs
 from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.sensors.external_momentum import FallingFrame
 from mbaid_ros.core.unknowns.bodies import TargetPrior
@@ -188,6 +187,7 @@ def with_surroundings(
         *joints,
         mount_position=0.0 if alone else position,
         mount_orientation=0.0 if alone else orientation,
+        marker=marker_frame(config),
         spin_inertias=_spin_deviations(config.wheels),
         thrusters=uncertain_thrusters(config.thrust, model),
         thrust_scale=config.thrust.scale_std,

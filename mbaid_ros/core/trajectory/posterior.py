@@ -8,14 +8,14 @@ import numpy as np
 
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
-from mbaid_ros.core.filter.square_root import SquareRootInformation, new_motion
+from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import LINEAR, Layout, Point
+from mbaid_ros.core.filter.time_update import Hypothesis, new_motion
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import window_noises
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.sensors.rates import FEWEST, with_rates
-from mbaid_ros.core.unknowns.environment import Hypothesis
 
 FIRST = LINEAR.start  # after the pose error, which each motion draws anew
 

@@ -15,7 +15,9 @@ from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.run import FilterRun
 from mbaid_ros.core.filter.state import BODY, Layout, layout_of
+from mbaid_ros.core.filter.time_update import hypotheses
 from mbaid_ros.core.filter.variables import Variables, variables
+from mbaid_ros.core.filter.whitened import Axes
 from mbaid_ros.core.filter.window import Window, without_twist
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Event
@@ -26,7 +28,6 @@ from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.posterior import Continuation
 from mbaid_ros.core.trajectory.solution import ChangedTarget, jumps
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, kind_in_words, target_changed_text
-from mbaid_ros.core.unknowns.environment import Axes, hypotheses
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
 

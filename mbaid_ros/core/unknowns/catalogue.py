@@ -17,6 +17,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.model_errors import KnownErrors, to_bodies
+from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.unknowns.base import (
     LATE,
     TURNING,
@@ -87,6 +88,7 @@ class Uncertainty:
     axes: Sequence[float] = ()  # of each joint: rad
     mount_position: float = 0.0  # m, of the base's frame in the one that the odometry locates
     mount_orientation: float = 0.0  # rad
+    marker: AttachedFrame | None = None  # that the odometry locates, as declared; None for the base link or another
     time_offset: float = 0.0  # s, of the joints' stamps
     target: TargetPrior | KnownTarget = field(default_factory=TargetPrior)
     linear_momentum: float = 0.0  # N s, of the total linear momentum about zero; 0 where nothing is known of it
@@ -248,7 +250,7 @@ def suspects(known: Sequence[str], joints: Sequence[str]) -> tuple[Linear, ...]:
     """Return unknowns that a contradicted run is tried with, by joints' names, beside those whose labels are known.
 
     Their standard deviations are too small to matter, a thousandth of a plausible value: the run stays as it was. The
-    likelihood gain of a wider prior follows from its estimate (`core/results/evidence.py`).
+    likelihood gain of a wider prior follows from its estimate (`core/filter/prior_scale.py`).
     """
     every: tuple[Linear, ...] = (
         odometry_scale(5e-5),

@@ -19,9 +19,9 @@ from mbaid_ros.core.results.published_inertia import (
     is_usable,
 )
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
-from mbaid_ros.core.results.status import IntervalConsistency
 from mbaid_ros.core.robot.kinematics import Plane
 from mbaid_ros.core.robot.momentum import physical_jacobian, standard
+from mbaid_ros.core.two_stage import IntervalConsistency
 
 BODY = np.array([120.0, 0.3, -0.2, 0.7, 28.0, -3.0, 1.3, 37.0, -1.0, 30.0])
 MOMENTUM = np.array([1.0, -2.0, 3.0, 40.0, 50.0, -60.0])
