@@ -88,7 +88,6 @@ class Uncertainty:
     axes: Sequence[float] = ()  # of each joint: rad
     mount_position: float = 0.0  # m, of the base's frame in the one that the odometry locates
     mount_orientation: float = 0.0  # rad
-    marker: AttachedFrame | None = None  # that the odometry locates, as declared; None for the base link or another
     time_offset: float = 0.0  # s, of the joints' stamps
     target: TargetPrior | KnownTarget = field(default_factory=TargetPrior)
     linear_momentum: float = 0.0  # N s, of the total linear momentum about zero; 0 where nothing is known of it
@@ -113,6 +112,7 @@ class Uncertainty:
     spring_start: Sequence[float] = ()  # rad or m, of its deflection at the start
     spring_noise: Sequence[float] = ()  # rad or m, stationary, of the deflection that the model does not excite
     weighed: TotalMass | None = None  # the mass of the whole robot, where it is known
+    marker: AttachedFrame | None = None  # that the odometry locates, as declared; None for the base link or another
 
 
 def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
