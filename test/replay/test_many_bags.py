@@ -45,16 +45,17 @@ def test_many_bags_lead_to_what_each_leads_to_alone(
     assert foot.count('SHA-256') == 1 + len(bags)
 
 
-def test_runs_of_one_robot_add_up(capsys: pytest.CaptureFixture[str], bags: list[str], tmp_path: Path) -> None:
+def test_runs_of_one_robot_add_up(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """With --continue the second run begins from the first; so does a run that is given the first one's JSON."""
-    arguments, result = [*bags[:1], bags[2], '--model', MODEL], tmp_path / 'first.json'
-    main([*arguments, '--continue', '--json', '-'])
+    begun, after = (str(recorded.papers_case(tmp_path / f'{length:g}_s', length, 20.0)) for length in (14.0, 12.0))
+    result = tmp_path / 'first.json'
+    main([begun, after, '--model', MODEL, '--continue', '--json', '-'])
     first, second = json.loads(capsys.readouterr().out)
     assert first['continuation']
     assert second['std']['mass'] < first['std']['mass']
-    main([bags[0], '--model', MODEL, '--json', str(result)])
+    main([begun, '--model', MODEL, '--json', str(result)])
     capsys.readouterr()
-    main([bags[2], '--model', MODEL, '-p', f'continue_from:={result}', '--json', '-'])
+    main([after, '--model', MODEL, '-p', f'continue_from:={result}', '--json', '-'])
     assert json.loads(capsys.readouterr().out)['estimate'] == second['estimate']
 
 
