@@ -160,7 +160,7 @@ class Normals:
 
 # Standard deviation, in typical sizes, of an unknown without a prior (as in difference).
 NO_PRIOR = 100.0
-_EXACT = 1e-6  # relative standard deviation of what is declared exact: a covariance has to be regular
+_EXACT = 1e-6  # relative standard deviation of numbers declared exact: a covariance has to be regular
 # Smallest eigenvalue of a pseudo-inertia, relative to the largest, that still counts as a body: flat ones are common.
 _FLAT = -1e-9
 # Least size of an element of inertia that its deviation is relative to, in thirds of the trace: a thin rod has zeros.

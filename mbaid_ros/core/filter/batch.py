@@ -244,8 +244,8 @@ class BatchIteration:
         filtered : a hypothesis after them, each linearised at an earlier estimate
         """
         distribution = MeanAndCovariance.of(filtered.gaussian, self.variables)
-        shift, covariance = yield from self._shift(stacks, filtered, distribution, np.zeros(len(distribution.mean)))
-        curvature = Curvature(shift[None, BODY], distribution.covariance(BODY_PLACES), elsewhere=covariance[None])
+        shift, _ = yield from self._shift(stacks, filtered, distribution, np.zeros(len(distribution.mean)))
+        curvature = Curvature(shift[None, BODY], distribution.covariance(BODY_PLACES))
         return replace(curvature, largest=_DISPLACED) if curvature.anywhere else curvature
 
     def _shift(
