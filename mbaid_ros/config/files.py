@@ -69,15 +69,15 @@ _Loader.add_constructor('tag:yaml.org,2002:float', _Loader.construct_yaml_float)
 _REFUSED = (yaml.YAMLError, ValueError, OverflowError, RecursionError)
 
 
-def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
-    """Return the parameters of one node in a ROS parameter file, for `build`.
+def load_parameter_file(path: str | Path, *node_names: str) -> dict[str, object]:
+    """Return the parameters of one node, or of several in one, in a ROS parameter file, for `build`.
 
     Raises ParameterError: The file cannot be read, is no ROS parameter file, or has nothing for this node.
 
     Parameters
     ----------
     path : the YAML file
-    node_name : full name of the node, ``/arm/estimator``; without a slash in any namespace: ``estimator``
+    node_names : full names of the node, ``/arm/estimator``; without a slash in any namespace; a later one overrides
 
     Returns
     -------
@@ -88,14 +88,14 @@ def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
         raise ParameterError(f"parameter file '{path}' has no section '<node name>: {_SECTION}:'")
     sections = list(_sections(content, '', str(path)))
     values: dict[str, object] = {}
-    for pattern, section in sections:
-        if _matches(pattern, node_name):
-            values.update(dotted(section))
-    if not any(_matches(pattern, node_name) for pattern, _ in sections):
+    places = [place for name in node_names for place, (pattern, _) in enumerate(sections) if _matches(pattern, name)]
+    for place in dict.fromkeys(places):
+        values.update(dotted(sections[place][1]))
+    if not places:
         names = ', '.join(pattern for pattern, _ in sections) or 'none'
         raise ParameterError(
-            f"parameter file '{path}' has no section for node '{node_name}'; sections: {names}; accepted: /** or "
-            f'{node_name}'
+            f"parameter file '{path}' has no section for node '{node_names[-1]}'; sections: {names}; accepted: /** or "
+            f'{node_names[-1]}'
         )
     return values
 

@@ -24,6 +24,7 @@ from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.messages.poses import JOINT_MISSING
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.results import Run
+from mbaid_ros.session.continuation import continuation_as_json
 
 STDOUT = '-'
 _EVENTS = 5  # that a terminal shows
@@ -125,6 +126,9 @@ def as_json(run: Run) -> dict[str, Any]:
         'model': None if run.survey is None else asdict(run.survey),
         'made_by': None if run.made_by is None else provenance.as_json(run.made_by, run.settings, run.files),
         'advice': run.advice or None,
+        'continuation': None
+        if run.posterior is None or run.contradicted
+        else continuation_as_json(run.posterior.continuation, run.urdf),
         'history': [
             {
                 't': estimate.time,

@@ -13,9 +13,9 @@ from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array, log
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise, Stamps
 from mbaid_ros.core.sensors.base import AttachedFrame
-from mbaid_ros.core.sensors.joints import turns_between
 from mbaid_ros.core.sensors.levels import TYPICAL
 from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, Outliers, joint_channels
+from mbaid_ros.core.sensors.turns import Turns
 from mbaid_ros.messages.fields import stamp_of, stamps_of
 from mbaid_ros.messages.odometry import OdometryReader
 from mbaid_ros.messages.poses import PoseReader, source_of
@@ -98,8 +98,8 @@ def _joint_stream(joints: Sequence[Any], where: str) -> tuple[tuple[str, ...], J
     position, velocity = position[:, known], velocity[:, known]
     usable = np.all(np.isfinite(position), axis=1)
     stream = JointStream(stamps[usable], position[usable], velocity[usable])
-    turns = np.cumsum(turns_between(stream), axis=0)
-    stream.position[1:] -= 2.0 * np.pi * turns
+    if len(stream.stamp):
+        stream.position[:] -= 2.0 * np.pi * Turns(stream.position.shape[1]).counted(stream)
     gate = Outliers[JointStream](_NEAR, joint_channels(float(TYPICAL[0])), JOINT_OUTLIER)
     stream = gate.push(stream) or stream[:0]
     lines += [f'{count} messages not used: {cause}' for cause, count in gate.dropped.items() if count]

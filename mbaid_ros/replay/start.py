@@ -84,6 +84,8 @@ def _replay_parser() -> ArgumentParser:
     add('--output', metavar='BAG', help='write the estimates as messages into a new bag')
     words = 'predict the last part of each bag from the rest (in the report of a minute or more: 0.2)'
     add('--holdout', type=_fraction, metavar='FRACTION', help=words)
+    words = 'runs of one robot and target: each goes on from what the bags before it have taught'
+    add('--continue', dest='continues', action='store_true', help=words)
     _add_processes(parser)
     return parser
 
@@ -145,11 +147,7 @@ def _calibrate_parser() -> ArgumentParser:
     add = parser.add_argument
     _add_model(parser, 'the robot description, with the CAD values')
     add('--unknown', nargs='+', metavar='LINK', help='links to calibrate (default: every link with an <inertial>)')
-    add(
-        '--params',
-        metavar='YAML',
-        help="parameter file with a section 'calibrate': prior.* and parameters of the estimator",
-    )
+    _add_parameters(parser, "the estimator's parameter file; its section 'calibrate' overrides, and has prior.*")
     _add_bags(parser)
     _add_topics(parser)
     _add_results(parser, 'the result with its covariance')
