@@ -109,13 +109,17 @@ def replay_bag(
     *,
     writer: EstimateWriter | None = None,
     progress: Progress | None = None,
+    before: Run | None = None,
 ) -> Run:
     """Send a bag's messages through a session and return the result; a writer gets every estimate.
+
+    Of a run before, it goes on from the posterior.
 
     Raises DataError: The bag cannot be read, or lacks a topic.
     Raises ModelError, ParameterError: The robot or the parameters cannot be used.
     """
-    session = Session(config, urdf)
+    known = None if before is None or before.posterior is None else before.posterior.continuation
+    session = Session(config, urdf, before=known)
     robot = session.robot
     history = History()
     with BagReader(path, inputs.start, inputs.end) as bag:

@@ -23,9 +23,10 @@ from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, 
 from mbaid_ros.core.sensors.joint_rates import JointRates
 from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
-from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.core.trajectory.posterior import Continuation, Posterior
 from mbaid_ros.core.window_checks import WindowChecks
 from mbaid_ros.messages.fields import number_of, stamp_of, vector_of, wrench_of
+from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact
 from mbaid_ros.session.methods import make_capture, make_estimator, make_reporting, set_thresholds
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
@@ -56,6 +57,7 @@ class Session:
     urdf : text of the robot description
     make : makes the method of each segment, of the parameters, the robot's kernel and, from a calibration, the nominal
         model (None without one); `make_estimator` where not given
+    before : the run that this one continues; where not given, that in the file that the parameters name
 
     Attributes
     ----------
@@ -68,9 +70,16 @@ class Session:
     queue : of messages that wait to be processed
     """
 
-    def __init__(self, config: EstimatorConfig, urdf: str, make: MakeEstimator | None = None) -> None:
+    def __init__(
+        self,
+        config: EstimatorConfig,
+        urdf: str,
+        make: MakeEstimator | None = None,
+        before: Continuation | None = None,
+    ) -> None:
         self.config = config
         self._make = make
+        self._before = before or read_continuation(config, urdf)
         self.robot = Robot(config, urdf)
         self.reset()
 
@@ -90,7 +99,7 @@ class Session:
 
     def _begin(self) -> None:
         """Begin a segment."""
-        self._segment = _Segment(self.config, self.robot, self._make)
+        self._segment = _Segment(self.config, self.robot, self._make, self._before)
         self.intake, self.thrust = self._segment.intake, self._segment.thrust
         if self.restarts:
             self._segment.identifier.note(self.restarts[-1])
@@ -265,7 +274,9 @@ def _unsolved(error: Exception) -> str:
 class _Segment:
     """A run until it starts again: the readers of its messages, and its method; parameters as for Session."""
 
-    def __init__(self, config: EstimatorConfig, robot: Robot, make: MakeEstimator | None) -> None:
+    def __init__(
+        self, config: EstimatorConfig, robot: Robot, make: MakeEstimator | None, before: Continuation | None
+    ) -> None:
         self._config = config
         self._robot = robot
         self._reportings: list[Reporting] = []
@@ -273,7 +284,7 @@ class _Segment:
         self._processed = (-1, 0)  # end of the window last processed in, and how many of the times of `_LEFT` passed
         self.intake = Intake(config, robot)
         model, described = robot.model, robot.kernel
-        make = make or partial(make_estimator, judge=self._make_reporting)
+        make = make or partial(make_estimator, judge=self._make_reporting, before=before)
         method = partial(make, config, described, robot.known)
         self._capture = make_capture(config, described, method)
         robot.begin(self._capture)

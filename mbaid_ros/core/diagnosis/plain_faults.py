@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -68,12 +69,12 @@ class _View:
     bounds: Array
     noise: float
 
-    @property
+    @cached_property
     def steps(self) -> tuple[Array, Array, Array]:
         """As of `steps_of`, (N - 1, k)."""
         return steps_of(JointStream(self.stamp, self.position, self.velocity))
 
-    @property
+    @cached_property
     def step(self) -> Array:
         """From each reading to the next, (N - 1, k); of wrapped angles the shorter way, of wheels off the velocity."""
         step, expected, _ = self.steps

@@ -51,7 +51,7 @@ def test_a_velocity_that_is_missing_or_wrong_turns_nothing(velocity: float) -> N
 @pytest.mark.parametrize('rate', [10.0, 50.0, 400.0])
 @pytest.mark.parametrize('way', [1.0, -1.0])
 def test_a_wheel_is_followed_as_it_spins_up_over_lost_messages(way: float, rate: float, pieces: int) -> None:
-    time = np.arange(0.0, 30.0, 1.0 / rate)
+    time: Array = np.arange(0.0, 30.0, 1.0 / rate)
     kept = (RANDOM.random(len(time)) > 0.2) & ((time < 12.0) | (time > 12.5))
     time = time[kept]
     speed = way * (330.0 * np.sin(0.1 * time) + 2.0)
