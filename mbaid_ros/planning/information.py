@@ -6,7 +6,7 @@ to the next window are those that the filter makes of a motion as it is predicte
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,6 +18,7 @@ from mbaid_ros.core.filter.joint_noise import no_bias
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY, Point
+from mbaid_ros.core.filter.swing import SwingCourse
 from mbaid_ros.core.filter.time_update import advance
 from mbaid_ros.core.filter.whitened import MOST, WhitenedWindow, prepared
 from mbaid_ros.core.filter.window import Stack, Window, WindowNoise
@@ -162,11 +163,19 @@ class Information:
             for number in range(grid.windows)
             for each in range(batch)
         ]
+        # Passive joints swing on from window to window of a motion.
+        apart = batch if self._known.layout.kernel.springs.count else 1
+        made = [self._linearised(windows[place::apart]) for place in range(apart)]
+        return [window for together in zip(*made, strict=True) for window in together]
+
+    def _linearised(self, windows: Sequence[Window]) -> list[WhitenedWindow]:
+        """Return windows as the filter takes them; those of passive joints in the order of one motion."""
         layout = self._known.layout
+        course = SwingCourse(layout) if layout.kernel.springs.count else None
         made: list[WhitenedWindow] = []
         for begin in range(0, len(windows), MOST):
             part = tuple(windows[begin : begin + MOST])
-            models = window_models(layout, [Stack(part, tuple(range(len(part))))], self._point)
+            models = window_models(layout, [Stack(part, tuple(range(len(part))))], self._point, course)
             made += prepared(models, self._known.variables)
         return made
 
