@@ -14,10 +14,9 @@ import numpy as np
 from scipy.linalg.lapack import dtrtrs
 
 from mbaid_ros.core.filter.chain import window_models
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.joint_noise import no_bias
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots
-from mbaid_ros.core.filter.square_root import SquareRootInformation, update
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY, Point
 from mbaid_ros.core.filter.swing import SwingCourse
 from mbaid_ros.core.filter.time_update import advance
@@ -131,10 +130,10 @@ class Information:
         last = self._start
         for (gaussian,) in self._followed(grid, joints, base):
             last = gaussian
-        moments = MeanAndCovariance.of(last, self._known.variables)
-        own = moments.factor_of(self._jacobian @ self._known.variables.spread[BODY])
+        distribution = MeanAndCovariance.of(last, self._known.variables)
+        own = distribution.factor_of(self._jacobian @ self._known.variables.spread[BODY])
         layout = self._known.layout
-        variances = moments.contributions(own, layout).T ** 2 @ layout.belongs
+        variances = distribution.contributions(own, layout).T ** 2 @ layout.belongs
         return layout.causes, variances / np.maximum(np.sum(own**2, axis=1, keepdims=True), np.finfo(float).tiny)
 
     def _followed(
