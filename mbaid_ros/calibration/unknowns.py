@@ -77,7 +77,7 @@ class Normals:
         return Normals(self.prior, self.joints, self.unknowns, UnknownsPrior(back @ (passed.mean - before), factor))
 
     @cached_property
-    def sizes(self) -> PriorScaleFactors:
+    def prior_scales(self) -> PriorScaleFactors:
         """How many times as far off as declared the numbers look, kind by kind."""
         first = self.prior.links[0].name
         causes = [f'link:{first}'] * 10
@@ -91,7 +91,8 @@ class Normals:
         mean, factor = self.gaussian.mean, self.gaussian.factor
         seen = factor[:, len(mean) :]
         return replace(
-            self, gaussian=UnknownsPrior(mean, np.concatenate((factor, self.sizes.beside(seen @ seen.T)), axis=1))
+            self,
+            gaussian=UnknownsPrior(mean, np.concatenate((factor, self.prior_scales.beside(seen @ seen.T)), axis=1)),
         )
 
     @property

@@ -67,6 +67,7 @@ class Candidate:
     point: Point | None = None
     of_twist: bool = False  # whether it is something wrong with the base's twist
     rival: Candidate | None = None  # the same data without the candidate's change, which may explain as much
+    part: float = 1.0  # of the windows, that it has readings of: the others count as if explained as well
 
 
 Candidates = Iterator[int | Candidate]
@@ -148,10 +149,12 @@ class CandidateCauses:
             text = _text_of(passes, cause)
             yield Candidate(text, passes, windows, at, of_twist=cause in OF_TWIST)
         likely = [fit for fit in fits[1:] if fit.exists and fit.misfit < self._limit(fit) * fits[0].misfit]
-        for fit in sorted(likely, key=lambda each: each.misfit)[:_TRIED]:
+        likely.sort(key=lambda each: each.misfit)
+        delays = [fit for fit in likely if fit.convention.delay]  # one of them will do
+        for fit in [fit for fit in likely if fit not in delays[1:]][:_TRIED]:
             other = replace(self.layout, kernel=fit.convention.kernel)
-            passes = replace(self, layout=other).extended()
-            yield Candidate(fit.convention.text, passes, fit.convention.windows(windows), fit.point(other))
+            passes, read = replace(self, layout=other).extended(), fit.convention.windows(windows)
+            yield Candidate(fit.convention.text, passes, read, fit.point(other), part=len(read) / len(windows))
         passes, names = self.extended(), self.layout.kernel.model.joint_names
         wrong_twist = twist_convention_error(windows)
         yield 1
@@ -180,8 +183,8 @@ class CandidateCauses:
             return []
         # Data left out count as if they were explained.
         gain = (
-            base.misfit - filtered.gaussian.misfit
-            if left_out
+            base.misfit - filtered.gaussian.misfit / candidate.part
+            if left_out or candidate.part < 1.0
             else filtered.gaussian.log_likelihood - base.log_likelihood
         )
         if candidate.rival is not None:

@@ -107,18 +107,20 @@ class TrajectoryEstimator:
     def _solution(self, run: FilterRun, now: Instant, window: Samples) -> Solved:
         """Judge the solution of the best hypothesis, and return it with its history."""
         filtered, layout, origin = run.best, self._runs.layout, self._averaging.origin
-        moments = run.moments()
-        sizes = run.sizes(moments)
-        verdict = self._with_causes(run, judge(self._runs.evidence(run, sizes)))
-        verdict = with_undeclared_orbit(verdict, moments, layout)
+        distribution = run.distribution()
+        prior_scales = run.prior_scales(distribution)
+        verdict = self._with_causes(run, judge(self._runs.evidence(run, prior_scales)))
+        verdict = with_undeclared_orbit(verdict, distribution, layout)
         # Where the data contradict the model, the verdict names the declarations that would have to be wrong.
-        too_small = [underestimated_text(*each) for each in sizes.sure if verdict.adequate]
+        too_small = [underestimated_text(*each) for each in prior_scales.sure if verdict.adequate]
         acting = filtered.hypothesis.disturbed and filtered.hypothesis.physical
         estimated = [f'{filtered.hypothesis.name}; it is estimated as well, and widens the intervals'] if acting else []
         swinging = layout.kernel.springs.count > 0
-        flexible = passive_joints(moments, layout, run.largest_deflections, run.resolved) if swinging else ()
-        x, factor = moments.published(sizes, layout, _REPORTED)
-        covariance = (factor @ factor.T + moments.variables.outside[np.ix_(_REPORTED, _REPORTED)]) * verdict.widening
+        flexible = passive_joints(distribution, layout, run.largest_deflections, run.resolved) if swinging else ()
+        x, factor = distribution.published(prior_scales, layout, _REPORTED)
+        covariance = (
+            factor @ factor.T + distribution.variables.outside[np.ix_(_REPORTED, _REPORTED)]
+        ) * verdict.widening
         return Solved(
             solution=Solution(
                 x=x,
@@ -132,17 +134,21 @@ class TrajectoryEstimator:
                 reasons=(
                     *notes((*self._runs.warnings, *too_small, *estimated, *self._soft)),
                     *contradictions(verdict.reasons),
-                    *implausible(moments, layout, flexible),
+                    *implausible(distribution, layout, flexible),
                 ),
             ),
             instant=now,
             verdict=verdict,
-            events=(*forces(filtered, moments), *self._runs.events(moments), *jumps(filtered, moments, origin)),
-            budget=partial(error_budget, moments, layout, self._settings.uncertainty, sizes),
-            thrusters=thrusters(moments, layout),
+            events=(
+                *forces(filtered, distribution),
+                *self._runs.events(distribution),
+                *jumps(filtered, distribution, origin),
+            ),
+            budget=partial(error_budget, distribution, layout, self._settings.uncertainty, prior_scales),
+            thrusters=thrusters(distribution, layout),
             flexible=flexible,
-            delay=joint_delay(moments, layout),
-            impulse=self._momentum_change(window, moments.mean),
+            delay=joint_delay(distribution, layout),
+            impulse=self._momentum_change(window, distribution.mean),
             innovations=run.innovations,
         )
 
@@ -195,10 +201,10 @@ class TrajectoryEstimator:
         run, last = self._runs.run, self._last
         if run is None or last is None or not self.settled or not self._settings.located:
             return None
-        moments = run.moments()
+        distribution = run.distribution()
         end = End.of(last, self._settings.noise, self._settings.window, self._averaging.origin, self._plane.normal)
-        end = end.after(self._momentum_change(last, moments.mean))
-        return posterior(self._runs.layout, run.best.hypothesis, moments, run.sizes(moments), end)
+        end = end.after(self._momentum_change(last, distribution.mean))
+        return posterior(self._runs.layout, run.best.hypothesis, distribution, run.prior_scales(distribution), end)
 
     @property
     def settled(self) -> bool:

@@ -11,9 +11,9 @@ from mbaid_ros.core.diagnosis.candidates import CandidateCauses
 from mbaid_ros.core.diagnosis.fault_isolation import FaultIsolation
 from mbaid_ros.core.diagnosis.filter_passes import another_body
 from mbaid_ros.core.diagnosis.ranking import Change
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.run import FilterRun
+from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import BODY, Layout, layout_of
 from mbaid_ros.core.filter.time_update import hypotheses
 from mbaid_ros.core.filter.variables import Variables, variables
@@ -158,24 +158,24 @@ class TargetRuns:
         windows = self.isolation.since(change.time + slack)
         gaussian = run.gaussian_before(change.time, slack)
         before = None if gaussian is None else MeanAndCovariance.of(gaussian, self.variables)
-        jumped = jumps(run.best, run.moments(), origin) if run.started else ()
+        jumped = jumps(run.best, run.distribution(), origin) if run.started else ()
         self._earlier = (*self.events(before), *(jump for jump in jumped if jump.time < change.time - slack))
         text = target_changed_text(change.time, exchanged=change.exchanged)
         self._change = ChangedTarget(change.time, text, change.exchanged, before)
         if gaussian is not None:
             after = another_body(gaussian, self.variables, exchanged=change.exchanged)
-            moments = MeanAndCovariance.of(after, self.variables)
-            prior = UnknownsPrior(moments.mean[BODY.stop :], moments.factor[BODY.stop :])
+            distribution = MeanAndCovariance.of(after, self.variables)
+            prior = UnknownsPrior(distribution.mean[BODY.stop :], distribution.factor[BODY.stop :])
             self.layout = replace(self.layout, known=prior)
-            self.variables = self.variables.going_on(after.root, moments.mean, exchanged=change.exchanged)
+            self.variables = self.variables.going_on(after.root, distribution.mean, exchanged=change.exchanged)
         return self._new_run(windows)
 
-    def evidence(self, run: FilterRun, sizes: PriorScaleFactors) -> Evidence:
+    def evidence(self, run: FilterRun, prior_scales: PriorScaleFactors) -> Evidence:
         """Return the evidence for and against the model of a run that has started."""
         gaussian, hypothesis = run.best.gaussian, run.best.hypothesis
         # A force or drift would absorb the errors of a wrong robot.
-        undisturbed = run.sizes(run.moments_of_first()) if hypothesis.disturbed else sizes
-        beside_prior = sizes if hypothesis.physical else undisturbed
+        undisturbed = run.prior_scales(run.distribution_of_first()) if hypothesis.disturbed else prior_scales
+        beside_prior = prior_scales if hypothesis.physical else undisturbed
         # A declared force has no rival: nothing was estimated without it.
         declared = self._settings.constant != 'none'
         instead, gain = ('', 0.0) if declared else undisturbed.likeliest
