@@ -121,7 +121,7 @@ def run(row: Row, work: tuple[int, float]) -> Outcome:
     values = load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator')
     values |= {'joint_rate': RATE, 'odometry_rate': RATE, **NOISE, 'seed': seed, 'target_link': row.target}
     values |= {'flexible.joints': list(row.joints), 'model_errors.seed': seed, **(_DRAWN if row.errors else {})}
-    values['motion.frequencies'] = [row.speed * each for each in values['motion.frequencies']]
+    values['motion.frequencies'] = (row.speed * np.array(values['motion.frequencies'])).tolist()
     values['initial.joint_positions'] = [*POSTURE, *row.start]
     values |= {f'flexible.{name}.frequency': each for name, each in zip(row.joints, row.frequencies, strict=True)}
     simulated = SimulatedRun(build(SimulatorConfig, values), row.urdf, BAG_TYPES)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -115,8 +116,8 @@ def test_passive_joints_are_not_commanded_and_swing_in_each_motion_by_itself() -
     panels = MomentumKernel(load_model(with_panels()), 'link7')
     places = tuple(panels.model.joint_names.index(name) for name in PANELS)
     springs = Springs(places, np.full(2, 2.0), np.full(2, 0.01), np.zeros((2, 2)))
-    declared = {f'flexible.{name}.frequency': 0.32 for name in PANELS}
-    robot = begun(unknown=panels.swinging(springs), **{'flexible.joints': PANELS, **declared})
+    declared: dict[str, Any] = {f'flexible.{name}.frequency': 0.32 for name in PANELS}
+    robot = begun(unknown=panels.swinging(springs), **declared | {'flexible.joints': PANELS})
     planning = planner(robot, duration=6.0)
     assert not planning.motions.limits.moved[list(places)].any()
     motions, grid = planning.motions, planning.motions.coarse
