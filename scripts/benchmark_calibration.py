@@ -23,8 +23,8 @@ from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
-from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.robot.model_errors import ModelErrors, displaced
+from mbaid_ros.core.robot.model import RobotModel, displaced
+from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.catalogue import CalibratedSide, Uncertainty
 from mbaid_ros.core.unknowns.declaration import NominalModel

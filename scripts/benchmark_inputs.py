@@ -69,7 +69,7 @@ def live(kind: Kind, bag: Path, robot: Path, _folder: Path) -> tuple[str, bool]:
     given += ['-p', f'method:={kind.arguments[1]}'] if kind.arguments else []
     with running('estimator', *given), running('player', str(bag), '--rate', '2', '--wait-for-subscribers', '60'):
         try:
-            found = wait_for_estimate('stale', 180.0)
+            found = wait_for_estimate('stale', 600.0)  # a run without a solution searches on
         except TimeoutError as error:
             raise DataError(f'{kind.name}: {error}') from error
     return judged(kind, found.status, list(found.warnings), found.inertia.m, found.standard_deviation[0])

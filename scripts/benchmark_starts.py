@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.frame import Frame, number, percent, provenance, statuses, table
-from benchmarks.honesty.conditions import STARTS
 from benchmarks.honesty.runs import FAR, PUBLISHED, Outcome, run
+from benchmarks.honesty.starts import STARTS
 
 
 def main() -> None:

@@ -10,7 +10,8 @@ from scipy.interpolate import CubicSpline
 
 from mbaid_ros.core.geometry import Array, cross, exp, quaternion_from_rotation, rotate, rotation_from_quaternion
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model_errors import ModelErrors, displaced, with_bodies
+from mbaid_ros.core.robot.model import displaced
+from mbaid_ros.core.robot.model_errors import ModelErrors, with_bodies
 from mbaid_ros.core.unknowns.base import OdometryMount, OdometryScale, TwistBias
 from mbaid_ros.core.unknowns.bodies import KnownBodies
 from mbaid_ros.core.unknowns.catalogue import Uncertainty

@@ -71,6 +71,10 @@ class BagReader:
             why = '; '.join(self.warnings) if whole else 'it was cut off before the first one'
             raise DataError(f"bag '{self.path}' holds no messages" + (f': {why}' if why else ''))
 
+    def of_types(self, *types: str) -> list[str]:
+        """Return the topics with messages of one of some types."""
+        return sorted(name for name, found in self.topics.items() if found.type in types and found.count)
+
     def require(self, topic: str, *types: str) -> None:
         """Check that messages of one of some types are there.
 

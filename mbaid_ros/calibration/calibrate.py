@@ -24,7 +24,7 @@ from mbaid_ros.core.results.status import widening
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.unknowns.bodies import KnownTarget
+from mbaid_ros.core.unknowns.bodies import KnownTarget, TotalMass
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
@@ -56,7 +56,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     ----------
     runs : motions, each as a list of windows; momentum is constant within one, and may differ from one to the next
     """
-    prior = make_prior(kernel, settings.priors)
+    prior = make_prior(kernel, settings.priors, scaled=settings.uncertainty.weighed is not None)
     runs = [run for run in runs if run]
     detectors, mechanism = _mechanism(kernel, runs, settings.noise)
     settled, motions, normals = _filtered(prior, kernel, (runs, detectors), settings)
@@ -81,7 +81,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         structure=structure(mechanism),
         gains=np.linalg.eigvalsh(_gained(normals.of_the_robot))[::-1],
         further_off=normals.sizes.sure,
-        scale=_scale(values[:size], covariance[:size, :size], prior, gained),
+        scale=_scale(values[:size], covariance[:size, :size], prior, gained, settings.uncertainty.weighed),
         residual=float(np.sqrt(gaussian.nis / max(gaussian.measured, 1))),
         settled=settled.stays,
         redundancy=gaussian.measured,
@@ -185,7 +185,7 @@ def _momenta(passed: CalibrationIteration, motions: Sequence[Motion]) -> tuple[A
     return values, covariances
 
 
-def _scale(theta: Array, covariance: Array, prior: Prior, gained: Array) -> Scale:
+def _scale(theta: Array, covariance: Array, prior: Prior, gained: Array, weighed: TotalMass | None) -> Scale:
     """Return the uncertainty of the common factor, and whether prior or data determine it."""
     masses = np.arange(0, len(theta), 10)
     total = float(np.sum(theta[masses]))
@@ -194,7 +194,8 @@ def _scale(theta: Array, covariance: Array, prior: Prior, gained: Array) -> Scal
     along = np.concatenate(
         [np.linalg.solve(root, link) for root, link in zip(prior.roots, theta.reshape(-1, 10), strict=True)]
     )
-    parts = [('the known bodies', max(float(along @ gained @ along), 0.0))]
+    scale = 0.0 if weighed is None else (total / weighed.std) ** 2
+    parts = [('the total mass', scale), ('the known bodies', max(float(along @ gained @ along) - scale, 0.0))]
     for index, (link, std) in enumerate(zip(prior.links, prior.stds, strict=True)):
         if prior.given[index, 0]:
             parts.append((f'mass of {link.name}', 1.0 / std.mass**2))

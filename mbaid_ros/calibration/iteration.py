@@ -13,9 +13,10 @@ import numpy as np
 
 from mbaid_ros.core.filter.averaging import KnotAveraging
 from mbaid_ros.core.filter.batch import is_converged, turns_back
-from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, entered, new_motion, update
+from mbaid_ros.core.filter.square_root import SquareRootInformation, update
 from mbaid_ros.core.filter.start import angular_momentum
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, Point, layout_of, near_part
+from mbaid_ros.core.filter.time_update import UNDISTURBED, advance, entered, new_motion
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import LinearisationCache, WhitenedWindow
 from mbaid_ros.core.filter.window import Window, in_stacks
@@ -24,7 +25,6 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.environment import UNDISTURBED
 
 _ITERATIONS = 24  # at most: Gauss-Newton steps, halved where they turn back
 _TOGETHER = 30  # windows linearised in one call: the arrays of a whole long motion would fill the memory

@@ -24,7 +24,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.model_errors import KnownErrors, to_bodies
-from mbaid_ros.core.robot.momentum import physical, physical_jacobian, pseudo_inertia
+from mbaid_ros.core.robot.momentum import body_sizes, physical, physical_jacobian, pseudo_inertia
 from mbaid_ros.core.unknowns.base import OdometryMount
 from mbaid_ros.core.unknowns.bodies import masses
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
@@ -159,6 +159,7 @@ class Normals:
 
 # Standard deviation, in typical sizes, of an unknown without a prior (as in difference).
 NO_PRIOR = 100.0
+_EXACT = 1e-6  # relative standard deviation of what is declared exact: a covariance has to be regular
 # Smallest eigenvalue of a pseudo-inertia, relative to the largest, that still counts as a body: flat ones are common.
 _FLAT = -1e-9
 # Least size of an element of inertia that its deviation is relative to, in thirds of the trace: a thin rod has zeros.
@@ -174,6 +175,7 @@ class LinkPrior:
     mass: float  # relative; the inertia goes with it
     com: float  # m, of each coordinate of the centre of mass
     inertia: float  # of the element I_ij about the centre of mass at a given mass, relative to sqrt(I_ii I_jj)
+    factor: Array | None = None  # (10, e) of the covariance of the standard parameters, as the estimator declares it
 
     @property
     def given(self) -> Flags:
@@ -203,7 +205,7 @@ class Prior:
         return KnownErrors(bodies, carry @ block_diag(*self.roots[but:]) if bodies else np.zeros((0, 0)))
 
 
-def make_prior(kernel: MomentumKernel, stds: Sequence[LinkPrior]) -> Prior:
+def make_prior(kernel: MomentumKernel, stds: Sequence[LinkPrior], *, scaled: bool = False) -> Prior:
     """Return the prior of a kernel's unknown links.
 
     Raises ModelError: The robot description gives a link an inertia that no body has.
@@ -213,6 +215,7 @@ def make_prior(kernel: MomentumKernel, stds: Sequence[LinkPrior]) -> Prior:
     Parameters
     ----------
     stds : one for each of its unknown links
+    scaled : whether the mass of the whole robot is known
     """
     scale = unknown_scale(kernel)[:10]
     size = 10 * len(kernel.unknown)
@@ -227,10 +230,11 @@ def make_prior(kernel: MomentumKernel, stds: Sequence[LinkPrior]) -> Prior:
             covariance[place, place] = _covariance(link, std, scale)
         else:
             covariance[place, place] = np.diag((NO_PRIOR * scale) ** 2)
-    if not np.any(kernel.known[:, 0]) and not np.any(given[:, [0, 4]]):
+    if not (scaled or np.any(kernel.known[:, 0]) or np.any(given[:, [0, 4]])):
         raise ParameterError(
             'nothing fixes the scale: all bodies are unknown, and no mass or inertia has a prior; accepted: '
-            'prior.links.<link>.mass_relative_std for one body at least, or a body left out of --unknown'
+            'known_links.total_mass, prior.links.<link>.mass_relative_std for one body at least, or a body left out of '
+            '--unknown'
         )
     return Prior(kernel.unknown, tuple(stds), mean, covariance, given)
 
@@ -248,6 +252,9 @@ def physical_std(link: Link, std: LinkPrior) -> Array:
 def _covariance(link: Link, std: LinkPrior, scale: Array) -> Array:
     """Return the (10, 10) covariance of a link's standard parameters."""
     _require_a_body(link)
+    if std.factor is not None:
+        exact = np.diag((_EXACT * body_sizes(link.parameters)) ** 2)
+        return np.asarray(std.factor @ std.factor.T + exact)
     # Rows of unknowns without a prior vanish; the wide prior keeps the matrix regular.
     rows = physical_jacobian(link.parameters)
     if std.mass > 0.0:

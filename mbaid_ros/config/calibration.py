@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
+from math import isnan
 
 import numpy as np
 
 from mbaid_ros import limits
+from mbaid_ros.config.capture import CaptureConfig
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import JointDeviations, LinkPriorConfig
-from mbaid_ros.config.parameters import build, by_name, parameter
+from mbaid_ros.config.model_errors import LinkPriorConfig, TargetPriorConfig
+from mbaid_ros.config.parameters import NOT_GIVEN, build, by_name, parameter
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.files import parse_json, read_text
@@ -103,14 +105,22 @@ class LinkPriorsConfig:
 
 
 @dataclass(frozen=True)
-class PriorConfig(JointDeviations, LinkPriorConfig):
-    """How far links, joints and the odometry's mount may be off: one standard deviation."""
+class PriorConfig(LinkPriorConfig):
+    """How far links, joints and the odometry's mount may be off, where it is another than the estimator's parameters.
 
-    mount_position_std: float = parameter(2e-3, 'm', minimum=0.0)
-    """Standard deviation of each coordinate of the base link's origin in the frame that the odometry locates; 0:
-    exact."""
-    mount_orientation_std: float = parameter(2e-3, 'rad', minimum=0.0)
-    """Standard deviation of the base link's orientation in that frame, about each axis; 0: exact."""
+    One standard deviation each.
+    """
+
+    zero_std: float = parameter(NOT_GIVEN, 'rad', minimum=0.0)
+    """The same of every joint as known_joints.zero_std."""
+    origin_std: float = parameter(NOT_GIVEN, 'm', minimum=0.0)
+    """The same of every joint as known_joints.origin_std."""
+    axis_std: float = parameter(NOT_GIVEN, 'rad', minimum=0.0)
+    """The same of every joint as known_joints.axis_std."""
+    mount_position_std: float = parameter(NOT_GIVEN, 'm', minimum=0.0)
+    """The same as odometry_mount.position_std."""
+    mount_orientation_std: float = parameter(NOT_GIVEN, 'rad', minimum=0.0)
+    """The same as odometry_mount.orientation_std."""
     links: LinkPriorsConfig = field(default_factory=LinkPriorsConfig)
 
 
@@ -130,18 +140,26 @@ class CalibrationParameters:
     estimator: EstimatorConfig  # noise, windows, frames: as for the estimator
     calibration: CalibrationConfig  # CalibrationConfig
 
-    def prior(self, link: str) -> LinkPriorConfig:
-        """Return the prior of a link: its own, or the one for all links."""
+    def prior(self, link: str) -> dict[str, float]:
+        """Return the given parts of the prior of a link: its own, or those for all links."""
         prior = self.calibration.prior
         shared = {item.name: getattr(prior, item.name) for item in fields(LinkPriorConfig)}
-        return LinkPriorConfig(**{**shared, **prior.links.own.get(link, {})})
+        return {**{name: value for name, value in shared.items() if not isnan(value)}, **prior.links.own.get(link, {})}
 
 
 def calibration_parameters(values: Mapping[str, object]) -> CalibrationParameters:
     """Return the parameters of dotted names: the estimator's, ``unknown_links``, ``prior.*``, ``prior.links.<link>.*``.
 
+    Those of a run that follows the calibration do not count: target, capture and the calibration itself.
+
     Raises ParameterError: An unknown name, or a value that is not accepted.
     """
     own = {name: value for name, value in values.items() if name.startswith(_OWN)}
-    rest = {name: value for name, value in values.items() if name not in own}
-    return CalibrationParameters(build(EstimatorConfig, rest), build(CalibrationConfig, own))
+    estimator = build(EstimatorConfig, {name: value for name, value in values.items() if name not in own})
+    estimator = replace(
+        estimator,
+        known_links=replace(estimator.known_links, calibration=''),
+        target_prior=TargetPriorConfig(),
+        capture=CaptureConfig(),
+    )
+    return CalibrationParameters(estimator, build(CalibrationConfig, own))

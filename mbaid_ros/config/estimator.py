@@ -107,6 +107,9 @@ class EstimatorConfig:
     """Frame of the twist in the Odometry: child (child_frame_id, the ROS convention) or inertial (header.frame_id)."""
     reorder_time: float = parameter(0.05, 's', minimum=0.0, maximum=1.0)
     """Longest time that messages wait for late ones, once a topic has had some; 0 drops late ones."""
+    continue_from: str = parameter('')
+    """JSON file of replay, of a run of the same robot and target with the same parameters: this run goes on from what
+    that one has taught, but for the momentum."""
     frame_prefix: str = parameter('')
     """Prefix of link names in frame names, in received and published messages, as for robot_state_publisher:
     servicer/."""

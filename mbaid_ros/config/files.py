@@ -69,15 +69,15 @@ _Loader.add_constructor('tag:yaml.org,2002:float', _Loader.construct_yaml_float)
 _REFUSED = (yaml.YAMLError, ValueError, OverflowError, RecursionError)
 
 
-def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
-    """Return the parameters of one node in a ROS parameter file, for `build`.
+def load_parameter_file(path: str | Path, *node_names: str) -> dict[str, object]:
+    """Return the parameters of one node, or of several in one, in a ROS parameter file, for `build`.
 
     Raises ParameterError: The file cannot be read, is no ROS parameter file, or has nothing for this node.
 
     Parameters
     ----------
     path : the YAML file
-    node_name : name of the node, with its namespace or without: ``/arm/estimator``, ``estimator``
+    node_names : full names of the node, ``/arm/estimator``; without a slash in any namespace; a later one overrides
 
     Returns
     -------
@@ -86,15 +86,17 @@ def load_parameter_file(path: str | Path, node_name: str) -> dict[str, object]:
     content = read_yaml(path, 'parameter file')
     if not isinstance(content, dict):
         raise ParameterError(f"parameter file '{path}' has no section '<node name>: {_SECTION}:'")
-    target = '/' + node_name.strip('/')
     sections = list(_sections(content, '', str(path)))
     values: dict[str, object] = {}
-    for pattern, section in sections:
-        if _matches(pattern, target):
-            values.update(dotted(section))
-    if not any(_matches(pattern, target) for pattern, _ in sections):
+    places = [place for name in node_names for place, (pattern, _) in enumerate(sections) if _matches(pattern, name)]
+    for place in dict.fromkeys(places):
+        values.update(dotted(sections[place][1]))
+    if not places:
         names = ', '.join(pattern for pattern, _ in sections) or 'none'
-        raise ParameterError(f"parameter file '{path}' has no section for node '{node_name}'; sections: {names}")
+        raise ParameterError(
+            f"parameter file '{path}' has no section for node '{node_names[-1]}'; sections: {names}; accepted: /** or "
+            f'{node_names[-1]}'
+        )
     return values
 
 
@@ -151,11 +153,10 @@ def _sections(content: Mapping[object, object], prefix: str, path: str) -> list[
 
 
 def _matches(pattern: str, target: str) -> bool:
-    """Return whether a section speaks to a node: ``/*`` is one level of the name, ``/**`` any number of them."""
+    """Return whether a section is a node's: ``/*`` is one level of the name, ``/**`` any number of them."""
     if '*' not in pattern:
-        # A bare name is the node of that name, whether or not the caller knows the namespace.
-        return pattern == target or ('/' not in target[1:] and pattern.rsplit('/', 1)[-1] == target[1:])
-    levels = target[1:].split('/')
+        return pattern == target or pattern.rsplit('/', 1)[-1] == target
+    levels = target.strip('/').split('/')
     reached = {0}  # numbers of levels of the target that the pattern may have come past
     for part in pattern[1:].split('/'):
         if part == '**':

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mbaid_ros.config.parameters import by_name, parameter
+from mbaid_ros.config.parameters import NOT_GIVEN, by_name, parameter
 
 
 @dataclass(frozen=True)
@@ -55,15 +55,15 @@ class LinkDeviations:
 
 @dataclass(frozen=True)
 class LinkPriorConfig:
-    """The prior of the <inertial> of every link to calibrate: standard deviations."""
+    """The prior of the <inertial> of links to calibrate, where it is another than that of known_links."""
 
-    mass_relative_std: float = parameter(0.05, minimum=0.0)
-    """Relative standard deviation of each mass; 0: unknown."""
-    com_std: float = parameter(0.01, 'm', minimum=0.0)
-    """Standard deviation of each coordinate of a centre of mass; 0: unknown."""
-    inertia_relative_std: float = parameter(0.1, minimum=0.0)
+    mass_relative_std: float = parameter(NOT_GIVEN, minimum=0.0)
+    """Relative standard deviation of each mass; 0: unknown; not given: as known_links declares it."""
+    com_std: float = parameter(NOT_GIVEN, 'm', minimum=0.0)
+    """Standard deviation of each coordinate of a centre of mass; 0: unknown; not given: as known_links declares it."""
+    inertia_relative_std: float = parameter(NOT_GIVEN, minimum=0.0)
     """Standard deviation of each element I_ij about the centre of mass at a given mass, relative to sqrt(I_ii I_jj); 0:
-    unknown."""
+    unknown; not given: as known_links declares it."""
 
 
 @dataclass(frozen=True)
@@ -73,9 +73,14 @@ class KnownLinksConfig:
     relative_std: float = parameter(0.01, minimum=0.0, maximum=1.0)
     """Relative standard deviation of every known body: of a common factor of its inertial parameters, and of each
     parameter by itself; 0: exact."""
+    total_mass: float = parameter(0.0, 'kg', minimum=0.0)
+    """Mass of the whole robot without what it holds, if it was weighed; a known_links.calibration has it already. 0:
+    unknown."""
+    total_mass_std: float = parameter(0.0, 'kg', minimum=0.0)
+    """Standard deviation of known_links.total_mass; 0: unknown."""
     calibration: str = parameter('')
-    """JSON file of calibrate: its covariance of links, joints and mount replaces relative_std, the zeros, origins and
-    axes of known_joints, and odometry_mount. It needs the URDF that calibrate wrote."""
+    """JSON file of calibrate: its covariance of links, joints and mount replaces all else of known_links, the zeros,
+    origins and axes of known_joints, and odometry_mount. It needs the URDF that calibrate wrote."""
     links: Mapping[str, Mapping[str, float]] = by_name(LinkDeviations, 'link')
 
 

@@ -143,7 +143,14 @@ class Identifier:
         self.last = samples[-1:]
         number = np.floor((samples.time[-1] + 1e-9) / self._window) + 1.0
         self.end_of_window = self.synchroniser.origin + round(number * self._window * 1e9)
-        closed = self._prepared(self._windows.push(samples))
+        return self._estimates(self._windows.push(samples))
+
+    def finish(self) -> list[Estimate]:
+        """Return the estimates of windows that wait for the noise of more, where no more come."""
+        return self._estimates([], last=True)
+
+    def _estimates(self, windows: list[Samples], *, last: bool = False) -> list[Estimate]:
+        closed = self._prepared(windows, last=last)
         if not closed:
             return []
         estimates = self._estimator.update(closed, self.synchroniser.origin)
@@ -156,14 +163,14 @@ class Identifier:
         self._checks.run_slice()
         return isinstance(self._estimator, Deferring) and self._estimator.run_slice()
 
-    def _prepared(self, windows: list[Samples]) -> list[Samples]:
+    def _prepared(self, windows: list[Samples], *, last: bool) -> list[Samples]:
         """Return closed windows with the velocities their method needs, without those that cannot have them."""
         if self._thrust is not None:
             windows = [self._thrust.applied(window, self.origin) for window in windows]
         if self._falling is not None:
             windows = [self._falling.applied(window, self.origin) for window in windows]
         if self._noise is not None:
-            each = self._noise.released(windows, self.origin)
+            each = self._noise.released(windows, self.origin, last=last)
             windows = [window for window, _ in each]
             self._levels = {float(window.time[-1]): levels for window, levels in each}
         windows = self._checks.applied(windows)

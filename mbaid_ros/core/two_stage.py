@@ -6,15 +6,19 @@ Stage 1 gives the first estimates and the start of stage 2, which takes over whe
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
 from mbaid_ros.core import chi_square
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.status import IntervalConsistency, Reason, with_reasons
+from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.core.results.status import Reason, with_reasons
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.rates import FEWEST, with_rates
 from mbaid_ros.core.trajectory.posterior import Posterior
@@ -33,6 +37,45 @@ DISAGREE = Reason(
     'the frames are wrong',
     'conflict',
 )
+
+
+_KEPT = 10.0  # s, that an estimate is compared with later ones
+_FAR = 5.0  # of its standard deviations, by which none should move: one in millions does by chance
+
+
+class IntervalConsistency:
+    """Compares each estimate of a run with those of the latest seconds before it."""
+
+    def __init__(self) -> None:
+        self._earlier: deque[tuple[float, Array, Array]] = deque()  # s, (10,) parameters, (10,) standard deviations
+        self._changes = 0  # of the target
+
+    def judged(self, estimate: Estimate, *, early: bool) -> Estimate:
+        """Return an estimate, inconsistent where it has left the interval of one before it that was not early."""
+        changes = sum(event.kind == 'target_changed' for event in estimate.events)
+        if changes != self._changes:
+            self._earlier.clear()
+            self._changes = changes
+        while self._earlier and self._earlier[0][0] < estimate.time - _KEPT:
+            self._earlier.popleft()
+        if not estimate.identifiable.any() or estimate.status == 'inconsistent':
+            return estimate
+        reasons = [Reason(text, 'conflict') for text in self._moved(estimate)]
+        if not early:
+            self._earlier.append((estimate.time, estimate.parameters, estimate.std))
+        return with_reasons(estimate, reasons)
+
+    def _moved(self, estimate: Estimate) -> Iterator[str]:
+        if not self._earlier:
+            return
+        times, parameters, stds = (np.array(each) for each in zip(*self._earlier, strict=True))
+        distance = np.nan_to_num(np.abs(estimate.parameters - parameters) / stds)
+        place, which = np.unravel_index(int(np.argmax(distance)), distance.shape)
+        if distance[place, which] >= _FAR:
+            yield (
+                f'{PARAMETERS[which]} has moved by {distance[place, which]:.1f} of its standard deviations since '
+                f'{times[place]:.1f} s: one of the two is wrong'
+            )
 
 
 class SecondStage(Estimator, Protocol):

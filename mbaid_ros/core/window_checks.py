@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from mbaid_ros.core.diagnosis.held_base import HeldBase
+from mbaid_ros.core.diagnosis.rate_checks import GyroFrame, TwistFrame
 from mbaid_ros.core.results.status import Reason, notes
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.joint_rates import JointRates
-from mbaid_ros.core.sensors.rates import GyroFrame, TwistFrame
 
 
 class WindowChecks:

@@ -130,7 +130,15 @@ class Diagnostics:
                 'parameter robot_description_file'
             )
         silent = [each for each in self._wanted(state).values() if not each.received]
-        return awaited + [f'{each.topic} ({each.type_name}){_help(each)}' for each in silent]
+        for alike in map(self._alike, silent):
+            named = ' or '.join(f'{each.topic} ({each.type_name})' for each in alike)
+            awaited.append(f'{named}{_help(*alike)}')
+        return awaited
+
+    def _alike(self, subscription: Subscriptions) -> list[Subscriptions]:
+        """Return a subscription, with that of poses beside that of Odometry while nothing has come on either."""
+        both = [self._subscriptions[key] for key in ('odom', 'pose') if key in self._subscriptions]
+        return both if subscription in both and not any(each.received for each in both) else [subscription]
 
     def _wanted(self, state: RunState) -> dict[str, Subscriptions]:
         """Return the subscriptions without those that another source of the base's pose makes needless."""
@@ -152,8 +160,9 @@ class Diagnostics:
         """Return that nothing has come, for how long, and why; it changes only a few times."""
         waited = monotonic() - self._start
         longest = next((limit for limit in _WAITED if waited > limit), 0.0)
-        text = f'no messages on {subscription.topic} yet'
-        return f'{text}, for more than {longest:g} s{_help(subscription)}' if longest else text
+        alike = self._alike(subscription)
+        text = f'no messages on {_topics(alike)} yet'
+        return f'{text}, for more than {longest:g} s{_help(*alike)}' if longest else text
 
     def _topic(self, key: str, now: float, period: float, state: RunState) -> Report:
         subscription = self._subscriptions[key]
@@ -173,7 +182,8 @@ class Diagnostics:
         if subscription.timed is not None:
             values.append(('latency (s)', f'{(subscription.timed[1] - subscription.timed[0]) * 1e-9:.4f}'))
         if not received:
-            return WARN, f'no messages on {topic} yet{_help(subscription)}', values
+            alike = self._alike(subscription)
+            return WARN, f'no messages on {_topics(alike)} yet{_help(*alike)}', values
         silence = now - self._arrival[key]
         if silence > STALE_AFTER:
             return STALE, f'no messages on {topic} for {silence:.0f} s', values
@@ -237,13 +247,21 @@ def _nodes(publishers: list[TopicEndpointInfo]) -> list[str]:
     return sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in publishers)
 
 
-def _help(subscription: Subscriptions) -> str:
-    """Return why nothing may come on a topic, as the end of a sentence."""
-    publishers = subscription.publishers()
+def _topics(subscriptions: Sequence[Subscriptions]) -> str:
+    return ' or '.join(each.topic for each in subscriptions)
+
+
+def _help(*subscriptions: Subscriptions) -> str:
+    """Return why nothing may come on any of some topics, as the end of a sentence."""
+    publishers = [info for each in subscriptions for info in each.publishers()]
     if not publishers:
+        elsewhere = [f'-r {each.given_topic}:={name}' for each in subscriptions for name in each.elsewhere()]
+        if elsewhere:
+            return f'; nothing publishes it, but such messages come elsewhere: remap by {listing(elsewhere)}'
         return '; nothing publishes it: check its name, the namespaces and ROS_DOMAIN_ID'
-    others = sorted({info.topic_type for info in publishers} - set(subscription.type_names))
-    taken = ' or '.join(subscription.type_names)
+    accepted = [name for each in subscriptions for name in each.type_names]
+    others = sorted({info.topic_type for info in publishers} - set(accepted))
+    taken = ' or '.join(accepted)
     return f'; its publishers send {listing(others)}, not {taken}' if others else '; its publisher is silent'
 
 

@@ -6,7 +6,6 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -18,7 +17,7 @@ from mbaid_ros.bags import BagReader
 from mbaid_ros.cli import run, warn
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.nodes.arguments import player_arguments
-from mbaid_ros.nodes.runner import LATENCY, Interrupt, declare_parameters, own_arguments, ros
+from mbaid_ros.nodes.runner import LATENCY, Interrupt, NoParameters, declare_parameters, own_arguments, ros
 from mbaid_ros.nodes.subscriptions import message_class, qos, why_no_topic
 
 NAME = 'player'
@@ -26,11 +25,6 @@ NAME = 'player'
 _CLOCK_PERIOD = 0.01  # s, of /clock
 _DEPTH = 1000  # messages kept for a subscriber that is behind
 _PATIENCE = 2.0  # s, for subscribers that are still behind at the end
-
-
-@dataclass(frozen=True)
-class PlayerConfig:
-    """The player has arguments instead of parameters: one that is given is an error."""
 
 
 class PlayerNode(Node):
@@ -49,7 +43,7 @@ class PlayerNode(Node):
         self, bag: BagReader, topics: Sequence[str], rate: float, *, clock: bool, interrupt: Interrupt
     ) -> None:
         super().__init__(NAME, start_parameter_services=False)
-        declare_parameters(self, PlayerConfig)
+        declare_parameters(self, NoParameters)
         self._log = self.get_logger()  # type: ignore[no-untyped-call]
         self._bag = bag
         self._rate = rate

@@ -9,6 +9,8 @@ import signal
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import pairwise
 from types import FrameType
 from typing import Any, TypeVar, cast
 
@@ -26,6 +28,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.time_source import TimeSource
 from rclpy.utilities import remove_ros_args
 
+from mbaid_ros.config.files import load_parameter_file, parse_assignment
 from mbaid_ros.config.parameters import ParameterSpec, build, specification, specification_of, specifications, values_of
 from mbaid_ros.core.errors import ParameterError
 
@@ -40,6 +43,12 @@ _LITTER = 20_000  # objects more than before, at which Python collects garbage b
 _INTEGERS = -(2**63), 2**63 - 1
 _NO_NODE = 'error creating node: '
 _SOURCE_PLACE = re.compile(r',? at \S+:\d+')
+_words: list[tuple[str, str]] = []  # the process's parameters with their flags, as given: rclpy keeps them to itself
+
+
+@dataclass(frozen=True)
+class NoParameters:
+    """Those of an executable with arguments instead: one that is given is an error."""
 
 
 def own_arguments(argv: Sequence[str]) -> list[str]:
@@ -62,10 +71,8 @@ def declare_parameters(node: Node, cls: type[T], *, settable: bool = False) -> T
 
     Raises ParameterError: An override has an unknown name, or a value that is not accepted.
     """
-    # rclpy has no public way to the overrides of undeclared parameters, and a misspelt name stays undeclared.
-    overrides = node._parameter_overrides  # noqa: SLF001
     known = specifications(cls)  # type: ignore[arg-type]
-    given = {name: override.value for name, override in overrides.items()}
+    given = _given(node)
     # An empty list comes without a type, hence without a value.
     empty = {name for name, value in given.items() if value is None and name in known and 'array' in known[name].type}
     config = build(cls, given | dict.fromkeys(empty, ()))
@@ -77,6 +84,26 @@ def declare_parameters(node: Node, cls: type[T], *, settable: bool = False) -> T
             plain = list(value) if isinstance(value, tuple) else value
             node.declare_parameter(spec.name, plain, _descriptor(spec, settable=settable), ignore_override=True)
     return config
+
+
+def _given(node: Node) -> dict[str, Any]:
+    """Return the parameters given to a node: of its files, where a later one wins, then of -p.
+
+    rclpy alone ignores a file without a section '/**' or of the node's full name, and -p beside such a section.
+
+    Raises ParameterError: A file has no section for the node.
+    """
+    values: dict[str, Any] = {}
+    for flag, text in _words:
+        if flag == '--params-file':
+            values |= load_parameter_file(text, node.get_fully_qualified_name())
+    # rclpy has no public way to the overrides of undeclared parameters, and a misspelt name stays undeclared.
+    values |= {name: override.value for name, override in node._parameter_overrides.items()}  # noqa: SLF001
+    assigned = dict(parse_assignment(text) for flag, text in _words if flag != '--params-file')
+    values |= {name: value for name, value in assigned.items() if ':' not in name}
+    if 'use_sim_time' in values:  # which rclpy has read by itself
+        node.set_parameters([Parameter('use_sim_time', value=values['use_sim_time'])])  # type: ignore[no-untyped-call]
+    return values
 
 
 def changed(node: Node, cls: type[T], parameters: Sequence[Parameter]) -> T:
@@ -148,6 +175,11 @@ def ros(argv: Sequence[str]) -> Iterator[Interrupt]:
     """
     with _refusals():
         rclpy.init(args=['', *argv], signal_handler_options=SignalHandlerOptions.NO)
+    inside = False
+    for word, following in pairwise((*argv, '')):
+        inside = word == '--ros-args' or (inside and word != '--')
+        if inside and word in {'-p', '--param', '--params-file'}:
+            _words.append((word, following))
     _refuse_negative_times()
     # A node that rcl could not make raises an error that this warning adds nothing to.
     warnings.filterwarnings('ignore', message='Failed to fini rosout publisher', category=RuntimeWarning)
@@ -158,6 +190,7 @@ def ros(argv: Sequence[str]) -> Iterator[Interrupt]:
             raise
         raise ParameterError(f'the middleware makes no node: {_reason(str(error))}') from error
     finally:
+        _words.clear()
         rclpy.shutdown()
 
 

@@ -117,7 +117,7 @@ class Subscriptions:
         self._node = node
         self._message_type = message_type
         self._types = {type_name_of(each): each for each in (message_type, *others)}
-        self._given_topic = topic
+        self.given_topic = topic
         self._callback = callback
         self._pack = packer(self.type_name)
         self.received = 0
@@ -156,6 +156,12 @@ class Subscriptions:
         """Return the topic's publishers."""
         return list(self._node.get_publishers_info_by_topic(self.topic))
 
+    def elsewhere(self) -> list[str]:
+        """Return other topics on the graph on which an accepted type is published."""
+        found = self._node.get_topic_names_and_types()
+        names = [name for name, types in found if name != self.topic and self._types.keys() & set(types)]
+        return sorted(name for name in names if self._node.count_publishers(name))
+
     def close(self) -> None:
         """Receive no more."""
         self._node.destroy_subscription(self._subscription)
@@ -182,7 +188,7 @@ class Subscriptions:
         )
         return self._node.create_subscription(
             self._message_type,
-            self._given_topic,
+            self.given_topic,
             self._on_message,
             self._profile,
             event_callbacks=events,

@@ -25,7 +25,7 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, ErrorBudget, rounded
 from mbaid_ros.nodes.arguments import watch_arguments
-from mbaid_ros.nodes.runner import own_arguments, ros, spin
+from mbaid_ros.nodes.runner import NoParameters, declare_parameters, own_arguments, ros, spin
 from mbaid_ros.nodes.subscriptions import qos
 
 NARROWEST = 20  # columns
@@ -178,6 +178,7 @@ class WatchNode(Node):
         context: Context | None = None,
     ) -> None:
         super().__init__(f'{NAME}_{os.getpid()}', context=context, start_parameter_services=False)
+        declare_parameters(self, NoParameters)
         self._wanted = wanted
         self._show = show
         self._hint = hint

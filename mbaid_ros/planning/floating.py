@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.filter.state import Point
-from mbaid_ros.core.filter.total_momentum import in_plane
+from mbaid_ros.core.filter.state import Point, in_plane
 from mbaid_ros.core.geometry import Array, cross, log, rotate, rotate_back
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from mbaid_ros.core.samples import ArrayRecord

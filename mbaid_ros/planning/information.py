@@ -17,13 +17,14 @@ from mbaid_ros.core.filter.chain import window_models
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.joint_noise import no_bias
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots
-from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, update
+from mbaid_ros.core.filter.square_root import SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY, Point
+from mbaid_ros.core.filter.time_update import advance
 from mbaid_ros.core.filter.whitened import MOST, WhitenedWindow, prepared
 from mbaid_ros.core.filter.window import Stack, Window, WindowNoise
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.evidence import Innovations
 from mbaid_ros.core.results.reporting import Reporting, relative_std
+from mbaid_ros.core.results.status import Innovations
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER
 from mbaid_ros.core.trajectory.posterior import FIRST, Posterior

@@ -70,9 +70,19 @@ class Motions:
     def joints(self, speeds: Array, times: Array) -> tuple[Array, Array]:
         """Return positions and rates (T, B, n) of all joints at instants."""
         moved = self.knowledge.layout.kernel.model.transmission
-        position = np.tensordot(self.splines.basis(times), speeds, axes=(1, 1)) + self.start
-        rate = np.tensordot(self.splines.basis(times, 1), speeds, axes=(1, 1))
+        position = np.tensordot(self.splines.basis(times), speeds, axes=(1, 1)) + self._held(times)[:, None]
+        rate = np.tensordot(self.splines.basis(times, 1), speeds, axes=(1, 1)) + self._speed
         return moved.positions(position), moved.rates(rate)
+
+    @cached_property
+    def _speed(self) -> Array:
+        """Rates of the joints that keep theirs, (k,); zero of the others."""
+        moved, end = self.knowledge.layout.kernel.model.transmission, self.knowledge.end
+        return np.where(self.limits.held, end.joint_velocity[moved.independent], 0.0)
+
+    def _held(self, times: Array) -> Array:
+        """Return positions (T, k) at instants where no joint is moved."""
+        return np.asarray(self.start + times[:, None] * self._speed)
 
     @cached_property
     def holding(self) -> Array:
@@ -130,7 +140,7 @@ class Motions:
     def along(self, trajectory: JointTrajectory, times: Array) -> tuple[Array, Array]:
         """Return positions and rates (T, 1, n) of all joints at instants of a trajectory from the start on."""
         model = self.knowledge.layout.kernel.model
-        position, rate = np.tile(self.start, (len(times), 1)), np.zeros((len(times), len(self.start)))
+        position, rate = self._held(times), np.tile(self._speed, (len(times), 1))
         places = [model.independent_joints.index(name) for name in trajectory.joints]
         position[:, places], rate[:, places], _ = trajectory.at(times)
         return model.transmission.positions(position)[:, None], model.transmission.rates(rate)[:, None]
@@ -144,17 +154,18 @@ class Motions:
     def excursion_along(self, trajectory: JointTrajectory, floating: Floating) -> Array:
         """Return how far a trajectory from the start on moves the base of a robot at most, (3,): rad, m, rad/s."""
         step = trajectory.duration / _FINE
-        joints = self.along(trajectory, np.arange(2 * _FINE + 1) * 0.5 * step)
-        coasting = floating.coasting(joints[0][0, 0], _FINE + 1, step)
-        return np.asarray(floating.moved(*joints, step).away_from(coasting).max(axis=(0, 1)))
+        times = np.arange(2 * _FINE + 1) * 0.5 * step
+        coasting = floating.moved(*self._at_rest(times), step)
+        return np.asarray(floating.moved(*self.along(trajectory, times), step).away_from(coasting).max(axis=(0, 1)))
 
     def excursions_of(self, robots: Sequence[Floating], speeds: Array) -> Array:
         """Return how far one motion (K, k) moves the bases of R robots at most, (R, 3): rad, m, rad/s."""
         step, times = self._instants
-        position, rate = (each[:, 0] for each in self.joints(speeds[None], times))
-        still = np.broadcast_to(position[:1], position.shape)
-        moved = as_they_may_be(robots, position, rate, step)
-        return np.asarray(moved.away_from(as_they_may_be(robots, still, np.zeros(rate.shape), step)).max(axis=0))
+        moved, still = (
+            as_they_may_be(robots, position[:, 0], rate[:, 0], step)
+            for position, rate in (self.joints(speeds[None], times), self._at_rest(times))
+        )
+        return np.asarray(moved.away_from(still).max(axis=0))
 
     @property
     def _instants(self) -> tuple[float, Array]:
@@ -171,10 +182,13 @@ class Motions:
 
     @cached_property
     def _coasting(self) -> BaseMotion:
-        """How the base moves while the joints rest."""
-        position = self.knowledge.layout.kernel.model.transmission.positions(self.start)
+        """How the base moves while no joint is moved."""
         step, times = self._instants
-        return self.floating.coasting(position, (len(times) + 1) // 2, step)
+        return self.floating.moved(*self._at_rest(times), step)
+
+    def _at_rest(self, times: Array) -> tuple[Array, Array]:
+        """Return positions and rates (T, 1, n) of all joints at instants, none of them moved."""
+        return self.joints(np.zeros((1, self.splines.count, len(self.start))), times)
 
     def gentle(self, speeds: Array, most: BaseLimits) -> Array:
         """Return motions (B, K, k) within the limits of efforts and base.

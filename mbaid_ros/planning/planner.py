@@ -14,7 +14,7 @@ from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.planning.assurance import Assurance, beyond_motion, single_joint
 from mbaid_ros.planning.collisions import Collisions, Efforts, ReadMesh, no_mesh
-from mbaid_ros.planning.goal import BaseLimits, Wanted, joint_limits
+from mbaid_ros.planning.goal import BaseLimits, Wanted, joint_limits, keeping_speed
 from mbaid_ros.planning.information import Grid, Information
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import (
@@ -50,6 +50,7 @@ class PlanSettings:
     base: BaseLimits = field(default_factory=BaseLimits)  # how far the base may be moved
     clearance: float = 0.02  # m, of collision shapes
     stuck: Collection[str] = ()  # joints that are not moved
+    held: Collection[str] = ()  # joints that keep their speed; empty: wheels, as `joint_limits` knows them
     speeds: int = 32  # that each joint goes by, one after the other
     effort: int = 1200  # motions that are compared
     seed: int = 0  # the same gives the same motion
@@ -79,12 +80,14 @@ class Planner:
         self.information = Information(knowledge, reporting)
         self._wanted = Wanted(settings.relative, self.information.asked)
         model = knowledge.layout.kernel.model
+        independent = model.transmission.independent
         limits = joint_limits(
             model,
-            knowledge.end.joint_position[model.transmission.independent],
+            knowledge.end.joint_position[independent],
             settings.joint_velocity,
             settings.joint_acceleration,
             settings.stuck,
+            keeping_speed(model, knowledge.end.joint_velocity[independent], settings.joint_velocity, settings.held),
         )
         length = settings.duration or min(_FIRST, settings.longest)
         self.motions = Motions(
@@ -162,8 +165,11 @@ class Planner:
         """Return notes on the start of the motion."""
         notes, knowledge = [], self.motions.knowledge
         model = knowledge.layout.kernel.model
-        rate = np.abs(knowledge.end.joint_velocity)
-        moving = [name for name, each in zip(model.joint_names, rate, strict=True) if each > _MOVING]
+        names, held = model.independent_joints, self.motions.limits.held
+        rate = np.abs(knowledge.end.joint_velocity[model.transmission.independent])
+        moving, kept = ([names[each] for each in np.flatnonzero(which & (rate > _MOVING))] for which in (~held, held))
+        if kept:
+            notes.append(f'keep their speed: {listing(kept)}')
         if moving:
             notes.append(f'moved at the end of the run, and must rest before the motion begins: {listing(moving)}')
         if knowledge.hypothesis.disturbed:
@@ -226,7 +232,7 @@ class Planner:
             longest=settings.longest,
             compared=compared,
             may_be=relative[-1] * self._assurance.may_be(motions, trajectory),
-            stuck=tuple(name for place, name in enumerate(names) if place not in moved),
+            stuck=tuple(name for place, name in enumerate(names) if not (place in moved or motions.limits.held[place])),
             notes=(*self._advice(candidate), *self._notes(), *self._collisions.notes),
         )
 

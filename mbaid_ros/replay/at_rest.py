@@ -11,14 +11,16 @@ import numpy as np
 import numpy.typing as npt
 
 from mbaid_ros.cli import warn
+from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.replay.inputs import between
+from mbaid_ros.replay.inputs import Inputs, between
 from mbaid_ros.replay.rest_readings import FEWEST, SHORTEST, Recording, read_recording
 
 _DEGREE = 3
 _BLOCK = 0.5  # s, over which motion is looked for: noise averages out, and a joint that moves gets somewhere
 _FEWEST_IN_BLOCK = 10
+_ROUNDING = 1e-12  # rad or m: less than any sensor's step, more than double precision leaves of equal readings
 _MOVED = 3.0  # standard deviations of a single sample; the noise of a block's mean is far below one
 
 
@@ -32,20 +34,22 @@ class Measured:
 
 def print_noise(arguments: argparse.Namespace) -> int:
     """Print the noise as a parameter file and return the exit code."""
-    measured = measure(arguments.bag, arguments.joint_states, arguments.odom, between(arguments))
+    inputs = Inputs.from_arguments(arguments, EstimatorConfig())
+    measured = measure(arguments.bag, inputs.joint_states, inputs.odometry, between(arguments))
     warn('noise_at_rest', measured.warnings)
-    print('/**:\n  ros__parameters:\n    noise:')
+    known = any(map(math.isfinite, measured.stds.values()))
+    print('/**:\n  ros__parameters:' + ('\n    noise:' if known else ' {}'))
     for name, std in measured.stds.items():
         print(f'      {name}: {std:.1e}' if math.isfinite(std) else f'      # {name}: not measured')
     return 0
 
 
-def measure(bag: str, joint_states: str, odom: str, part: tuple[float, float] = (0.0, math.inf)) -> Measured:
+def measure(bag: str, joint_states: str, base: str, part: tuple[float, float] = (0.0, math.inf)) -> Measured:
     """Return the noise of each channel while the joints rest, from two topics of a bag.
 
     Raises DataError: The bag cannot be used, or the joints do not rest for `SHORTEST`.
     """
-    recording, warnings = read_recording(bag, joint_states, odom, part)
+    recording, warnings = read_recording(bag, joint_states, base, part)
     recording, unsteady = without_wheels(recording)
     warnings += [f"bag '{bag}': {name} turns, and not at constant speed: it is left out" for name in unsteady]
     time = recording.joint_time
@@ -71,7 +75,11 @@ def measure(bag: str, joint_states: str, odom: str, part: tuple[float, float] = 
             'the base was pushed or tumbles fast, or errors are correlated; the value is too large or not meaningful'
         )
     channels = {**recording.joint_channels, **recording.base_channels}
-    return Measured({name: scatter(values) for name, values in channels.items()}, tuple(warnings))
+    stds = {name: scatter(values) for name, values in channels.items()}
+    if math.isnan(stds['joint_position']) and channels['joint_position'].size:
+        text = 'no reading of a joint changes: leave noise.joint_position out, or declare the step of the encoder / 3.5'
+        warnings.append(f"bag '{bag}': {text}")
+    return Measured(stds, tuple(warnings))
 
 
 def without_wheels(recording: Recording) -> tuple[Recording, list[str]]:
@@ -97,11 +105,17 @@ def without_wheels(recording: Recording) -> tuple[Recording, list[str]]:
 
 
 def scatter(values: Array) -> float:
-    """Return the standard deviation about a cubic of the noisiest column of (n, k); NaN where nothing was measured."""
+    """Return the standard deviation about a cubic of the noisiest column of (n, k); NaN where nothing was measured.
+
+    That of the rounding to steps is the least; a column that never changes shows neither.
+    """
     values = values[np.all(np.isfinite(values), axis=1)]
+    step = _resolution(values)
+    values, step = values[:, np.isfinite(step)], step[np.isfinite(step)]
     if values.size == 0 or len(values) < FEWEST:
         return float('nan')
-    return float(np.max(np.std(_about_a_curve(values, _DEGREE), axis=0, ddof=_DEGREE + 1)))
+    stds = np.std(_about_a_curve(values, _DEGREE), axis=0, ddof=_DEGREE + 1)
+    return float(np.max(np.maximum(stds, step / math.sqrt(12.0))))
 
 
 def wanders(time: Array, values: Array) -> bool:
@@ -147,9 +161,9 @@ def _noise(values: Array, blocks: Sequence[npt.NDArray[np.intp]]) -> Array:
 
 
 def _resolution(values: Array) -> Array:
-    """Return the smallest step of each column that is not 0: an encoder may go to and fro between two numbers."""
+    """Return the smallest step of each column that is no rounding, infinite if none: an encoder may go to and fro."""
     steps = np.abs(np.diff(values, axis=0))
-    return np.asarray(np.min(np.where(steps > 0.0, steps, np.inf), axis=0, initial=np.inf))
+    return np.asarray(np.min(np.where(steps > _ROUNDING, steps, np.inf), axis=0, initial=np.inf))
 
 
 def _about_a_curve(values: Array, degree: int) -> Array:

@@ -24,15 +24,6 @@ from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joi
 _FIRST, _SECOND = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
 # Thresholds of warnings: relative standard deviation of the scale; standard deviations of the prior; of the estimate.
 _LOOSE_SCALE, _UNLIKELY, _LARGE_CORRECTION = 0.01, 4.0, 3.0
-# Where the prior of each kind of unknown is declared.
-_DECLARED = {
-    'link': 'prior.mass_relative_std, .com_std, .inertia_relative_std',
-    'mass': 'prior.mass_relative_std',
-    'zero': 'prior.zero_std',
-    'origin': 'prior.origin_std',
-    'axis': 'prior.axis_std',
-    'mount': 'prior.mount_position_std, .mount_orientation_std',
-}
 _PRIORS = ('prior.mass_relative_std', *('prior.com_std',) * 3, *('prior.inertia_relative_std',) * 6)
 
 
@@ -71,7 +62,7 @@ class Calibrated:
     def warnings(self) -> tuple[str, ...]:
         """Notes to the user, one line each."""
         of_bags = [warning for motion in self.motions for warning in motion.warnings]
-        priors = [underestimated_text(kind, size, _DECLARED) for kind, size in self.calibration.further_off]
+        priors = [underestimated_text(kind, size) for kind, size in self.calibration.further_off]
         own = (*_about_motion(self), *_about_values(self), *priors)
         return tuple(dict.fromkeys((*self.survey.warnings, *own, *of_bags)))
 
@@ -132,7 +123,7 @@ def _about_values(result: Calibrated) -> list[str]:
     if calibration.scale.relative_std > _LOOSE_SCALE:
         notes.append(
             f'the scale is known to {100.0 * calibration.scale.relative_std:.2g} % only: all masses and inertias may '
-            'be off by one factor; add prior.links.<link>.mass_relative_std of a body that was weighed'
+            'be off by one factor; weigh the robot, and add known_links.total_mass'
         )
     for link in calibration.links:
         far = [name for name, moved in zip(PARAMETERS, link.moved, strict=True) if abs(moved) > _UNLIKELY]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
+from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +18,12 @@ from mbaid_ros.calibration.structure import BaseParameter, formula, parameter
 from mbaid_ros.calibration.unknowns import OF_A_JOINT, OF_THE_MOUNT, LinkPrior
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line
 from mbaid_ros.config.calibration import NODE, CalibrationParameters, calibration_parameters
-from mbaid_ros.config.files import load_parameter_file, read_robot_description
+from mbaid_ros.config.files import load_parameter_file, parse_assignment, read_robot_description
 from mbaid_ros.core.errors import DataError, ModelError, ParameterError, listing
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.model_errors import displaced
+from mbaid_ros.core.robot.model import Link, RobotModel, displaced, load_model
+from mbaid_ros.core.robot.model_errors import relative_factor
 from mbaid_ros.core.robot.urdf_edit import displace_joint, replace_inertial
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.files import write_text
@@ -29,7 +31,8 @@ from mbaid_ros.replay.calibrated import Calibrated, summary, why_not
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import check_outputs, passive_joints, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.replay.run import read_motions
-from mbaid_ros.session.settings import springs, storage, with_surroundings
+from mbaid_ros.session.known_robot import link_deviations, weighed
+from mbaid_ros.session.settings import joint_values, springs, storage, with_surroundings
 
 CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
 _INERTIA = PARAMETERS[4:]
@@ -41,7 +44,8 @@ def calibrate(arguments: argparse.Namespace) -> int:
     model, output = Path(arguments.model), arguments.output
     if output and model.is_file() and Path(output).is_file() and model.samefile(output):
         raise ParameterError(f"--output '{output}' is the model itself; accepted: another file")
-    values = load_parameter_file(arguments.params, NODE) if arguments.params else {}
+    values = load_parameter_file(arguments.params, 'estimator', NODE) if arguments.params else {}
+    values |= dict(map(parse_assignment, arguments.assignments))
     if arguments.unknown is not None:
         values['unknown_links'] = arguments.unknown
     parameters = calibration_parameters(values)
@@ -104,11 +108,10 @@ def _settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> Cali
             raise ParameterError(
                 f'prior.links.{link} is given, but {link} is not calibrated; accepted: {listing(names)}'
             )
-    priors = [parameters.prior(name) for name in names]
     estimator = parameters.estimator
     return CalibrationSettings(
         noise=estimator.noise.declared,
-        priors=tuple(LinkPrior(each.mass_relative_std, each.com_std, each.inertia_relative_std) for each in priors),
+        priors=tuple(_link_prior(link, parameters) for link in kernel.unknown),
         uncertainty=_uncertainty(kernel.model, parameters),
         window=estimator.window,
         gyro=estimator.imu.noise_density,
@@ -116,12 +119,42 @@ def _settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> Cali
     )
 
 
+def _link_prior(link: Link, parameters: CalibrationParameters) -> LinkPrior:
+    """Return the prior of a link: as `prior` has it, or else the very one that the estimator has of it."""
+    known, given = parameters.estimator.known_links, parameters.prior(link.name)
+    if link.parameters[0] <= 0.0:
+        return LinkPrior(0.0, 0.0, 0.0)
+    if not (given or known.links.get(link.name) or known.relative_std):
+        raise ParameterError(
+            f"parameter 'known_links.relative_std' is 0, and declares {link.name} exact; accepted: above 0, or "
+            f'prior.links.{link.name}, or a link left out of --unknown'
+        )
+    stds = link_deviations(link.parameters, known, {**known.links.get(link.name, {}), **given})
+    factor = None
+    if not given:
+        factor = (
+            stds.factor(link.parameters)
+            if link.name in known.links
+            else relative_factor(link.parameters, known.relative_std)
+        )
+    return LinkPrior(stds.mass, stds.com, stds.inertia, factor)
+
+
 def _uncertainty(model: RobotModel, parameters: CalibrationParameters) -> Uncertainty:
     """Return the uncertainty of joints, mount, wheels, thrusters, stamps and momentum."""
-    prior, joints = parameters.calibration.prior, model.joints
-    every = ([prior.zero_std] * joints, [prior.origin_std] * joints, [prior.axis_std] * joints)
-    mount = prior.mount_position_std, prior.mount_orientation_std
-    return with_surroundings(parameters.estimator, model, every, mount)
+    prior, estimator = vars(parameters.calibration.prior), parameters.estimator
+    given = {name: value for name, value in prior.items() if isinstance(value, float) and not isnan(value)}
+    zeros, origins, axes = (
+        [given[part]] * model.joints if part in given else joint_values(estimator.known_joints, part, model)
+        for part in ('zero_std', 'origin_std', 'axis_std')
+    )
+    mount, total = estimator.odometry_mount, weighed(estimator.known_links)
+    position = given.get('mount_position_std', mount.position_std)
+    orientation = given.get('mount_orientation_std', mount.orientation_std)
+    return replace(
+        with_surroundings(estimator, model, (zeros, origins, axes), (position, orientation)),
+        weighed=None if total is None else replace(total, with_target=True),
+    )
 
 
 def _calibrated_urdf(urdf: str, calibration: Calibration) -> str:

@@ -156,7 +156,9 @@ def replay(arguments: argparse.Namespace) -> int:
     inputs = Inputs.from_arguments(arguments, config)
     if not gc.get_freeze_count():
         gc.freeze()  # present objects stay: looking through them for garbage takes time, again and again
-    if len(arguments.bags) > 1:
+    if arguments.continues:
+        runs = _continued(arguments.bags, config, urdf, inputs)
+    elif len(arguments.bags) > 1:
         runs = replay_bags(arguments.bags, config, urdf, inputs, arguments.processes)
     else:
         bag = arguments.bags[0]
@@ -170,6 +172,22 @@ def replay(arguments: argparse.Namespace) -> int:
     content = results[0] if len(results) == 1 else results
     write_results(arguments, content, lambda: texts(runs), lambda: _page(runs, truths))
     return exit_code(runs)
+
+
+def _continued(bags: Sequence[str], config: EstimatorConfig, urdf: str, inputs: Inputs) -> list[Run]:
+    """Replay bags one after the other, each from the posterior of those before it."""
+    runs: list[Run] = []
+    before: Run | None = None
+    notes: tuple[str, ...] = ()
+    for bag in bags:
+        with progress_bar(bag) as progress:
+            run = replay_bag(bag, config, urdf, inputs, progress=progress, before=before)
+        runs.append(replace(run, warnings=(*run.warnings, *notes)))
+        if run.posterior is None or run.contradicted:
+            notes = (*notes, f'nothing goes on from {bag}, which reached no estimate that can be trusted')
+        else:
+            before = run
+    return runs
 
 
 def exit_code(runs: Sequence[Run]) -> int:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
+from xml.etree import ElementTree as ET
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -19,7 +21,7 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, unvec, vec
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.results.physical_consistency import is_physical
-from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import (
     box_sizes,
     ellipsoid_radii,
@@ -30,6 +32,7 @@ from mbaid_ros.core.robot.momentum import (
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.replay.output import matrix, shaped
+from mbaid_ros.replay.provenance import sha256_of
 from mbaid_ros.replay.saved import Identified, read_identified
 
 BOX, ELLIPSOID = 'box', 'ellipsoid'
@@ -43,6 +46,11 @@ def export(arguments: argparse.Namespace) -> int:
     body = read_identified(arguments.input, arguments.result, arguments.topic, alone=arguments.debris)
     warn('export', body.notes)
     urdf = read_robot_description(arguments.model) if arguments.model else ''
+    if arguments.model and body.robot_sha256 not in {'', sha256_of(arguments.model, urdf)}:
+        raise ParameterError(
+            f"'{arguments.input}' was made with another robot description than --model '{arguments.model}': give the "
+            f'one with the SHA-256 {body.robot_sha256}, or replay with this one'
+        )
     if arguments.fill:  # from the link in the robot description
         described = physical(load_model(urdf).link(body.link).parameters)
         body = replace(body, parameters=np.where(np.isnan(body.parameters), described, body.parameters))
@@ -55,6 +63,7 @@ def export(arguments: argparse.Namespace) -> int:
         sys.stdout.write(as_utf8(text))
     else:
         write_text(arguments.output, text)
+        print(one_line(f"{arguments.output}: '{body.link}' as {arguments.format}"))
     return 0
 
 
@@ -64,8 +73,10 @@ def _check(arguments: argparse.Namespace) -> None:
     needs_model = '--fill' if arguments.fill else '--format urdf' if form == 'urdf' else ''
     if needs_model and not arguments.model:
         raise ParameterError(f'{needs_model} needs --model URDF')
-    if arguments.debris and needs_model:
-        raise ParameterError(f'--debris is not for {needs_model}: the captured body is no link of it')
+    if arguments.model and not (needs_model or form == 'mjcf'):
+        raise ParameterError(f'--model is not for --format {form} without --fill; accepted: urdf, mjcf')
+    if arguments.debris and arguments.model:
+        raise ParameterError('--debris is not for --model: the captured body is no link of the robot')
     if arguments.principal and form not in _PRINCIPAL:
         raise ParameterError(f'--principal is not for --format {form}; accepted: {listing(_PRINCIPAL)}')
     if shape and shape not in _SHAPES.get(form, ()):
@@ -97,12 +108,14 @@ def _written(body: Identified, arguments: argparse.Namespace, urdf: str) -> str:
         return _basilisk(body, effector=form == 'basilisk-effector')
     if form == 'json':
         return _plain_json(body, in_principal_axes=in_principal_axes, shape=shape)
-    lines = (_urdf_link if form == 'urdf-link' else _mjcf_body)(body, in_principal_axes=in_principal_axes, shape=shape)
-    if form == 'mjcf':  # a model with the body alone in it, floating freely
-        lines = [f'    {line}' for line in (lines[0], '  <freejoint/>', *lines[1:])]
-        head = [f'<mujoco model={_attribute(body.link)}>', '  <option gravity="0 0 0"/>', '  <worldbody>']
-        lines = [*head, *lines, '  </worldbody>', '</mujoco>']
-    return '\n'.join([*lines, ''])
+    options: dict[str, Any] = {'in_principal_axes': in_principal_axes, 'shape': shape}
+    if form == 'urdf-link':
+        return '\n'.join([*_urdf_link(body, **options), ''])
+    element = _mjcf_body(body.link, body.parameters, **options)
+    if form == 'mjcf':
+        element = _mjcf(element, body.link, load_model(urdf, body.base_link) if urdf else None)
+    ET.indent(element)
+    return ET.tostring(element, encoding='unicode') + '\n'
 
 
 def _placed(parameters: Array, *, in_principal_axes: bool) -> tuple[Array, Array]:
@@ -151,26 +164,68 @@ def _urdf_link(body: Identified, *, in_principal_axes: bool, shape: str) -> list
     return [*lines, '</link>']
 
 
-def _mjcf_body(body: Identified, *, in_principal_axes: bool, shape: str) -> list[str]:
+def _mjcf_body(name: str, parameters: Array, *, in_principal_axes: bool = False, shape: str = '') -> ET.Element:
     """Return the <body> of a MuJoCo model; an equivalent shape shows as a geom without mass."""
-    inertia, rotation = _placed(body.parameters, in_principal_axes=in_principal_axes)
-    com = _spaced(body.parameters[1:4])
+    body = ET.Element('body', name=_xml(name))
+    if not parameters[0]:
+        return body
+    inertia, rotation = _placed(parameters, in_principal_axes=in_principal_axes)
+    com = _spaced(parameters[1:4])
     if in_principal_axes:
-        tensor = f'quat="{_spaced(_wxyz(rotation))}" diaginertia="{_spaced(inertia[[0, 3, 5]])}"'
+        tensor = {'quat': _spaced(_wxyz(rotation)), 'diaginertia': _spaced(inertia[[0, 3, 5]])}
     else:
-        tensor = f'fullinertia="{_spaced(inertia[[0, 3, 5, 1, 2, 4]])}"'
-    lines = [
-        f'<body name={_attribute(body.link)}>',
-        f'  <inertial pos="{com}" mass="{_exact(body.parameters[0])}" {tensor}/>',
-    ]
+        tensor = {'fullinertia': _spaced(inertia[[0, 3, 5, 1, 2, 4]])}
+    ET.SubElement(body, 'inertial', {'pos': com, 'mass': _exact(parameters[0]), **tensor})
     if shape:
-        size, axes = _equivalent(body.parameters, shape)
-        half = 0.5 * size if shape == BOX else size
-        lines.append(
-            f'  <geom type="{shape}" size="{_spaced(np.maximum(half, 1e-6))}" pos="{com}" '
-            f'quat="{_spaced(_wxyz(axes))}" mass="0" contype="0" conaffinity="0"/>'
-        )
-    return [*lines, '</body>']
+        size, axes = _equivalent(parameters, shape)
+        half = np.maximum(0.5 * size if shape == BOX else size, 1e-6)
+        seen = {'type': shape, 'size': _spaced(half), 'pos': com, 'quat': _spaced(_wxyz(axes))}
+        ET.SubElement(body, 'geom', {**seen, 'mass': '0', 'contype': '0', 'conaffinity': '0'})
+    return body
+
+
+def _mjcf(body: ET.Element, name: str, robot: RobotModel | None) -> ET.Element:
+    """Return a model without gravity in which a body floats by itself, or as a link of a robot."""
+    whole = ET.Element('mujoco', model=_xml(robot.name if robot else name))
+    ET.SubElement(whole, 'compiler', angle='radian')
+    ET.SubElement(whole, 'option', gravity='0 0 0')
+    floating = _mjcf_tree(robot, name, body) if robot else body
+    floating.insert(0, ET.Element('freejoint'))
+    ET.SubElement(whole, 'worldbody').append(floating)
+    if robot and not robot.transmission.direct:
+        names, moved = [_xml(joint) for joint in robot.joint_names], robot.transmission
+        following = ET.SubElement(whole, 'equality')
+        for joint in sorted(set(range(robot.joints)) - set(moved.independent.tolist())):
+            line = _spaced((moved.offset[joint], moved.multiplier[joint], 0.0, 0.0, 0.0))
+            driver = names[moved.independent[moved.driver[joint]]]
+            ET.SubElement(following, 'joint', joint1=names[joint], joint2=driver, polycoef=line)
+    return whole
+
+
+def _mjcf_tree(robot: RobotModel, target: str, identified: ET.Element) -> ET.Element:
+    """Return the base link's <body> with all links in it, each a body of its own; the target is the identified one."""
+    robot.link(target)
+    carriers: list[ET.Element] = []  # of each moving body the link that its joint moves
+    for link in robot.links:
+        known = physical(link.parameters) if link.parameters[0] else link.parameters
+        body = identified if link.name == target else _mjcf_body(link.name, known)
+        joint = link.body - 1
+        if link.body < len(carriers):  # fixed to one of those before
+            rotation, position, parent = link.rotation, link.position, link.body
+        elif carriers:
+            rotation, position, parent = robot.rotations[joint], robot.positions[joint], robot.parents[joint]
+            kind, axis = 'slide' if robot.prismatic[joint] else 'hinge', _spaced(robot.axes[joint])
+            moving = ET.SubElement(body, 'joint', name=_xml(robot.joint_names[joint]), type=kind, axis=axis)
+            ends = robot.limits[joint].lower, robot.limits[joint].upper
+            if all(map(math.isfinite, ends)):
+                moving.set('range', _spaced(ends))
+        if carriers:
+            body.set('pos', _spaced(position))
+            body.set('quat', _spaced(_wxyz(rotation)))
+            carriers[parent].append(body)
+        if link.body == len(carriers):
+            carriers.append(body)
+    return carriers[0]
 
 
 def _basilisk(body: Identified, *, effector: bool) -> str:
@@ -211,8 +266,12 @@ def _plain_json(body: Identified, *, in_principal_axes: bool, shape: str) -> str
 
 def _attribute(name: str) -> str:
     """Return a name as an attribute's value with its quotes; characters that XML lacks are written out."""
-    kept = ''.join(char if _is_xml(char) else char.encode('unicode_escape').decode('ascii') for char in name)
-    return quoteattr(kept)
+    return quoteattr(_xml(name))
+
+
+def _xml(name: str) -> str:
+    """Return a name of characters that XML has; others are written out."""
+    return ''.join(char if _is_xml(char) else char.encode('unicode_escape').decode('ascii') for char in name)
 
 
 def _is_xml(char: str) -> bool:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from math import inf
 from typing import TYPE_CHECKING
 
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.errors import DataError, ParameterError
 
 if TYPE_CHECKING:  # `--help` needs the defaults alone
     from mbaid_ros.bags import BagReader, Recorded
@@ -79,10 +79,19 @@ class Inputs:
         return Inputs(arguments.joint_states, base, *others, located=not config.imu.alone, start=start, end=end)
 
     def resolved(self, bag: BagReader) -> Inputs:
-        """Return the same with the topic of a bag that locates the base."""
+        """Return the same with the topic of a bag that locates the base.
+
+        Raises DataError: It is none of the usual ones, and others may be it.
+        """
         if self.odometry or not self.located:
             return self
         holds_poses = POSE in bag.topics and bag.topics[POSE].type in POSE_TYPES
+        if ODOMETRY not in bag.topics and not holds_poses:
+            bag.require(self.joint_states, JOINT_STATE_TYPE)
+            options = (('--odom', (ODOMETRY_TYPE,)), ('--pose', POSE_TYPES[:-1]))
+            found = [f'{option} {name}' for option, types in options for name in bag.of_types(*types)]
+            if found:
+                raise DataError(f"bag '{bag.path}' has no topic '{ODOMETRY}' or '{POSE}'; give {' or '.join(found)}")
         return replace(self, odometry=POSE if holds_poses and ODOMETRY not in bag.topics else ODOMETRY)
 
     def topics(self, bag: BagReader) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.messages.poses import JOINT_MISSING
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.results import Run
+from mbaid_ros.session.continuation import continuation_as_json
 
 STDOUT = '-'
 _EVENTS = 5  # that a terminal shows
@@ -125,6 +126,9 @@ def as_json(run: Run) -> dict[str, Any]:
         'model': None if run.survey is None else asdict(run.survey),
         'made_by': None if run.made_by is None else provenance.as_json(run.made_by, run.settings, run.files),
         'advice': run.advice or None,
+        'continuation': None
+        if run.posterior is None or run.contradicted
+        else continuation_as_json(run.posterior.continuation, run.urdf),
         'history': [
             {
                 't': estimate.time,
@@ -203,10 +207,8 @@ def summary(run: Run) -> str:
     """Return the result as a table for a terminal."""
     final = run.final
     rows = [one_line(f'{run.bag}: {verdict(run)}'), '']
-    for name, unit, value, std in zip(PARAMETERS, UNITS, final.parameters, final.std, strict=True):
-        shown, band = rounded(value, std)
-        spread = f' ± {band}' if band else ''
-        rows.append(f'  {name:6} {shown:>13}{spread} {unit}' if shown else f'  {name:6} not determined')
+    rows += _parameter_lines(final.parameters, final.std)
+    rows += _debris_lines(run)
     if run.capture is not None:
         rows += _capture_lines(run.capture)
     label = '' if np.all(np.isnan(final.std)) else '; ± 95 %'
@@ -220,6 +222,23 @@ def summary(run: Run) -> str:
     rows += [] if final.noise is None else [f'  noise: {line}' for line in final.noise.differences()]
     rows += [f'  {one_line(line)}' for line in (*_event_lines(run), *likely_causes(run))]
     return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])
+
+
+def _parameter_lines(parameters: Array, stds: Array) -> list[str]:
+    lines = []
+    for name, unit, value, std in zip(PARAMETERS, UNITS, parameters, stds, strict=True):
+        shown, band = rounded(value, std)
+        spread = f' ± {band}' if band else ''
+        lines.append(f'  {name:6} {shown:>13}{spread} {unit}' if shown else f'  {name:6} not determined')
+    return lines
+
+
+def _debris_lines(run: Run) -> list[str]:
+    """Return the captured body alone where it was asked for."""
+    if run.debris is None:
+        return ['  captured body alone: not determined'] if run.settings.get('debris.report') else []
+    head = f"  captured body alone, in the frame of {one_line(run.target_link)}, less that link's <inertial>:"
+    return [head, *_parameter_lines(run.debris.parameters, run.debris.std)]
 
 
 def _event_lines(run: Run) -> list[str]:

@@ -63,13 +63,17 @@ class MadeBy:
 
 
 def made_by(executable: str, argv: Sequence[str], model: str, urdf: str) -> MadeBy:
-    """Return the origin of the results of a command, now; a model that is a pipe is known by its text `urdf` alone."""
-    path = Path(model)
-    digest = sha256(path) if path.is_file() else hashlib.sha256(urdf.encode()).hexdigest()
+    """Return the origin of the results of a command, now."""
     command = shlex.join(('ros2', 'run', 'mbaid_ros', executable, *argv))
     date = datetime.now(timezone.utc).isoformat(timespec='seconds')
-    robot = RobotFile(parse_document(urdf).get('name', ''), model, digest)
+    robot = RobotFile(parse_document(urdf).get('name', ''), model, sha256_of(model, urdf))
     return MadeBy(version_of('mbaid_ros'), command, date, robot)
+
+
+def sha256_of(model: str, urdf: str) -> str:
+    """Return the SHA-256 of a robot description's file; of its text where that is a pipe."""
+    path = Path(model)
+    return sha256(path) if path.is_file() else hashlib.sha256(urdf.encode()).hexdigest()
 
 
 def hashes(bag: str) -> dict[str, str | None]:

@@ -13,11 +13,13 @@ from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array, log
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise, Stamps
 from mbaid_ros.core.sensors.base import AttachedFrame
-from mbaid_ros.core.sensors.joints import turns_between
 from mbaid_ros.core.sensors.levels import TYPICAL
 from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, Outliers, joint_channels
+from mbaid_ros.core.sensors.turns import Turns
+from mbaid_ros.messages.fields import stamp_of, stamps_of
 from mbaid_ros.messages.odometry import OdometryReader
-from mbaid_ros.replay.inputs import JOINT_STATE_TYPE, ODOMETRY_TYPE
+from mbaid_ros.messages.poses import PoseReader, source_of
+from mbaid_ros.replay.inputs import Inputs
 
 FEWEST = 50  # messages
 SHORTEST = 5.0  # s of rest: in less, a cubic takes the slow part of the noise for motion
@@ -47,32 +49,36 @@ class Recording:
         )
 
 
-def read_recording(bag: str, joint_states: str, odom: str, between: tuple[float, float]) -> tuple[Recording, list[str]]:
-    """Return the readings in a bag between two times, s from its first message, and warnings about it."""
+def read_recording(bag: str, joint_states: str, base: str, between: tuple[float, float]) -> tuple[Recording, list[str]]:
+    """Return the readings in a bag between two times, s from its first message, and warnings about it.
+
+    `base` names the topic of Odometry or poses; empty is /odom or else /pose.
+    """
     with BagReader(bag, *between) as recording:
-        for topic, kind in ((joint_states, JOINT_STATE_TYPE), (odom, ODOMETRY_TYPE)):
-            recording.require(topic, kind)
+        joint_states, odom = Inputs(joint_states, base).topics(recording)[:2]
         joints = [message for _, message, _ in recording.read([joint_states])]
-        bases = [message for _, message, _ in recording.read([odom])]
+        located = [message for _, message, _ in recording.read([odom])]
+        poses = PoseReader('', '', '')
+        bases = [pose for each in located for pose in ([each] if source_of(each) == 'odom' else poses.read(each))]
         warnings = list(dict.fromkeys(recording.warnings))
     for topic, messages in ((joint_states, joints), (odom, bases)):
         if len(messages) < FEWEST:
             raise DataError('; '.join([f"bag '{bag}' has fewer than {FEWEST} messages of '{topic}'", *warnings]))
     where, base_where = (f"topic '{topic}' of bag '{bag}'" for topic in (joint_states, odom))
-    begin = _stamp(joints[0])
+    begin = stamp_of(joints[0])
     names, stream, lines = _joint_stream(joints, where)
-    base, others = _base_stream(bases, base_where)
+    stream_of_base, others = _base_stream(bases, base_where)
     warnings += [f"bag '{bag}': {line}" for line in (*lines, *others)]
     found = Recording(
         joints=names,
         joint_time=1e-9 * (stream.stamp - begin),
-        base_time=1e-9 * (base.stamp - begin),
+        base_time=1e-9 * (stream_of_base.stamp - begin),
         joint_channels={'joint_position': stream.position, 'joint_velocity': stream.velocity},
         base_channels={
-            'base_position': base.position,
-            'base_orientation': log(base.rotation[0].T @ base.rotation),
-            'base_linear_velocity': base.linear_velocity,
-            'base_angular_velocity': base.angular_velocity,
+            'base_position': stream_of_base.position,
+            'base_orientation': log(stream_of_base.rotation[0].T @ stream_of_base.rotation),
+            'base_linear_velocity': stream_of_base.linear_velocity,
+            'base_angular_velocity': stream_of_base.angular_velocity,
         },
     )
     return found, warnings
@@ -92,8 +98,8 @@ def _joint_stream(joints: Sequence[Any], where: str) -> tuple[tuple[str, ...], J
     position, velocity = position[:, known], velocity[:, known]
     usable = np.all(np.isfinite(position), axis=1)
     stream = JointStream(stamps[usable], position[usable], velocity[usable])
-    turns = np.cumsum(turns_between(stream), axis=0)
-    stream.position[1:] -= 2.0 * np.pi * turns
+    if len(stream.stamp):
+        stream.position[:] -= 2.0 * np.pi * Turns(stream.position.shape[1]).counted(stream)
     gate = Outliers[JointStream](_NEAR, joint_channels(float(TYPICAL[0])), JOINT_OUTLIER)
     stream = gate.push(stream) or stream[:0]
     lines += [f'{count} messages not used: {cause}' for cause, count in gate.dropped.items() if count]
@@ -133,7 +139,7 @@ def _names(joints: Sequence[Any], topic: str) -> tuple[str, ...]:
 
 def _stamps(messages: Sequence[Any], topic: str) -> Stamps:
     """Return the stamps of messages, ns; refuse stamps that go back or were never filled in."""
-    stamps = np.array([_stamp(message) for message in messages], dtype=np.int64)
+    stamps = stamps_of(messages)
     back = np.flatnonzero(np.diff(stamps) < 0)
     if back.size:
         before, after = 1e-9 * stamps[back[0] : back[0] + 2]
@@ -147,8 +153,3 @@ def _stamps(messages: Sequence[Any], topic: str) -> Stamps:
             f'messages on {topic} last {lasting:.2g} s by their stamps; accepted: {SHORTEST:g} s with the joints braked'
         )
     return stamps
-
-
-def _stamp(message: object) -> int:
-    stamp = message.header.stamp  # type: ignore[attr-defined]
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)

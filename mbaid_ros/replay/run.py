@@ -109,13 +109,17 @@ def replay_bag(
     *,
     writer: EstimateWriter | None = None,
     progress: Progress | None = None,
+    before: Run | None = None,
 ) -> Run:
     """Send a bag's messages through a session and return the result; a writer gets every estimate.
+
+    Of a run before, it goes on from the posterior.
 
     Raises DataError: The bag cannot be read, or lacks a topic.
     Raises ModelError, ParameterError: The robot or the parameters cannot be used.
     """
-    session = Session(config, urdf)
+    known = None if before is None or before.posterior is None else before.posterior.continuation
+    session = Session(config, urdf, before=known)
     robot = session.robot
     history = History()
     with BagReader(path, inputs.start, inputs.end) as bag:
@@ -123,6 +127,7 @@ def replay_bag(
         intake = _Intake(session, inputs, inputs.topics(bag))
         for _ in feed(bag, inputs, intake.add, progress):
             _keep(session.process(), session, history, writer)
+        _keep(session.finish(), session, history, writer)
         topics = intake.statistics(bag)
         survey = session.model_summary()
         warnings = (*bag.warnings, *intake.warnings, *survey.warnings, *intake_warnings(session))
@@ -250,6 +255,7 @@ def read_motions(path: str, config: EstimatorConfig, urdf: str, inputs: Inputs) 
         for _ in feed(bag, resolved, lambda messages: resolved.add_to(session, messages), progress):
             estimates = session.process()
             notes = estimates[-1].warnings if estimates else notes
+        session.finish()
         warnings = (*bag.warnings, *notes, *intake_warnings(session))
     runs = tuple(collector.windows for collector in collectors if collector.windows)
     return BagMotions(path, runs, tuple(dict.fromkeys(warnings)), tuple(session.intake.joint_reader.heard))

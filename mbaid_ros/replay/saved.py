@@ -121,6 +121,9 @@ class Identified:
     covariance: Array
     warnings: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    # robot_sha256, base_link: of the robot description that it was made with; empty where not known, or the root
+    robot_sha256: str = ''
+    base_link: str = ''
 
     @property
     def contradicted(self) -> bool:
@@ -167,7 +170,9 @@ def _from_json_file(path: str, result: int, *, alone: bool) -> Identified:
         link = str(chosen['target_link'])
         parameters = _ten(body if alone else body['estimate'])
         warnings = tuple(map(str, chosen.get('warnings', ())))
-        return Identified(link, str(chosen['status']), parameters, covariance, warnings)
+        made = chosen.get('made_by') or {'robot': {'sha256': ''}, 'parameters': {}}
+        robot, base = str(made['robot']['sha256']), str(made['parameters'].get('base_link', ''))
+        return Identified(link, str(chosen['status']), parameters, covariance, warnings, (), robot, base)
 
 
 def _covariance(covariance: Any, std: Any) -> Array:

@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 from mbaid_ros.cli import ArgumentParser, number, run
-from mbaid_ros.replay.inputs import ODOMETRY, Inputs
+from mbaid_ros.replay.inputs import Inputs
 
 FORMATS = ('urdf-link', 'urdf', 'mjcf', 'mjcf-body', 'basilisk-hub', 'basilisk-effector', 'json')
 
@@ -84,6 +84,8 @@ def _replay_parser() -> ArgumentParser:
     add('--output', metavar='BAG', help='write the estimates as messages into a new bag')
     words = 'predict the last part of each bag from the rest (in the report of a minute or more: 0.2)'
     add('--holdout', type=_fraction, metavar='FRACTION', help=words)
+    words = 'runs of one robot and target: each goes on from what the bags before it have taught'
+    add('--continue', dest='continues', action='store_true', help=words)
     _add_processes(parser)
     return parser
 
@@ -145,11 +147,7 @@ def _calibrate_parser() -> ArgumentParser:
     add = parser.add_argument
     _add_model(parser, 'the robot description, with the CAD values')
     add('--unknown', nargs='+', metavar='LINK', help='links to calibrate (default: every link with an <inertial>)')
-    add(
-        '--params',
-        metavar='YAML',
-        help="parameter file with a section 'calibrate': prior.* and parameters of the estimator",
-    )
+    _add_parameters(parser, "the estimator's parameter file; its section 'calibrate' overrides, and has prior.*")
     _add_bags(parser)
     _add_topics(parser)
     _add_results(parser, 'the result with its covariance')
@@ -189,7 +187,7 @@ def _export_parser() -> ArgumentParser:
     add('input', metavar='FILE', help='a result of replay --json, or a bag with estimates (the last one counts)')
     add('--format', choices=FORMATS, default=FORMATS[0], help='default: %(default)s')
     add('--output', metavar='FILE', help='default: standard output')
-    add('--model', metavar='URDF', help='the robot description, for the format urdf and for --fill')
+    add('--model', metavar='URDF', help='the robot description: for the whole robot (urdf, mjcf) and for --fill')
     add('--result', type=_whole(1), default=1, metavar='N', help='number of a result in a JSON of several (default: 1)')
     add('--topic', default='', metavar='TOPIC', help='topic of the estimates, if a bag has several estimators')
     add('--debris', action='store_true', help='write the captured body alone (from a run with debris.report: true)')
@@ -210,8 +208,8 @@ def _noise_parser() -> ArgumentParser:
     )
     add = parser.add_argument
     add('bag', metavar='BAG', help='rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file')
-    add('--joint-states', default=Inputs.joint_states, metavar='TOPIC', help='default: %(default)s')
-    add('--odom', default=ODOMETRY, metavar='TOPIC', help='default: %(default)s')
+    _add_location(parser)
+    parser.set_defaults(stored_momentum='', imu='', thrust='')
     _add_slice(parser)
     return parser
 
@@ -254,7 +252,7 @@ def _add_slice(parser: ArgumentParser) -> None:
     add('--end', dest='slice_end', type=number(0.0, 's', exclusive=True), metavar='S', help=words)
 
 
-def _add_topics(parser: ArgumentParser) -> None:
+def _add_location(parser: ArgumentParser) -> None:
     add = parser.add_argument
     add('--joint-states', default=Inputs.joint_states, metavar='TOPIC', help='default: %(default)s')
     add('--odom', default='', metavar='TOPIC', help='Odometry that locates the base (default: /odom)')
@@ -265,6 +263,11 @@ def _add_topics(parser: ArgumentParser) -> None:
         help='poses in place of Odometry: PoseStamped, PoseWithCovarianceStamped, TransformStamped, or TFMessage with '
         'pose.tf_child_frame (default: /pose, if there is no /odom)',
     )
+
+
+def _add_topics(parser: ArgumentParser) -> None:
+    _add_location(parser)
+    add = parser.add_argument
     stored = 'momentum of wheels or gyros, Vector3Stamped (default: /stored_momentum, if recorded)'
     add('--stored-momentum', default='', metavar='TOPIC', help=stored)
     add('--imu', default='', metavar='TOPIC', help='Imu, used with imu.noise_density (default: /imu, if recorded)')

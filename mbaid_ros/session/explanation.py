@@ -21,7 +21,7 @@ from mbaid_ros.messages.poses import (
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
 )
-from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, OTHER_SOURCE
+from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, OTHER_SOURCE, SPOKEN
 from mbaid_ros.session.session import Session
 
 _APART = 1_000_000_000  # ns between the newest stamps of the two topics: more is no delay
@@ -83,8 +83,7 @@ def obstacles(session: Session) -> list[str]:
     for topic, reader in ((JOINTS, intake.joint_reader), (ODOMETRY, intake.odometry_reader)):
         for field, count in reader.not_finite.items():
             if 2 * count > received[topic]:
-                most = f'{count} of {received[topic]} messages'
-                found.append(f'{field} is NaN or infinite in {most} on {topic}: look at its driver')
+                found.append(f'{field} is NaN or infinite in {count} of {received[topic]} messages: look at its driver')
     if IMU in newest and received[JOINTS] and not received[IMU]:
         found.append('imu.noise_density is set, and nothing comes on imu')
     if session.config.imu.orientation and received[IMU] and not intake.orientation_measured:
@@ -94,10 +93,10 @@ def obstacles(session: Session) -> list[str]:
         )
     joints, base = newest[JOINTS], newest[ODOMETRY]
     if joints is not None and base is not None and abs(joints - base) > _APART:
-        ahead, behind = (JOINTS, ODOMETRY) if joints > base else (ODOMETRY, JOINTS)
+        ahead, behind = (SPOKEN[name] for name in ((JOINTS, ODOMETRY) if joints > base else (ODOMETRY, JOINTS)))
         found.append(
             f'the stamps of {ahead} are {abs(joints - base) * 1e-9:.6g} s ahead of those of {behind}: '
-            f'{behind} has stopped, or their clocks differ'
+            'these have stopped, or the clocks differ'
         )
     stamps = intake.merge.newest
     if len(stamps) > 1 and not intake.merge.missing:

@@ -14,8 +14,9 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.robot.model_errors import BodyDeviations, KnownErrors, body_sizes, calibrated, declared
-from mbaid_ros.core.unknowns.bodies import KnownTarget
+from mbaid_ros.core.robot.model_errors import BodyDeviations, KnownErrors, calibrated, declared
+from mbaid_ros.core.robot.momentum import body_sizes
+from mbaid_ros.core.unknowns.bodies import KnownTarget, TotalMass
 from mbaid_ros.core.unknowns.catalogue import CalibratedSide, Uncertainty
 from mbaid_ros.session.settings import declared_uncertainty
 
@@ -64,10 +65,10 @@ def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot
     Raises ParameterError: The parameters contradict each other or the robot, or the calibration cannot be used.
     """
     uncertainty = declared_uncertainty(config, kernel.model)
-    if (given := config.known_links.links.get(kernel.target.name)) is not None:
-        uncertainty = replace(uncertainty, target=_described(config, kernel, given))
     if not config.known_links.calibration:
-        return KnownRobot(kernel, uncertainty)
+        if (given := config.known_links.links.get(kernel.target.name)) is not None:
+            uncertainty = replace(uncertainty, target=_described(config, kernel, given))
+        return KnownRobot(kernel, replace(uncertainty, weighed=_without_target(config.known_links, kernel)))
     found = _calibration(kernel.model, config.known_links)
     side = CalibratedSide(
         tuple(kernel.model.link(name) for name in found.links),
@@ -76,6 +77,25 @@ def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot
         found.covariance,
     )
     return KnownRobot(*side.known_to(kernel, uncertainty))
+
+
+def weighed(config: KnownLinksConfig) -> TotalMass | None:
+    """Return the mass of the whole robot, None where it is not declared; half of a declaration is refused."""
+    if (config.total_mass > 0.0) != (config.total_mass_std > 0.0):
+        raise ParameterError(
+            f"parameters 'known_links.total_mass' and '.total_mass_std' are {config.total_mass:g} kg and "
+            f'{config.total_mass_std:g} kg; accepted: both above 0, or none'
+        )
+    return TotalMass(config.total_mass, config.total_mass_std) if config.total_mass else None
+
+
+def _without_target(config: KnownLinksConfig, kernel: MomentumKernel) -> TotalMass | None:
+    """Return the mass of all bodies but the target, whose own part has the mass of its <inertial>, as declared."""
+    total, own = weighed(config), kernel.target.parameters
+    if total is None or own[0] <= 0.0:
+        return total
+    given = config.links.get(kernel.target.name, {}).get('mass_relative_std', np.sqrt(2.0) * config.relative_std)
+    return TotalMass(total.mass - float(own[0]), float(np.hypot(total.std, given * own[0])))
 
 
 def declared_exact(config: EstimatorConfig) -> bool:
@@ -94,11 +114,6 @@ def declared_exact(config: EstimatorConfig) -> bool:
 
 def _calibration(model: RobotModel, config: KnownLinksConfig) -> CalibrationFile:
     """Return the calibration that the parameters name, of the very robot."""
-    if config.links:
-        raise ParameterError(
-            f"parameter 'known_links.{next(iter(config.links))}' is given; with 'known_links.calibration', which "
-            'covers all bodies, none is accepted'
-        )
     found = read_calibration(config.calibration)
     _require_the_same(found, model)
     return found
@@ -151,13 +166,18 @@ def declared_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> KnownEr
             raise ParameterError(
                 f"parameter 'known_links.{name[:60]}' is of no known link with mass; accepted: {listing(bodies)}"
             )
-        every = BodyDeviations.relative(kernel.known[bodies[name]], config.relative_std)
-        own[bodies[name]] = BodyDeviations(
-            given.get('mass_relative_std', every.mass),
-            given.get('com_std', every.com),
-            given.get('inertia_relative_std', every.inertia),
-        )
+        own[bodies[name]] = link_deviations(kernel.known[bodies[name]], config, given)
     return declared(kernel.known, config.relative_std, own)
+
+
+def link_deviations(body: Array, config: KnownLinksConfig, given: Mapping[str, float]) -> BodyDeviations:
+    """Return the declared deviations of a body (10,): those given by name, the others of the relative std."""
+    every = BodyDeviations.relative(body, config.relative_std)
+    return BodyDeviations(
+        given.get('mass_relative_std', every.mass),
+        given.get('com_std', every.com),
+        given.get('inertia_relative_std', every.inertia),
+    )
 
 
 def _described(config: EstimatorConfig, kernel: MomentumKernel, given: Mapping[str, float]) -> KnownTarget:

@@ -14,6 +14,7 @@ from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
+from mbaid_ros.core.trajectory.posterior import Continuation
 from mbaid_ros.core.trajectory.target_runs import TrajectorySettings
 from mbaid_ros.core.two_stage import TwoStageEstimator
 from mbaid_ros.core.unknowns.bodies import KnownTarget
@@ -32,6 +33,7 @@ def make_estimator(
     kernel: MomentumKernel,
     known: KnownRobot | None = None,
     *,
+    before: Continuation | None = None,
     judge: Callable[[EstimatorConfig, MomentumKernel], Reporting] | None = None,
 ) -> Estimator:
     """Return the method that the parameters name.
@@ -42,17 +44,23 @@ def make_estimator(
     ----------
     kernel : of the robot, with the errors of its known bodies
     known : nominal model with its uncertainty; None for the one that the parameters declare
+    before : the run that this one continues
     judge : makes the thresholds of publication; `make_reporting` where not given
     """
     _check_imu(config)
     if not kernel.errors.count:
         kernel = kernel.with_uncertainty(declared_errors(kernel, config.known_links))
+    if before is not None and (config.method != 'trajectory' or _has_capture(config)):
+        raise ParameterError(
+            f"parameter 'continue_from' goes on with a run; method is {config.method}, capture.phase "
+            f'{config.capture.phase}; accepted: trajectory, and no capture'
+        )
     reporting = (judge or make_reporting)(config, kernel)
     if config.method == 'difference':
         return _difference(config, known or nominal_model(config, kernel), reporting)
     if config.method == 'trajectory':
         known = known or nominal_model(config, kernel)
-        second = _trajectory(config, known, reporting)
+        second = _trajectory(config, known, reporting, before)
         if config.disturbance.constant != 'none' or config.imu.alone or _varies(config):
             return second  # the first stage takes the momentum for constant, and needs poses
         if config.flexible.joints:
@@ -81,7 +89,9 @@ def set_thresholds(reporting: Reporting, convergence: ConvergenceConfig) -> None
     reporting.largest_residual = convergence.largest_residual
 
 
-def _trajectory(config: EstimatorConfig, known: KnownRobot, reporting: Reporting) -> TrajectoryEstimator:
+def _trajectory(
+    config: EstimatorConfig, known: KnownRobot, reporting: Reporting, before: Continuation | None
+) -> TrajectoryEstimator:
     settings = TrajectorySettings(
         noise=config.noise.declared,
         window=config.window,
@@ -93,6 +103,7 @@ def _trajectory(config: EstimatorConfig, known: KnownRobot, reporting: Reporting
         gyro=config.imu.noise_density,
         located=not config.imu.alone,
         orientation_measured=not config.imu.alone or config.imu.orientation,
+        before=before,
     )
     return TrajectoryEstimator(known.kernel, settings, reporting)
 
@@ -113,6 +124,11 @@ def _difference(config: EstimatorConfig, known: KnownRobot, reporting: Reporting
         raise ParameterError(
             f"parameter 'known_links.{known.kernel.target.name[:60]}' is of the link that is identified, with method "
             'difference, which uses no prior of the target; accepted: none, or method trajectory'
+        )
+    if config.method == 'difference' and known.uncertainty.weighed is not None:
+        raise ParameterError(
+            f"parameter 'known_links.total_mass' is {config.known_links.total_mass:g} kg with method difference, which "
+            'does not use it; accepted: 0, or method trajectory'
         )
     if config.method == 'difference' and config.target_prior.mass_std > 0.0:
         raise ParameterError(
@@ -163,13 +179,16 @@ def _check_imu(config: EstimatorConfig) -> None:
         'orbit.mean_motion is set, which needs an orientation; accepted: 0, or imu.orientation true': (
             config.orbit.mean_motion > 0.0 and not config.imu.orientation
         ),
-        'the run has a capture, which needs poses; accepted: capture.phase post_capture': (
-            config.capture.phase != 'post_capture' or config.capture.time > 0.0
-        ),
+        'the run has a capture, which needs poses; accepted: capture.phase post_capture': _has_capture(config),
     }
     for problem, present in contradictions.items():
         if present:
             raise ParameterError(f"parameter 'imu.alone' is true, and {problem}")
+
+
+def _has_capture(config: EstimatorConfig) -> bool:
+    """Return whether a run begins before the capture."""
+    return config.capture.phase != 'post_capture' or config.capture.time > 0.0
 
 
 def make_capture(
@@ -182,7 +201,7 @@ def make_capture(
     kernel : of the robot
     make : makes the method after the capture
     """
-    if config.capture.phase == 'post_capture' and config.capture.time == 0.0:
+    if not _has_capture(config):
         return None
     capture = CaptureEstimator(
         kernel,

@@ -49,6 +49,7 @@ def plan_settings(config: EstimatorConfig) -> PlanSettings:
         base=BaseLimits(*(given or np.inf for given in (plan.base_rotation, plan.base_translation, plan.base_rate))),
         clearance=plan.clearance,
         stuck=plan.stuck,
+        held=plan.held,
         effort=plan.effort,
         window=config.window,
     )

@@ -29,6 +29,7 @@ from mbaid_ros.session.robot import Robot
 from mbaid_ros.session.settings import imu_link, imu_reader
 
 JOINTS, ODOMETRY, IMU = 'joint_states', 'odom', 'imu'
+SPOKEN = {JOINTS: 'the joint states', ODOMETRY: 'the poses of the base', IMU: 'the IMU'}  # whatever their topics are
 
 TIME_JUMP = 1.0  # s between consecutive stamps of a topic: no sensor pauses and resumes in its own past
 OTHER_SOURCE = 'the pose of the base comes from another source'
@@ -113,7 +114,8 @@ class MessageQueue:
         if gate.epoch <= self._epoch:
             return ''
         self._epoch = gate.epoch
-        return f'stamps on {name} jumped back by {amount * 1e-9:.6g} s (a bag or simulation started again, a clock set)'
+        back = f'the stamps of {SPOKEN[name]} jumped back by {amount * 1e-9:.6g} s'
+        return f'{back} (a bag or simulation started again, a clock set)'
 
 
 class BaseSource:

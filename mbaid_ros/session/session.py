@@ -23,9 +23,10 @@ from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, 
 from mbaid_ros.core.sensors.joint_rates import JointRates
 from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
-from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.core.trajectory.posterior import Continuation, Posterior
 from mbaid_ros.core.window_checks import WindowChecks
 from mbaid_ros.messages.fields import number_of, stamp_of, vector_of, wrench_of
+from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact
 from mbaid_ros.session.methods import make_capture, make_estimator, make_reporting, set_thresholds
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
@@ -56,6 +57,7 @@ class Session:
     urdf : text of the robot description
     make : makes the method of each segment, of the parameters, the robot's kernel and, from a calibration, the nominal
         model (None without one); `make_estimator` where not given
+    before : the run that this one continues; where not given, that in the file that the parameters name
 
     Attributes
     ----------
@@ -68,9 +70,16 @@ class Session:
     queue : of messages that wait to be processed
     """
 
-    def __init__(self, config: EstimatorConfig, urdf: str, make: MakeEstimator | None = None) -> None:
+    def __init__(
+        self,
+        config: EstimatorConfig,
+        urdf: str,
+        make: MakeEstimator | None = None,
+        before: Continuation | None = None,
+    ) -> None:
         self.config = config
         self._make = make
+        self._before = before or read_continuation(config, urdf)
         self.robot = Robot(config, urdf)
         self.reset()
 
@@ -90,7 +99,7 @@ class Session:
 
     def _begin(self) -> None:
         """Begin a segment."""
-        self._segment = _Segment(self.config, self.robot, self._make)
+        self._segment = _Segment(self.config, self.robot, self._make, self._before)
         self.intake, self.thrust = self._segment.intake, self._segment.thrust
         if self.restarts:
             self._segment.identifier.note(self.restarts[-1])
@@ -149,6 +158,10 @@ class Session:
         estimates = self._ready + self._work()
         self._ready = []
         return estimates
+
+    def finish(self) -> list[Estimate]:
+        """Return the estimates of windows that wait for later ones, after the last `process` of a recording."""
+        return self._work(last=True)
 
     def run_slice(self) -> bool:
         """Run a time slice of the method's background task; return whether some of it is left.
@@ -230,7 +243,7 @@ class Session:
         if jumped is None:
             return self._segment.is_due(name, stamp, self.queue)
         if jumped:
-            self._ready += self._work()
+            self._ready += self._work(last=True)
             self._start_again(jumped)
         self.queue.confirm_jump(name, message)
         return True
@@ -244,11 +257,11 @@ class Session:
         self.restarted += 1
         self._begin()
 
-    def _work(self) -> list[Estimate]:
+    def _work(self, *, last: bool = False) -> list[Estimate]:
         messages = self.queue.take_all()
         self.received.update({name: number_of(each) for name, each in messages.items()})
         try:
-            return self._segment.process(messages)
+            return self._segment.process(messages, last=last)
         except UNSOLVABLE as error:
             self._start_again(_unsolved(error))
             return []
@@ -261,7 +274,9 @@ def _unsolved(error: Exception) -> str:
 class _Segment:
     """A run until it starts again: the readers of its messages, and its method; parameters as for Session."""
 
-    def __init__(self, config: EstimatorConfig, robot: Robot, make: MakeEstimator | None) -> None:
+    def __init__(
+        self, config: EstimatorConfig, robot: Robot, make: MakeEstimator | None, before: Continuation | None
+    ) -> None:
         self._config = config
         self._robot = robot
         self._reportings: list[Reporting] = []
@@ -269,7 +284,7 @@ class _Segment:
         self._processed = (-1, 0)  # end of the window last processed in, and how many of the times of `_LEFT` passed
         self.intake = Intake(config, robot)
         model, described = robot.model, robot.kernel
-        make = make or partial(make_estimator, judge=self._make_reporting)
+        make = make or partial(make_estimator, judge=self._make_reporting, before=before)
         method = partial(make, config, described, robot.known)
         self._capture = make_capture(config, described, method)
         robot.begin(self._capture)
@@ -300,11 +315,12 @@ class _Segment:
         """Unused messages, by cause."""
         return self.intake.dropped + self.identifier.dropped + self.thrust.dropped
 
-    def process(self, messages: Mapping[str, Sequence[Any]]) -> list[Estimate]:
+    def process(self, messages: Mapping[str, Sequence[Any]], *, last: bool = False) -> list[Estimate]:
         """Return the estimates of messages, by topic; raise one of UNSOLVABLE if the equations have no solution."""
         streams = self.intake.streams(messages)
         self.thrust.odometry_frame = self.intake.odometry_reader.frame
-        estimates = map(self.intake.faults.applied, self.identifier.push(*streams))
+        found = self.identifier.push(*streams)
+        estimates = map(self.intake.faults.applied, [*found, *(self.identifier.finish() if last else ())])
         return [self._with_doubts(each) if each.contradicted else each for each in estimates]
 
     def _with_doubts(self, estimate: Estimate) -> Estimate:

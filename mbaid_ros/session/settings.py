@@ -15,10 +15,9 @@ from mbaid_ros.config.flexible import FlexibleConfig
 from mbaid_ros.config.model_errors import KnownJointsConfig, TargetPriorConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import rotation_from_quaternion
-from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.kinematics import Kinematics, Springs
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.momentum import Storage
-from mbaid_ros.core.robot.springs import Springs
 from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.sensors.external_momentum import FallingFrame
 from mbaid_ros.core.unknowns.bodies import TargetPrior
@@ -161,7 +160,7 @@ def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertai
     """
     mount = config.odometry_mount
     zeros, origins, axes = (
-        _joint_values(config.known_joints, part, model) for part in ('zero_std', 'origin_std', 'axis_std')
+        joint_values(config.known_joints, part, model) for part in ('zero_std', 'origin_std', 'axis_std')
     )
     uncertainty = with_surroundings(config, model, (zeros, origins, axes), (mount.position_std, mount.orientation_std))
     orbit = 0.0 if config.imu.alone or config.orbit.mean_motion > 0.0 else config.orbit.undeclared_rate
@@ -182,12 +181,13 @@ def with_surroundings(
     """
     position, orientation = mount
     alone = config.imu.alone  # without odometry there is no mount, and the frame has no momentum
-    tracking = _joint_values(config.known_joints, 'tracking_std', model)
+    tracking = joint_values(config.known_joints, 'tracking_std', model)
     passive = config.flexible.passive(model.joint_names).values()
     return Uncertainty(
         *joints,
         mount_position=0.0 if alone else position,
         mount_orientation=0.0 if alone else orientation,
+        marker=marker_frame(config),
         spin_inertias=_spin_deviations(config.wheels),
         thrusters=uncertain_thrusters(config.thrust, model),
         thrust_scale=config.thrust.scale_std,
@@ -252,7 +252,7 @@ def _gyro(config: EstimatorConfig, model: RobotModel) -> GyroErrors | None:
     )
 
 
-def _joint_values(config: KnownJointsConfig, part: str, model: RobotModel) -> tuple[float, ...]:
+def joint_values(config: KnownJointsConfig, part: str, model: RobotModel) -> tuple[float, ...]:
     """Return a parameter of each joint: the joint's own, or that of all."""
     foreign = [name for name in config.joints if name not in model.joint_names]
     if foreign:

@@ -9,12 +9,14 @@ import shutil
 import sqlite3
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
+from mcap.writer import CompressionType, Writer
 
 from fuzzing.damage import Damage, of_bytes, of_text, one
-from fuzzing.mcap_files import CONFIG, TYPES, in_bytes, in_schemas
 from fuzzing.trial import Main
 from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.bags.types import definition
@@ -22,7 +24,9 @@ from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.recordings.convert import main as convert
 from mbaid_ros.replay.start import FORMATS, export, replay
 
+CONFIG = Path(__file__).resolve().parents[2] / 'config'
 BAG = CONFIG.parent / 'bags' / 'table1_live'
+TYPES = {'joint_states': 'sensor_msgs/msg/JointState', 'odom': 'nav_msgs/msg/Odometry'}
 _MESSAGES = 600
 _METHODS = ('difference', 'paper_difference') * 10 + ('trajectory',)  # which takes ten times as long
 _LINES = 200  # of a log
@@ -39,6 +43,16 @@ thrust: {frame: plate, force: [fx, {constant: 0.0}, {constant: -1}]}
 """
 _URDF = CONFIG / 'table1.urdf'
 _CELLS = ('NULL', "'text'", "x'00ff'", '1.5e300', '-1', '9223372036854775807', "''", 'zeroblob(100000)')
+_CONTRADICTIONS = (
+    ('float64[] position', 'float64[1000000000] position'),
+    ('float64[] position', 'string position'),
+    ('float64[36] covariance', 'float64[3600000] covariance'),
+    ('float64[] velocity', ''),
+    ('string[] name', 'string name'),
+    ('std_msgs/Header header', 'uint8 header'),
+    ('float64 x', 'x float64'),
+    ('geometry_msgs/Point position', 'geometry_msgs/Pose position'),
+)
 _TABLES = ('topics', 'messages', 'message_definitions')
 _SCHEMA = """
 CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT);
@@ -74,12 +88,12 @@ def formats(folder: Path) -> dict[str, Format]:
     """Return all kinds of files by name, with the other files that they need in a folder."""
     rows, small, model = folder / 'bag.db3', str(folder / 'small.db3'), ['--model', str(_URDF)]
     robot, yaml, truth = folder / 'robot.urdf', folder / 'estimator.yaml', folder / 'truth.json'
-    content = database(Path(small))
+    content = _database(Path(small))
     compared = [small, *model, '--truth', str(truth), '--report', str(folder / 'report.html')]
     parameters, body = (CONFIG / 'table1_estimator.yaml').read_bytes(), (BAG / 'truth.json').read_bytes()
     return {
         **_mcap(folder / 'bag.mcap', model),
-        'sqlite': Format(rows, content, in_database, replay, lambda _: [str(rows), *model]),
+        'sqlite': Format(rows, content, _in_database, replay, lambda _: [str(rows), *model]),
         'metadata': _metadata(folder / 'bag', model),
         'URDF': Format(robot, _URDF.read_bytes(), of_text, replay, lambda _: [small, '--model', str(robot)]),
         'YAML': Format(yaml, parameters, of_text, replay, lambda _: [small, *model, '--params', str(yaml)]),
@@ -91,28 +105,63 @@ def formats(folder: Path) -> dict[str, Format]:
 
 
 def _mcap(path: Path, model: list[str]) -> dict[str, Format]:
-    ways: dict[str, Damage] = {'bytes': in_bytes, 'schemas': in_schemas}
-
     def arguments(number: int) -> list[str]:
         return [str(path), *model, '--method', _METHODS[number % len(_METHODS)], '--json', '-']
 
+    def in_bytes(_data: bytes, generator: np.random.Generator) -> bytes:
+        return of_bytes(_bag(one((CompressionType.NONE, CompressionType.ZSTD), generator)), generator)
+
+    ways = {'bytes': in_bytes, 'schemas': _in_schemas}
     return {f'MCAP {name}': Format(path, b'', way, replay, arguments) for name, way in ways.items()}
 
 
+@cache
+def _messages() -> tuple[tuple[str, bytes, int], ...]:
+    """Return topic, CDR bytes and time, ns, of the first messages of a bag."""
+    with BagReader(BAG) as bag:
+        return tuple(islice(bag.raw([f'/{topic}' for topic in TYPES]), _MESSAGES))
+
+
+def _written(compression: CompressionType, lie: Callable[[str], str] = str) -> bytes:
+    """Return a bag; `lie` changes the text of its schemas."""
+    stream = io.BytesIO()
+    writer = Writer(stream, chunk_size=4_000, compression=compression)
+    writer.start(profile='ros2')
+    channels = {}
+    for topic, kind in TYPES.items():
+        schema = writer.register_schema(kind, 'ros2msg', lie(definition(kind)[0]).encode())
+        channels[f'/{topic}'] = writer.register_channel(f'/{topic}', 'cdr', schema)
+    for count, (topic, data, when) in enumerate(_messages()):
+        writer.add_message(channels[topic], when, data, when, count)
+    writer.finish()  # type: ignore[no-untyped-call]
+    return stream.getvalue()
+
+
+_bag = cache(_written)  # that nothing is wrong with
+
+
+def _in_schemas(_data: bytes, generator: np.random.Generator) -> bytes:
+    """Return a bag whose schemas contradict its messages and whose bytes are damaged, or with damaged schemas."""
+    plain = CompressionType.NONE
+    if generator.random() < 0.5:
+        old, new = one(_CONTRADICTIONS, generator)
+        return of_bytes(_written(plain, lambda text: text.replace(old, new)), generator)
+    return _written(plain, lambda text: of_bytes(text.encode(), generator).decode(errors='replace'))
+
+
 def _metadata(bag: Path, model: list[str]) -> Format:
-    with BagReader(BAG) as whole, BagWriter(bag) as short:
+    with BagWriter(bag) as short:
         for topic, kind in TYPES.items():
             short.add_topic(f'/{topic}', kind)
-        topics = [f'/{topic}' for topic in TYPES]
-        for _, (topic, data, when) in zip(range(_MESSAGES), whole.raw(topics), strict=False):
-            short.write_raw(topic, data, when)
+        for message in _messages():
+            short.write_raw(*message)
     path = bag / 'metadata.yaml'
     return Format(path, path.read_bytes(), of_text, replay, lambda _: [str(bag), *model])
 
 
-def database(path: Path) -> bytes:
+def _database(path: Path) -> bytes:
     """Write the first messages of a bag as a bag of sqlite3; return its bytes."""
-    with contextlib.closing(sqlite3.connect(path)) as connection, BagReader(BAG) as bag:
+    with contextlib.closing(sqlite3.connect(path)) as connection:
         connection.executescript(_SCHEMA)
         numbers = {f'/{topic}': number for number, topic in enumerate(TYPES, start=1)}
         for (topic, number), kind in zip(numbers.items(), TYPES.values(), strict=True):
@@ -120,14 +169,13 @@ def database(path: Path) -> bytes:
             connection.execute('INSERT INTO topics VALUES (?, ?, ?, ?, ?, ?)', row)
             meaning = (number, kind, 'ros2msg', definition(kind)[0], '')
             connection.execute('INSERT INTO message_definitions VALUES (?, ?, ?, ?, ?)', meaning)
-        raw = zip(range(_MESSAGES), bag.raw(numbers), strict=False)
-        rows = [(None, numbers[topic], when, data) for _, (topic, data, when) in raw]
+        rows = [(None, numbers[topic], when, data) for topic, data, when in _messages()]
         connection.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)', rows)
         connection.commit()
     return path.read_bytes()
 
 
-def in_database(data: bytes, generator: np.random.Generator) -> bytes:
+def _in_database(data: bytes, generator: np.random.Generator) -> bytes:
     """Return a database with damaged bytes, or with some cells of another type or size."""
     if generator.random() < 0.5:
         return of_bytes(data, generator)

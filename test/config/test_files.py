@@ -51,6 +51,8 @@ def test_sections_that_apply(tmp_path: Path, section: str, node: str) -> None:
         ('/leg/estimator', '/arm/estimator'),
         ('/*', '/arm/estimator'),
         ('estimato', 'estimator'),
+        ('estimator', '/arm/estimator'),
+        ('/arm/estimator', '/estimator'),
     ],
 )
 def test_sections_that_do_not_apply(tmp_path: Path, section: str, node: str) -> None:

@@ -259,7 +259,7 @@ def test_a_stream_that_starts_again(graph: Graph) -> None:
     kinds = {'joint_states': JointState, 'odom': Odometry}
     publishers = {topic: graph.publisher(topic, kind, qos(10_000)) for topic, kind in kinds.items()}
     messages = run('table1', 5.0)
-    reason = 'on joint_states jumped back by 4.99 s (a bag or simulation started again, a clock set); started again'
+    reason = 'of the joint states jumped back by 4.99 s (a bag or simulation started again, a clock set); started again'
 
     def made() -> list[InertiaEstimate]:
         return [estimate for estimate in estimates if estimate.samples]

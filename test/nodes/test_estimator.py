@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import InertiaStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import InertiaStamped, PoseStamped, PoseWithCovarianceStamped
 from mbaid_msgs.msg import InertiaEstimate
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Parameter, ParameterValue
@@ -111,7 +111,10 @@ def test_a_run_is_that_of_the_core_to_the_last_bit_goes_stale_and_is_forgotten(g
     live = graph.collect('/estimator/estimate', InertiaEstimate)
     inertia = graph.collect('/estimator/inertia', InertiaStamped)
     arrays = graph.collect('/estimator/markers', MarkerArray)
-    graph.wait(lambda: 'waiting for /odom (nav_msgs/msg/Odometry); nothing publishes it' in node.stderr, 'the wait')
+    graph.node.create_publisher(PoseStamped, '/mocap/pose', qos(1))
+    either = '/odom (nav_msgs/msg/Odometry) or /pose (geometry_msgs/msg/PoseStamped)'
+    graph.wait(lambda: f'waiting for {either}; nothing publishes it' in node.stderr, 'the wait')
+    assert 'such messages come elsewhere: remap by -r pose:=/mocap/pose' in node.stderr
     assert "robot 'table1': 'base_link' floats" in node.stderr
     assert 'waiting for /joint_states (sensor_msgs/msg/JointState)' in node.stderr
     refused = graph.call('/estimator/capture', Trigger, Trigger.Request())

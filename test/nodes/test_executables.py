@@ -19,7 +19,7 @@ from mbaid_msgs.msg import InertiaEstimate
 from rclpy.node import Node
 
 from graph import LOCAL, Graph, executable, free_domain
-from mbaid_ros.nodes import estimator, simulator
+from mbaid_ros.nodes import estimator, player, recorder, simulator, watch
 from mbaid_ros.nodes.estimator import EstimatorNode, ManagedEstimatorNode
 from mbaid_ros.nodes.simulator import SimulatorNode
 from simulated import CONFIG
@@ -91,6 +91,21 @@ def test_what_cannot_be_used_is_one_line(arguments: list[str], text: str, capfd:
 @pytest.mark.usefixtures('_domain')
 def test_a_mistake_of_the_simulator_is_one_line(parameter: str, text: str, capfd: pytest.CaptureFixture[str]) -> None:
     refused(simulator, assigned(TABLE1, parameter), text, capfd)
+
+
+@pytest.mark.parametrize('node', [estimator, simulator, recorder, player, watch], ids=lambda node: node.NAME)
+@pytest.mark.usefixtures('_domain')
+def test_a_parameter_file_without_a_section_for_the_node_is_refused(
+    node: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The usual mistake: a bare name under a namespace."""
+    file = tmp_path / 'mine.yaml'
+    file.write_text(f'{node.NAME}: {{ros__parameters: {{}}}}\n')
+    given = [str(CONFIG.parent / 'bags' / 'table1_live')] if node is player else []
+    words = [*given, '--ros-args', '--params-file', str(file), '-r', '__ns:=/freeflyer', '-r', f'__node:={node.NAME}']
+    full = f'/freeflyer/{node.NAME}'
+    text = f"'{file}' has no section for node '{full}'; sections: /{node.NAME}; accepted: /** or {full}"
+    refused(node, words, text, capfd)
 
 
 def refused(node: Any, arguments: list[str], text: str, capfd: pytest.CaptureFixture[str]) -> None:

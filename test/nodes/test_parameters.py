@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -27,6 +28,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import parameter, specifications, values_of
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.nodes import runner
 from mbaid_ros.nodes.runner import changed, declare_parameters
 from mbaid_ros.nodes.subscriptions import qos
 from simulated import CONFIG
@@ -128,6 +130,20 @@ def test_values_given_are_those_declared() -> None:
 def test_what_is_not_accepted(given: str, words: str) -> None:
     with node(given) as made, pytest.raises(ParameterError, match=words):
         declare_parameters(made, Example)
+
+
+def test_files_count_by_wildcards_and_assignments_count_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rclpy alone knows no wildcards but /**, and takes the section of the node before -p."""
+    files = {'/example': 'rate: 1.0, count: 2', '/*': 'shape: square, use_sim_time: true', '/**': 'count: 4'}
+    words = []
+    for place, (section, values) in enumerate(files.items()):
+        path = tmp_path / f'{place}.yaml'
+        path.write_text(f'{section}: {{ros__parameters: {{{values}}}}}\n')
+        words += [('--params-file', str(path))]
+    monkeypatch.setattr(runner, '_words', [*words, ('-p', 'rate:=5'), ('-p', 'other:rate:=6.0')])
+    with node() as made:
+        assert declare_parameters(made, Example) == Example(5.0, 4, 'square')
+        assert made.get_parameter('use_sim_time').value is True
 
 
 @pytest.mark.parametrize('cls', [EstimatorConfig, SimulatorConfig])

@@ -38,6 +38,8 @@ PARAMETERS = """
 calibrate:
   ros__parameters:
     prior:
+      mass_relative_std: 0.05
+      com_std: 0.01
       inertia_relative_std: 0.05
       links.base_link.mass_relative_std: 0.001
 """

@@ -23,6 +23,7 @@ from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import box_sizes
 from mbaid_ros.outgoing import Frames, estimate_message
 from mbaid_ros.replay.output import as_json
+from mbaid_ros.replay.provenance import made_by
 from mbaid_ros.replay.run import BAG_TYPES, EstimateWriter
 from mbaid_ros.replay.start import export as main
 from simulated import CONFIG
@@ -139,6 +140,57 @@ def test_the_whole_urdf_has_the_link_replaced(capsys: pytest.CaptureFixture[str]
             assert np.array_equal(old.parameters, new.parameters)
 
 
+ROBOT = """<robot name="tool">
+<link name="base">{mass}</link><link name="eye">{mass}</link><link name="arm">{mass}</link>
+<link name="hand">{mass}</link><link name="left">{mass}</link><link name="right">{mass}</link>
+<joint name="sight" type="fixed"><parent link="base"/><child link="eye"/><origin xyz="1 2 3" rpy="1 2 3"/></joint>
+<joint name="turn" type="continuous"><parent link="eye"/><child link="arm"/><axis xyz="0 .6 .8"/>
+<origin xyz=".1 0 0" rpy=".3 .2 .1"/></joint>
+<joint name="flange" type="fixed"><parent link="arm"/><child link="hand"/><origin xyz="0 0 .4" rpy="0 0 1"/></joint>
+<joint name="slide" type="prismatic"><parent link="hand"/><child link="left"/><axis xyz="0 1 0"/><origin rpy="0 1 0"/>
+<limit lower="0" upper=".1" effort="1" velocity="1"/></joint>
+<joint name="follow" type="prismatic"><parent link="hand"/><child link="right"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/><mimic joint="slide" multiplier="-2" offset=".01"/></joint>
+</robot>"""
+MASS = (
+    '<inertial><origin xyz=".1 .2 .3"/><mass value="2"/><inertia ixx=".3" ixy=".01" ixz="0" iyy=".3" iyz="0" izz=".4"/>'
+)
+
+
+def test_mujoco_floats_the_whole_robot_as_its_urdf(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    (tmp_path / 'tool.urdf').write_text(ROBOT.format(mass=f'{MASS}</inertial>'), encoding='utf-8')
+    of_robot = [written(tmp_path, target_link='hand'), '--model', str(tmp_path / 'tool.urdf')]
+    spec = mujoco.MjSpec.from_string(exported(capsys, *of_robot, '--format', 'urdf'))
+    spec.body('base').add_freejoint()
+    ours = mujoco.MjModel.from_xml_string(exported(capsys, *of_robot, '--format', 'mjcf'))
+    assert ours.nv == 9
+    assert ours.opt.gravity.any() == 0
+    assert ours.eq_data[0, :2].tolist() == [0.01, -2.0]
+    assert ours.joint('slide').range.tolist() == [0.0, 0.1]
+    masses = []
+    for model in (spec.compile(), ours):
+        data, whole = mujoco.MjData(model), np.zeros((9, 9))
+        for place, name in enumerate(('turn', 'slide', 'follow')):
+            data.joint(name).qpos = 0.3 + 0.2 * place
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, whole)
+        order = [*range(6), *(model.joint(name).dofadr[0] for name in ('turn', 'slide', 'follow'))]
+        masses.append(whole[np.ix_(order, order)])
+    assert masses[1] == pytest.approx(masses[0], rel=1e-9, abs=1e-9)
+
+
+def test_a_result_of_another_robot_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    robot = Path(MODEL).read_text(encoding='utf-8')
+    result = written(tmp_path, made_by=made_by('replay', [], MODEL, robot))
+    file = tmp_path / 'robot.xml'
+    told = exported(capsys, result, '--format', 'mjcf', '--model', MODEL, '--output', str(file))
+    assert told == f"{file}: 'link7' as mjcf\n"
+    other = tmp_path / 'other.urdf'
+    other.write_text(f'{robot}<!-- -->', encoding='utf-8')
+    error = exported(capsys, result, '--format', 'mjcf', '--model', str(other), code=2)
+    assert f"was made with another robot description than --model '{other}'" in error
+
+
 @pytest.mark.parametrize(
     ('form', 'names'),
     [('basilisk-hub', ('mHub', 'r_BcB_B', 'IHubPntBc_B')), ('basilisk-effector', ('mass', 'r_ScS_S', 'IPntSc_S'))],
@@ -147,7 +199,7 @@ def test_the_basilisk_parameters_are_python(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, form: str, names: tuple[str, ...]
 ) -> None:
     file = tmp_path / 'captured.py'
-    assert not exported(capsys, written(tmp_path), '--format', form, '--output', str(file))
+    exported(capsys, written(tmp_path), '--format', form, '--output', str(file))
     values = runpy.run_path(str(file))
     assert values['link'] == 'link7'
     mass, com, inertia = (values[name] for name in names)
@@ -235,6 +287,7 @@ def test_a_body_that_cannot_be_is_not_written(capsys: pytest.CaptureFixture[str]
         (['{file}', '--format', 'sdf'], 'sdf'),
         (['{file}', '--format', 'urdf'], '--format urdf needs --model URDF'),
         (['{file}', '--fill'], '--fill needs --model URDF'),
+        (['{file}', '--model', MODEL], '--model is not for --format urdf-link without --fill'),
         (['{file}', '--principal', '--format', 'basilisk-hub'], 'accepted: urdf-link, mjcf, mjcf-body, json'),
         (['{file}', '--equivalent', 'ellipsoid'], 'accepted: mjcf, mjcf-body, json'),
         (['{file}', '--output', '/absent/x'], "--output '/absent/x' cannot be written"),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbaid_ros.bags import BagReader, BagWriter
+from mbaid_ros.bags import BagReader, BagWriter, message_class
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
@@ -257,6 +257,42 @@ def test_what_is_not_measured_has_no_number(bag: str, tmp_path: Path, capsys: py
     assert '      # joint_velocity: not measured' in lines
     assert '      # base_linear_velocity: not measured' in lines
     assert sum('not measured' in line for line in lines) == 2
+
+
+def test_an_encoder_is_never_better_than_its_step(bag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def rounded(number: int, message: Any) -> Any:
+        return replace(message, position=np.where(np.arange(7) == 3, 1e-2 * (number % 97 > 90), 0.3))
+
+    found = measure(changed(bag, tmp_path / 'rounded', rounded), *TOPICS)
+    assert found.stds['joint_position'] == pytest.approx(1e-2 / np.sqrt(12.0))
+    stuck = changed(bag, tmp_path / 'stuck', lambda _, message: replace(message, position=np.full(7, 0.3)))
+    assert main([stuck]) == 0
+    captured = capsys.readouterr()
+    assert '      # joint_position: not measured' in captured.out
+    assert 'no reading of a joint changes: leave noise.joint_position out' in captured.err
+
+
+def test_poses_without_a_twist_are_measured(bag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    kind, path = 'geometry_msgs/msg/PoseStamped', tmp_path / 'poses'
+    with BagReader(bag) as before, BagWriter(path) as after:
+        after.add_topic(TOPICS[0], JOINT_STATE)
+        after.add_topic('/mocap', kind)
+        for topic, message, time in before.read(TOPICS):
+            if topic == '/odom':
+                after.write('/mocap', message_class(kind)(header=message.header, pose=message.pose.pose), time)
+            else:
+                after.write(topic, message, time)
+    assert main([str(path), '--pose', '/mocap']) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ''
+    file = tmp_path / 'noise.yaml'
+    file.write_text(captured.out)
+    given = build(EstimatorConfig, load_parameter_file(file, 'estimator')).noise
+    measured = [name for name in NOISE if 'velocity' not in name]
+    assert {name: getattr(given, name) for name in measured} == pytest.approx(
+        {name: NOISE[name] for name in measured}, rel=0.15
+    )
+    assert '# base_linear_velocity: not measured' in captured.out
 
 
 def with_wheel(angle: Callable[[float], float], speed: float = 400.0) -> Change:

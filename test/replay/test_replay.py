@@ -172,6 +172,8 @@ def test_other_topic_names(capsys: pytest.CaptureFixture[str], bag: str, tmp_pat
         for name, data, time in source.raw():
             target.write_raw(f'/arm{name}', data, time)
     assert "no topic '/joint_states'; topics: /arm/joint_states" in refused(capsys, renamed, '--model', MODEL)
+    advice = "has no topic '/odom' or '/pose'; give --odom /arm/odom\n"
+    assert advice in refused(capsys, renamed, '--joint-states', '/arm/joint_states', '--model', MODEL)
     result = result_of(capsys, renamed, '--joint-states', '/arm/joint_states', '--odom', '/arm/odom', *QUICK)
     assert result['status'] != 'waiting'
 

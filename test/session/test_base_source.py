@@ -17,7 +17,7 @@ from tf2_msgs.msg import TFMessage
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.messages.poses import WRONG_CHILD_FRAME
 from mbaid_ros.outgoing import Frames, estimate_message
@@ -174,6 +174,9 @@ def test_a_bag_of_poses_gives_the_same(
             bag.write_raw(topic if base else '/joint_states', serialize_message(message), time)
     config = build(EstimatorConfig, {'method': 'difference', **parameters})
     found = replay_bag(str(tmp_path / 'bag'), config, urdf('table1'), inputs)
+    if topic == '/vrpn/base':
+        with pytest.raises(DataError, match=r"has no topic '/odom' or '/pose'; give --pose /vrpn/base$"):
+            replay_bag(str(tmp_path / 'bag'), config, urdf('table1'), Inputs())
     assert found.topics[1].topic == topic
     np.testing.assert_array_equal(found.final.parameters, expected[-1].parameters)
     np.testing.assert_array_equal(found.final.covariance, expected[-1].covariance)

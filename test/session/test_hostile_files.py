@@ -6,7 +6,6 @@ import json
 import os
 import resource
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -109,7 +108,7 @@ def test_parameter_files(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    'reader', [read_robot_description, partial(load_parameter_file, node_name='estimator'), read_truth]
+    'reader', [read_robot_description, lambda path: load_parameter_file(path, 'estimator'), read_truth]
 )
 def test_pipes_and_folders(reader: Callable[[Path], object], tmp_path: Path) -> None:
     pipe = tmp_path / 'pipe'

@@ -179,7 +179,6 @@ def moved_joint(distance: float = 1e-4) -> dict[str, Any]:
             {},
             'is of claw; accepted: links of the robot',
         ),
-        (content(), {'link1.com_std': 0.1}, "parameter 'known_links.link1' is given; with"),
     ],
 )
 def test_what_cannot_be_used_is_one_line(

@@ -14,18 +14,22 @@ from itertools import permutations, product
 
 import numpy as np
 
-from mbaid_ros.core.diagnosis.conventions import Convention, with_poses
+from mbaid_ros.core.diagnosis.conventions import Convention, mounted, with_poses
 from mbaid_ros.core.filter.knots import Knots
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array, Flags, log
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.sensors.base import AttachedFrame
+from mbaid_ros.core.unknowns.base import marker_text
 
 _FEWEST = 12  # windows, of three numbers each, for fourteen unknowns
 _BETTER = 0.1  # part of the squared misfit that other axes leave at most
 _TRIED = 2  # that a fit of all equations compares
 
 
-def axis_conventions(kernel: MomentumKernel, windows: Sequence[Window]) -> list[Convention]:
+def axis_conventions(
+    kernel: MomentumKernel, windows: Sequence[Window], marker: AttachedFrame | None = None
+) -> list[Convention]:
     """Return other axes of the base's poses that windows may be in, the likeliest first."""
     middles = [window.inside.start + (window.inside.stop - window.inside.start) // 2 for window in windows]
     knots = Knots.concatenate([window.knots[place : place + 1] for window, place in zip(windows, middles, strict=True)])
@@ -36,7 +40,7 @@ def axis_conventions(kernel: MomentumKernel, windows: Sequence[Window]) -> list[
     knots, time = knots[known], time[known]
     offsets = _offsets(kernel, knots.joint_position)
     declared = _misfit(time, offsets, knots)
-    found = [(_misfit(time, offsets, change(knots)), text, change) for text, change in _axes()]
+    found = [(_misfit(time, offsets, change(knots)), text, change) for text, change in _axes(marker)]
     likely = sorted((each for each in found if each[0] < _BETTER * declared), key=lambda each: each[0])[:_TRIED]
     return [Convention(text, kernel, partial(with_poses, change=change)) for _, text, change in likely]
 
@@ -63,7 +67,7 @@ def _misfit(time: Array, offsets: Array, knots: Knots) -> float:
     return float(np.mean((place - rows @ unknown) ** 2))
 
 
-def _axes() -> Iterator[tuple[str, partial[Knots]]]:
+def _axes(marker: AttachedFrame | None) -> Iterator[tuple[str, partial[Knots]]]:
     """Yield the base's frame in the 23 other axes, and its positions in the 47 others."""
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         axes = np.array(signs)[:, None] * np.eye(3)[list(order)]  # from the readings to the true ones
@@ -72,19 +76,16 @@ def _axes() -> Iterator[tuple[str, partial[Knots]]]:
         if np.linalg.det(axes) > 0.0:
             vector = log(axes)
             angle = float(np.linalg.norm(vector))
+            mount = np.concatenate((-vector, np.zeros(3)))
             about = ', '.join(f'{each:.2g}' for each in np.round(vector / angle, 2) + 0.0)
             text = (
                 f'the frame of the odometry is turned by {np.degrees(angle):.0f} degrees about ({about}) relative to '
-                'the base link: declare it by marker.orientation, or turn it back'
+                f'the base link: turn it back, or set {marker_text(mount, marker)}'
             )
-            yield text, partial(_turned, turn=axes)
+            yield text, partial(mounted, mount=mount)
         names = ', '.join('-' * int(row.sum() < 0.0) + 'xyz'[int(np.argmax(np.abs(row)))] for row in axes.T)
         text = f'the positions of the odometry are ({names}) in the axes of its orientations: publish both in one frame'
         yield text, partial(_exchanged, axes=axes)
-
-
-def _turned(knots: Knots, turn: Array) -> Knots:
-    return replace(knots, base_rotation=np.einsum('nij,kj->nik', knots.base_rotation, turn))
 
 
 def _exchanged(knots: Knots, axes: Array) -> Knots:

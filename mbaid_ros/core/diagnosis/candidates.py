@@ -9,16 +9,15 @@ All gains are log-likelihoods over the same pass, which makes them comparable.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbaid_ros.core.diagnosis.base_axes import axis_conventions
-from mbaid_ros.core.diagnosis.conventions import FITTED, Fit, conventions, fitted, point_as_described
+from mbaid_ros.core.diagnosis.conventions import FITTED, Fit, conventions, fitted, inverted_marker, point_as_described
 from mbaid_ros.core.diagnosis.filter_passes import SLIPPING, FilterPasses, WhitenedWindows, Work, attempted
-from mbaid_ros.core.diagnosis.ranking import WORTH, CandidateCause, Change, IsolationResult
+from mbaid_ros.core.diagnosis.ranking import WORTH, CandidateCause, Change, IsolationResult, gained, likeliest_kinds
 from mbaid_ros.core.diagnosis.readings import (
     LARGE_SWING,
     SMALL_SWING,
@@ -34,21 +33,19 @@ from mbaid_ros.core.diagnosis.twist_conventions import twist_convention_error
 from mbaid_ros.core.filter.bank import LONGEST, HypothesisFilter
 from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import Layout, Point
+from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.window import Window, without_twist
 from mbaid_ros.core.results.estimate import PULSE
 from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.unknowns.base import OF_TWIST, vibration
+from mbaid_ros.core.unknowns.base import OF_TWIST, marker_text, vibration
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, deviation_text, suspects, target_changed_text
 from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.environment import Hypothesis
 
 _EVERY = 2  # one window in so many shows which convention is likely: for half of the work
 # Part of the misfit that another convention may leave to be tried, and how many are.
 _LIKELY, _TRIED = 0.8, 4
 _OTHER_TARGET = 0.2  # that part for another target link: a body that slips in the grasp resembles one, but less well
-# Of how many the gain is found by passes of their own, and of how many of one kind: three links or joints will do.
-_REFINED, _ALIKE = 5, 3
 _SPOILT = 2  # joints with spoilt readings, of each kind: two that fail at once are rare, and each takes passes
 _MOST_PULSES = 2  # that can be the cause; more of them are the symptom of another one
 _BEFORE = 10  # windows before a change of the target: the body before has to be known
@@ -117,11 +114,11 @@ class CandidateCauses:
             found += yield from self._scored(Candidate(text, passes, windows, at), base)
         for hypothesis in self.hypotheses[1:]:
             filtered = yield from wide.passed(passed, hypothesis)
-            found.append(replace(_gained(hypothesis.cause, filtered, base), physical=hypothesis.physical))
+            found.append(replace(gained(hypothesis.cause, filtered, base), physical=hypothesis.physical))
         filtered = yield from wide.passed(passed, quiet, LONGEST)
         if _explains(filtered) and 0 < len(filtered.jumps) <= _MOST_PULSES:
             found.append(
-                _gained(f'{PULSE} at {", ".join(f"{jump.time:.1f}" for jump in filtered.jumps)} s', filtered, base)
+                gained(f'{PULSE} at {", ".join(f"{jump.time:.1f}" for jump in filtered.jumps)} s', filtered, base)
             )
         times = [time for time in jumps if time >= windows[0].start] or [jump.time for jump in filtered.jumps]
         found += yield from self._target_changes(windows, point or at, times[:_PARTS], base)
@@ -129,7 +126,7 @@ class CandidateCauses:
             text, noisier = noisier_poses(windows, base.innovations)
             if noisier:
                 filtered = yield from self.extended().once(noisier, at, quiet)
-                found += [_gained(text, filtered, base)] if _explains(filtered) else []
+                found += [gained(text, filtered, base)] if _explains(filtered) else []
         # A loose joint explains anything that its encoder may hide: it comes after all causes with a mechanism.
         left = base.misfit - max((each.gain for each in found if each.physical), default=0.0)
         if left > max(WORTH, _LEFT * base.misfit):
@@ -145,7 +142,7 @@ class CandidateCauses:
         self, windows: Sequence[Window], at: Point, fits: Sequence[Fit], gains: Mapping[str, tuple[float, float]]
     ) -> Candidates:
         """Yield unknowns with a wider prior, other conventions, and data that are left out."""
-        for cause in _likeliest({cause: value for cause, (value, _) in gains.items() if value > WORTH}):
+        for cause in likeliest_kinds({cause: value for cause, (value, _) in gains.items() if value > WORTH}):
             suspected = (each.part(cause) for each in self._suspects if cause in each.causes)
             passes = self.extended(*suspected).widened(cause, gains[cause][1])
             text = _text_of(passes, cause)
@@ -215,16 +212,17 @@ class CandidateCauses:
                     passes.target_changes(windows, place, points, self.hypotheses[0], exchanged=exchanged)
                 )
                 if filtered is not None:
-                    cause = _gained(target_changed_text(time, exchanged=exchanged), filtered, base)
+                    cause = gained(target_changed_text(time, exchanged=exchanged), filtered, base)
                     found.append(replace(cause, change=Change(time, exchanged) if _explains(filtered) else None))
         return sorted(found, key=lambda each: -each.gain)[:1]
 
     def _fits(self, windows: Sequence[Window]) -> Work[list[Fit]]:
         """Return the fits of windows under the conventions that are possible, the declared ones first."""
         found = []
-        axes = axis_conventions(self.layout.kernel, windows)
+        kernel, marker = self.layout.kernel, self.uncertainty.marker
+        axes = axis_conventions(kernel, windows, marker)
         yield FITTED
-        for convention in (*conventions(self.layout.kernel), *axes):
+        for convention in (*conventions(kernel), *inverted_marker(kernel, marker), *axes):
             if convention.possible(windows):
                 found.append(fitted(windows, convention, _EVERY))
                 yield FITTED // _EVERY
@@ -270,7 +268,7 @@ class CandidateCauses:
         if not _explains(filters[best()]):
             return []  # something else pushes the base, too; and what it explains it has no name for
         text = loose_joint_text(names[likeliest], windows, times)
-        return [replace(_gained(text, filters[best()], base), physical=False)]
+        return [replace(gained(text, filters[best()], base), physical=False)]
 
     @property
     def _suspects(self) -> tuple[Unknown, ...]:
@@ -289,7 +287,8 @@ def _text_of(passes: FilterPasses, cause: str) -> Callable[[HypothesisFilter], s
         value, kernel = passes.value(filtered, cause), passes.layout.kernel
         if kind == 'link' and value[0] <= -_LIGHTER * kernel.known[kernel.model.link(name).body, 0]:
             return None
-        return deviation_text(cause, value)
+        declared = f', or set {marker_text(value, passes.uncertainty.marker)}' if kind == 'mount' else ''
+        return deviation_text(cause, value) + declared
 
     return text
 
@@ -297,20 +296,3 @@ def _text_of(passes: FilterPasses, cause: str) -> Callable[[HypothesisFilter], s
 def _explains(filtered: HypothesisFilter) -> bool:
     """Return whether a pass leaves innovations of the size that the noise explains."""
     return filtered.gaussian.nis < LARGEST_NIS * filtered.gaussian.measured
-
-
-def _gained(text: str, filtered: HypothesisFilter, base: SquareRootInformation) -> CandidateCause:
-    """Return the gain of a cause over a pass without it."""
-    return CandidateCause(text, filtered.gaussian.log_likelihood - base.log_likelihood)
-
-
-def _likeliest(gains: Mapping[str, float]) -> list[str]:
-    """Return the causes that are worth a pass of their own, the likeliest first."""
-    found: list[str] = []
-    kinds: Counter[str] = Counter()
-    for cause in sorted(gains, key=lambda each: -gains[each]):
-        kind = cause.partition(':')[0]
-        kinds[kind] += 1
-        if kinds[kind] <= _ALIKE:
-            found.append(cause)
-    return found[:_REFINED]

@@ -12,9 +12,11 @@ import numpy as np
 from mbaid_ros.core.filter.knots import Knots
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, Point
 from mbaid_ros.core.filter.window import Stack, Window, stacked, without_twist
-from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotation_from_quaternion, skew
+from mbaid_ros.core.geometry import Array, exp, log, quaternion_from_rotation, rotation_from_quaternion, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import inertia_matrix
+from mbaid_ros.core.sensors.base import AttachedFrame
+from mbaid_ros.core.unknowns.base import marker_text
 
 FITTED = 30  # work of fitting all windows, in steps of the filter
 
@@ -152,6 +154,27 @@ _POSES: tuple[tuple[str, Callable[[Knots], Knots], float], ...] = (
 def with_poses(windows: Sequence[Window], change: Callable[[Knots], Knots]) -> list[Window]:
     """Return windows with other poses; a twist is in the axes of poses as they were read, and left out."""
     return [replace(each, knots=change(each.knots)) for each in map(without_twist, windows)]
+
+
+def inverted_marker(kernel: MomentumKernel, marker: AttachedFrame | None) -> Iterator[Convention]:
+    """Yield the declared marker as the pose of the base link in the marker's frame."""
+    if marker is not None:
+        mount = np.concatenate(
+            (log(marker.rotation @ marker.rotation), marker.position + marker.rotation @ marker.position)
+        )
+        text = (
+            f'marker.position and marker.orientation look inverted: they must locate the marker in the base '
+            f"link's frame; set {marker_text(mount, marker)}"
+        )
+        yield Convention(text, kernel, partial(with_poses, change=partial(mounted, mount=mount)))
+
+
+def mounted(knots: Knots, mount: Array) -> Knots:
+    """Return the knots of a base that is mounted (6,), rad and m, off what the odometry locates."""
+    rotation = knots.base_rotation
+    return replace(
+        knots, base_rotation=rotation @ exp(mount[:3]), base_position=knots.base_position + rotation @ mount[3:]
+    )
 
 
 def _joints(windows: Sequence[Window], change: Callable[[Array], Array]) -> list[Window]:

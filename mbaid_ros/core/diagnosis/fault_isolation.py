@@ -13,8 +13,8 @@ from mbaid_ros.core.diagnosis.candidates import FEWEST, CandidateCauses
 from mbaid_ros.core.diagnosis.filter_passes import SLIPPING
 from mbaid_ros.core.diagnosis.ranking import CandidateCause, Change, IsolationResult, ranked
 from mbaid_ros.core.diagnosis.readings import roughness
-from mbaid_ros.core.filter.batch import BackgroundTask
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.initialisation import BackgroundTask
 from mbaid_ros.core.filter.run import FilterRun
 from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.window import Window

@@ -11,16 +11,16 @@ import numpy as np
 
 from mbaid_ros.core.filter.bank import HypothesisFilter, as_usual, update_bank
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.square_root import SquareRootInformation, inflated, pose_reset
+from mbaid_ros.core.filter.prior_scale import PriorComparison
+from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, Point
+from mbaid_ros.core.filter.time_update import Hypothesis, inflated, pose_reset
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import LINEARISED, LinearisationCache, WhitenedWindow
 from mbaid_ros.core.filter.window import STACK, Window, in_stacks
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.evidence import PriorComparison
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.environment import Hypothesis
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
 # Passes, each linearised nearer to the solution: the rest is far below the gains that decide between causes.

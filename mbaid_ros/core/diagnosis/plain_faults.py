@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.status import Reason, Severity, with_reasons
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
+from mbaid_ros.core.sensors.turns import steps_of
 
 _FEWEST = 10  # readings with a symptom, from which it is no accident
 _SOURCES = 0.02  # share of readings from another source: single outliers, which are dropped, are fewer
@@ -25,6 +27,7 @@ _BETWEEN = 1.5  # times the interval before, that readings around one of another
 _LATEST = 3  # readings that are kept: a spike shows with those around it, and their intervals with the one before
 _STEP = 20.0  # standard deviations of a step after repeats: those of a coarse encoder are smaller
 _QUARTER = 0.5 * np.pi  # rad between two readings: of a half turn the direction is not known
+_AGREE = 1.0  # rad, that a wheel's step may differ from its velocity times the interval
 _WRAPPED = 2.1 * np.pi  # rad, range of wrapped angles at most
 _FAR = 1000.0  # rad, that no arm turns by, in degrees neither
 _MOST_STEPS = 0.5  # share of steps of a quarter turn: outliers and turns of wrapped angles are fewer
@@ -42,13 +45,13 @@ class _Readings:
 
     names: tuple[str, ...]
     slides: Flags  # whether each joint is prismatic
+    wheels: Flags  # whether each turns without limits
     bounds: Array  # rad or m, far beyond the limits of each joint
     stamps: StampPattern
     last: JointStream | None = None
     count: int = 0
     shown: dict[str, Integers] = field(default_factory=dict)  # by symptom, how many of each joint's readings show it
     range: tuple[Array, Array] | None = None
-    rates: bool = False  # whether the latest ones have velocities
 
 
 @dataclass(frozen=True)
@@ -57,20 +60,27 @@ class _View:
 
     stamp: Stamps
     position: Array  # (N, k)
+    velocity: Array  # (N, k) NaN where none is given
     new: int
     lowest: Array  # (N, k) of all readings until each
     highest: Array
     slides: Flags
+    wheels: Flags
     bounds: Array
-    rates: bool
     noise: float
 
-    @property
+    @cached_property
+    def steps(self) -> tuple[Array, Array, Array]:
+        """As of `steps_of`, (N - 1, k)."""
+        return steps_of(JointStream(self.stamp, self.position, self.velocity))
+
+    @cached_property
     def step(self) -> Array:
-        """From each reading to the next, (N - 1, k); of wrapped angles the shorter way."""
-        step = np.diff(self.position, axis=0)
+        """From each reading to the next, (N - 1, k); of wrapped angles the shorter way, of wheels off the velocity."""
+        step, expected, _ = self.steps
         goes_on = self.slides | ((self.highest - self.lowest)[1:] > _WRAPPED)
-        return step - np.where(goes_on, 0.0, 2.0 * np.pi * np.round(step / (2.0 * np.pi)))
+        wheel = self.wheels & (np.abs(expected) > _QUARTER)
+        return np.where(wheel, _shorter(step - expected), np.where(goes_on, step, _shorter(step)))
 
 
 class PlainFaults:
@@ -136,11 +146,11 @@ class PlainFaults:
 
     def _nothing(self, joints: list[int]) -> _Readings:
         own = self._model.transmission.independent[joints]
-        slides = np.array(self._model.prismatic, dtype=bool)[own]
+        slides, wheels = (np.array(each, dtype=bool)[own] for each in (self._model.prismatic, self._model.continuous))
         limits = np.array([max(-each.lower, each.upper) for each in self._model.limits])[own]
         names = tuple(self._model.independent_joints[joint] for joint in joints)
         bounds = np.maximum(_BEYOND * limits, np.where(slides, _LONG, _WRAPPED))
-        return _Readings(names, slides, bounds, StampPattern('the joint states', self._noise))
+        return _Readings(names, slides, wheels, bounds, StampPattern('the joint states', self._noise))
 
     def name(self, symptom: str, since: int, text: str) -> None:
         """Name a fault that is plain from a stamp (ns) on: a cause where anything is wrong."""
@@ -152,9 +162,8 @@ class PlainFaults:
         low, high = readings.range or (joined.position[0], joined.position[0])
         lowest = np.minimum(np.minimum.accumulate(joined.position), low)
         highest = np.maximum(np.maximum.accumulate(joined.position), high)
-        readings.rates |= bool(np.isfinite(stream.velocity).any())
-        own = readings.slides, readings.bounds, readings.rates, self._noise
-        view = _View(joined.stamp, joined.position, len(stream.stamp), lowest, highest, *own)
+        own = readings.slides, readings.wheels, readings.bounds, self._noise
+        view = _View(joined.stamp, joined.position, joined.velocity, len(stream.stamp), lowest, highest, *own)
         for symptom, (severity, share, shows, words) in CHECKS.items():
             flags = shows(view)[-view.new :]
             seen = readings.shown.get(symptom, 0) + np.cumsum(flags, axis=0)
@@ -188,6 +197,7 @@ def _spikes(view: _View) -> tuple[Flags, Flags]:
     counts = view.position == np.round(view.position)  # of an encoder, which flip by one
     spike = np.minimum(np.abs(there), np.abs(back)) > _SPIKE * (view.noise + np.abs(there + back))
     spike &= ~(counts[:-2] & counts[1:-1] & counts[2:])
+    spike &= ~(view.wheels & np.isnan(view.velocity[1:-1]))  # how far they turn is not known
     around, before = view.stamp[3:] - view.stamp[1:-2], view.stamp[1:-2] - view.stamp[:-3]
     # Where two sources send by turns, the reading before is a spike, too.
     between = ((around < _BETWEEN * before) | np.any(spike[:-1], axis=1))[:, None]
@@ -207,13 +217,34 @@ def _by(view: _View, place: int, joint: int) -> str:
 
 
 def _fast(view: _View) -> Flags:
-    """Return steps of more than a quarter turn, of joints without a velocity."""
-    if view.rates or len(view.stamp) < 2:  # wrapped readings stay within a turn, those of wheels go on and on
+    """Return steps of more than a quarter turn, of joints without a velocity, or that their velocity contradicts."""
+    if len(view.stamp) < 2:
         return np.zeros((0, view.position.shape[1]), dtype=bool)
-    step, extent = np.diff(view.position, axis=0), (view.highest - view.lowest)[1:]
-    wrapped = np.abs(step - 2.0 * np.pi * np.round(step / (2.0 * np.pi)))
+    # Wrapped readings stay within a turn, those of wheels go on and on.
+    extent = (view.highest - view.lowest)[1:]
+    step, expected, change = view.steps
+    wrapped = np.abs(_shorter(step))
     turns = ((wrapped > _QUARTER) & (extent < _WRAPPED)) | ((np.abs(step) > np.pi) & (extent > _FAR))
-    return np.asarray(turns & ~view.slides)
+    differs = view.wheels & (np.abs(expected) > _QUARTER) & (np.abs(_shorter(step - expected)) + change > _AGREE)
+    return np.asarray(np.where(np.isnan(expected), turns & ~view.slides, differs))
+
+
+def _shorter(angle: Array) -> Array:
+    """Return angles without whole turns."""
+    return np.asarray(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)))
+
+
+def _why_fast(view: _View, place: int, joint: int) -> str:
+    """Return why the turns of a joint are not known."""
+    if np.isnan(view.velocity[place, joint]):
+        return (
+            '{name} turns by more than a quarter from one reading to the next: how far is not known without its '
+            'velocity; publish velocities, or read it more often'
+        )
+    return (
+        'the velocity of {name} contradicts its positions, and it turns by more than a quarter from one reading to the '
+        'next: correct one of the two; if the velocity is right, name it in wheels.names, not as a joint'
+    )
 
 
 Shows = Callable[[_View], Flags]
@@ -257,10 +288,7 @@ CHECKS: Mapping[str, tuple[Severity, float, Shows, Words]] = {
         'conflict',
         _MOST_STEPS,
         _fast,
-        lambda *_: (
-            '{name} turns by more than a quarter from one reading to the next: how far is not known without its '
-            'velocity; publish velocities, or read it more often'
-        ),
+        _why_fast,
     ),
     'limits': (
         'conflict',

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from mbaid_ros.core.diagnosis.readings import CHANNELS, Roughness
-from mbaid_ros.core.results.evidence import SENSORS, Innovations
-from mbaid_ros.core.results.status import Cause
+from mbaid_ros.core.filter.bank import HypothesisFilter
+from mbaid_ros.core.filter.square_root import SquareRootInformation
+from mbaid_ros.core.results.status import SENSORS, Cause, Innovations
 
 # Log-likelihood, the odds of bank.MARGIN: a smaller gain is not reported, and a smaller lead is no lead.
 WORTH = 10.0
@@ -18,6 +20,10 @@ _OUTLIERS = 0.002  # share of the poses, from which they are named: single ones 
 NOISE = 'noise.'  # prefix of the names of noise parameters
 # Share that counts of the gain of a cause without a mechanism: where both explain all, one with a mechanism leads.
 CATCH_ALL = 0.95
+
+
+# Of how many the gain is found by passes of their own, and of how many of one kind: three links or joints will do.
+_REFINED, _ALIKE = 5, 3
 
 
 @dataclass(frozen=True)
@@ -100,3 +106,20 @@ def _noise(innovations: Innovations, rough: Roughness) -> list[Cause]:
     gain = 0.5 * float(innovations.count @ explained)
     advice = 'correct them, or the covariances in the messages, or set noise.estimate'
     return [Cause(f'the noise values are too small: {listed}; {advice}', gain)]
+
+
+def gained(text: str, filtered: HypothesisFilter, base: SquareRootInformation) -> CandidateCause:
+    """Return the gain of a cause over a pass without it."""
+    return CandidateCause(text, filtered.gaussian.log_likelihood - base.log_likelihood)
+
+
+def likeliest_kinds(gains: Mapping[str, float]) -> list[str]:
+    """Return the causes that are worth a pass of their own, the likeliest first."""
+    found: list[str] = []
+    kinds: Counter[str] = Counter()
+    for cause in sorted(gains, key=lambda each: -gains[each]):
+        kind = cause.partition(':')[0]
+        kinds[kind] += 1
+        if kinds[kind] <= _ALIKE:
+            found.append(cause)
+    return found[:_REFINED]

@@ -12,7 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array, Flags, log
-from mbaid_ros.core.results.evidence import SENSORS, Innovations
+from mbaid_ros.core.results.status import SENSORS, Innovations
 from mbaid_ros.core.samples import Samples
 
 

@@ -26,6 +26,9 @@ Counts = npt.NDArray[np.intp]
 # Places in a window, from 0 to 1: the mean over both is exact for cubic polynomials.
 _GAUSS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
 
+# Samples of a window whose mean stands for that of all, where only the width of intervals depends on it.
+_ENOUGH = 50
+
 
 @dataclass(frozen=True)
 class Subspace:
@@ -108,6 +111,16 @@ def mean_of_each(values: Array, counts: Counts) -> Array:
 def _starts(counts: Counts) -> Counts:
     """Return the index of each window's first sample."""
     return np.cumsum(counts) - counts
+
+
+def _thinned(samples: Samples, counts: Counts) -> tuple[Samples, Counts]:
+    """Return at most `_ENOUGH` samples of each window, evenly spread, and the number in each, (K,)."""
+    kept = np.minimum(counts, _ENOUGH)
+    if np.array_equal(kept, counts):
+        return samples, counts
+    each = zip(_starts(counts), counts, kept, strict=True)
+    places = [first + ((np.arange(few) + 0.5) * count / few).astype(np.intp) for first, count, few in each]
+    return samples[np.concatenate(places)], kept
 
 
 def _mean_rows(rows: MomentumRows, samples: Samples, counts: Counts) -> tuple[Array, Array]:
@@ -239,14 +252,15 @@ class ConsiderParameters:
         change = np.zeros_like(self._kernel.known)
         change[target.body] = express(body, target.rotation, target.position)
         kernel = self._kernel.corrected(change)
-        states = kernel.states(samples)
+        few, kept = _thinned(samples, counts)
+        states = kernel.states(few)
         means = []
         for unknown in self._unknowns:
-            if unknown.pushes:
-                by_unknown = self._momentum_changes(unknown, samples, np.sum(states.known, axis=1))
+            if unknown.pushes:  # what it adds up to takes every sample
+                whole = np.sum(kernel.states(samples).known, axis=1)
+                means.append(mean_of_each(self._momentum_changes(unknown, samples, whole), counts) @ unknown.factor)
             else:
-                by_unknown = unknown.equation_columns(kernel, states)
-            means.append(mean_of_each(by_unknown, counts) @ unknown.factor)
+                means.append(mean_of_each(unknown.equation_columns(kernel, states), kept) @ unknown.factor)
         columns = np.concatenate(means, axis=2)
         return columns if self._joint_factor is None else columns @ self._joint_factor
 

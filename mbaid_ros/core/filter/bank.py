@@ -7,20 +7,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mbaid_ros.core import chi_square
-from mbaid_ros.core.filter.square_root import (
-    SquareRootInformation,
-    advance,
-    entered,
-    momentum_inflation,
-    pose_reset,
-    update,
-)
+from mbaid_ros.core.filter.square_root import SquareRootInformation, update
 from mbaid_ros.core.filter.state import MOMENTUM
+from mbaid_ros.core.filter.time_update import Hypothesis, advance, entered, momentum_inflation, pose_reset
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.unknowns.environment import Hypothesis
 
 MARGIN = 10.0  # log-likelihood by which a hypothesis must beat the first: odds of 20,000 to 1
 _FALSE_ALARM = 1e-8  # chance that an undisturbed window counts as a jump: one in a year and a half of windows

@@ -6,9 +6,9 @@ Long computations are generators: they yield the cost of each piece, in steps of
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from mbaid_ros.core.filter.bank import LONGEST, MARGIN, Bank, HypothesisFilter, 
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, LINEAR, Layout, Point, near_part
+from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import LINEARISED, LinearisationCache, WhitenedWindow
 from mbaid_ros.core.filter.window import Stack, Window
@@ -25,13 +26,10 @@ from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, is_physical,
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import unknown_scale
 from mbaid_ros.core.robot.momentum import physical_shift
-from mbaid_ros.core.unknowns.environment import Hypothesis
 
 Outcome = TypeVar('Outcome')
 Work = Generator[int, None, Outcome]  # yields the cost of each piece, in steps of the filter; returns the outcome
 
-SLICE = 30  # steps of the filter, about, in one slice: a few milliseconds
-_STATE_SIZE = 96  # numbers of the state, for as many of which a step costs one more
 MASS = BODY.start - LINEAR.start  # its index among the parameters
 _ITERATIONS = 12  # at most: an iteration that has not converged by then seldom does
 _MOST_ITERATIONS = 24  # the same where the target has a prior, from which the steps may be halved
@@ -61,55 +59,6 @@ def turns_back(step: Array, before: Array, deviation: Array) -> bool:
     """Return whether a step reverses the one before, which was too long."""
     scaled, last = (each / np.where(deviation > 0.0, deviation, np.inf) for each in (step, before))
     return bool(scaled @ last < _BACK * np.linalg.norm(scaled) * np.linalg.norm(last))
-
-
-class BackgroundTask(Generic[Outcome]):
-    """A computation in slices, with a budget of steps for each window.
-
-    Parameters
-    ----------
-    size : of the state; steps of a large one count more
-    """
-
-    def __init__(self, size: int) -> None:
-        self._cost = 1 + size // _STATE_SIZE
-        self._work: Iterator[int | Outcome] | None = None
-        self._budget = 0  # steps left before the next window
-
-    @property
-    def under_way(self) -> bool:
-        """Whether there is no outcome yet."""
-        return self._work is not None
-
-    @property
-    def is_due(self) -> bool:
-        """Whether some of the budget is left to be used before the next window."""
-        return self._budget > 0
-
-    def begin(self, work: Iterator[int | Outcome] | None) -> None:
-        """Begin this computation instead of any other, or none. Its outcome is returned, or yielded at last."""
-        self._work, self._budget = work, 0
-
-    def allot_steps(self, steps: int) -> None:
-        """Set the budget until the next window, in steps."""
-        self._budget = steps if self.under_way else 0
-
-    def run_slice(self) -> Outcome | None:
-        """Run one slice; return the outcome if that completes the computation."""
-        done = 0
-        while self._work is not None and done < min(self._budget, SLICE):
-            work, self._work = self._work, None  # a computation that raises is over
-            try:
-                piece = next(work)
-            except StopIteration as end:
-                piece = end.value
-            if not isinstance(piece, int):
-                self._budget = 0
-                return piece
-            self._work = work
-            done += self._cost * piece
-        self._budget = max(self._budget - done, 0) if self.under_way else 0
-        return None
 
 
 @dataclass(frozen=True)
@@ -273,15 +222,19 @@ class BatchIteration:
         moments = MeanAndCovariance.of(filtered.gaussian, self.variables)
         draws = np.random.default_rng(0)
         shifts: list[Array] = []
+        covariances: list[Array] = []
         for _ in range(_DRAWS):
             step = moments.factor @ draws.standard_normal(moments.factor.shape[1])
             part = near_part(moments.mean[self.layout.parameters], step[self.layout.parameters])
-            shift = yield from self._shift(stacks, filtered, moments, part * step)
+            shift, covariance = yield from self._shift(stacks, filtered, moments, part * step)
+            covariances.append(covariance)
             shift[BODY] = physical_shift(moments.mean[BODY], part * step[BODY], shift[BODY])
             shifts.append(shift / part**2)  # of second order in the step
         moved = np.array(shifts)
         unknowns = moved[:, BODY.stop :] @ self.layout.known.whitening.T
-        return Curvature(moved[:, BODY], moments.covariance(BODY_PLACES), unknowns=unknowns)
+        return Curvature(
+            moved[:, BODY], moments.covariance(BODY_PLACES), unknowns=unknowns, elsewhere=np.array(covariances)
+        )
 
     def displacement(self, stacks: list[list[Stack]], filtered: HypothesisFilter) -> Work[Curvature]:
         """Return how far the solution moves where all windows are linearised at it: a Newton step.
@@ -292,20 +245,24 @@ class BatchIteration:
         filtered : a hypothesis after them, each linearised at an earlier estimate
         """
         moments = MeanAndCovariance.of(filtered.gaussian, self.variables)
-        shift = yield from self._shift(stacks, filtered, moments, np.zeros(len(moments.mean)))
-        curvature = Curvature(shift[None, BODY], moments.covariance(BODY_PLACES))
+        shift, covariance = yield from self._shift(stacks, filtered, moments, np.zeros(len(moments.mean)))
+        curvature = Curvature(shift[None, BODY], moments.covariance(BODY_PLACES), elsewhere=covariance[None])
         return replace(curvature, largest=_DISPLACED) if curvature.anywhere else curvature
 
     def _shift(
         self, stacks: list[list[Stack]], filtered: HypothesisFilter, moments: MeanAndCovariance, step: Array
-    ) -> Work[Array]:
-        """Return how far the state (s,) moves where the windows are linearised a step (s,) from a solution."""
+    ) -> Work[tuple[Array, Array]]:
+        """Return how far the state (s,) moves where the windows are linearised a step (s,) from a solution.
+
+        Second, the (10, 10) covariance of the body there.
+        """
         try:
             relinearised = yield from self.relinearise(
                 stacks, self.layout.point(moments.mean + step, moments.deviation)
             )
             (moved,) = yield from self.filter(relinearised, (self.prior(filtered.hypothesis, filtered.longest),))
-            shift: Array = MeanAndCovariance.of(moved.gaussian, self.variables).mean - moments.mean
+            there = MeanAndCovariance.of(moved.gaussian, self.variables)
         except np.linalg.LinAlgError:
-            shift = moments.deviation  # no robot that can exist: it may be anywhere in its interval
-        return shift
+            # No robot that can exist: it may be anywhere in its interval, and nothing is known there.
+            return moments.deviation, np.full((10, 10), np.nan)
+        return there.mean - moments.mean, there.covariance(BODY_PLACES)

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import Generic
 
 import numpy as np
 
 from mbaid_ros.core.filter.bank import HypothesisFilter
-from mbaid_ros.core.filter.batch import HOPELESS, BackgroundTask, BatchIteration
+from mbaid_ros.core.filter.batch import HOPELESS, BatchIteration, Outcome
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.start import MultiStart, Start
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
 from mbaid_ros.core.filter.swing_start import resolved_frequencies
+from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.window import Window, in_stacks
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.results.status import LARGEST_NIS
-from mbaid_ros.core.robot.model_errors import body_sizes
-from mbaid_ros.core.unknowns.environment import Hypothesis
+from mbaid_ros.core.robot.momentum import body_sizes
 
 # Growth of the windows until the next search, so that all searches together cost three times the last; where the target
 # has a prior, at which it is linear until the data move it, five times.
@@ -36,6 +37,59 @@ _KNOWN = 0.1
 # Steps of the filter that a task may take between two windows: while there is an estimate, and before.
 _SHARE, _FIRST_SHARE = 300, 1200
 _AT_ONCE = 10**9  # the same where the target has a prior: its windows are rare, and each may leave the linear range
+
+
+SLICE = 30  # steps of the filter, about, in one slice: a few milliseconds
+_STATE_SIZE = 96  # numbers of the state, for as many of which a step costs one more
+
+
+class BackgroundTask(Generic[Outcome]):
+    """A computation in slices, with a budget of steps for each window.
+
+    Parameters
+    ----------
+    size : of the state; steps of a large one count more
+    """
+
+    def __init__(self, size: int) -> None:
+        self._cost = 1 + size // _STATE_SIZE
+        self._work: Iterator[int | Outcome] | None = None
+        self._budget = 0  # steps left before the next window
+
+    @property
+    def under_way(self) -> bool:
+        """Whether there is no outcome yet."""
+        return self._work is not None
+
+    @property
+    def is_due(self) -> bool:
+        """Whether some of the budget is left to be used before the next window."""
+        return self._budget > 0
+
+    def begin(self, work: Iterator[int | Outcome] | None) -> None:
+        """Begin this computation instead of any other, or none. Its outcome is returned, or yielded at last."""
+        self._work, self._budget = work, 0
+
+    def allot_steps(self, steps: int) -> None:
+        """Set the budget until the next window, in steps."""
+        self._budget = steps if self.under_way else 0
+
+    def run_slice(self) -> Outcome | None:
+        """Run one slice; return the outcome if that completes the computation."""
+        done = 0
+        while self._work is not None and done < min(self._budget, SLICE):
+            work, self._work = self._work, None  # a computation that raises is over
+            try:
+                piece = next(work)
+            except StopIteration as end:
+                piece = end.value
+            if not isinstance(piece, int):
+                self._budget = 0
+                return piece
+            self._work = work
+            done += self._cost * piece
+        self._budget = max(self._budget - done, 0) if self.under_way else 0
+        return None
 
 
 class Initialisation:

@@ -170,7 +170,9 @@ def errors_in_variables_bias(precision: Array, slope: Array, body: Array, variab
 
 
 def no_bias(variables: Variables) -> Array:
-    """Return that, (b, b + 1), of no window."""
+    """Return that, (b, b + 1), of no window: of the run before, if this one continues it."""
+    if variables.bias is not None:
+        return variables.bias
     count = variables.own - variables.head
     return np.zeros((count, count + 1))
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.filter.knots import Midpoints
-from mbaid_ros.core.filter.state import Layout, Point
-from mbaid_ros.core.filter.total_momentum import mobility_and_joint_momentum, total_momentum
+from mbaid_ros.core.filter.state import Layout, Point, mobility_and_joint_momentum, total_momentum
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import express

@@ -6,21 +6,110 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Integers
-from mbaid_ros.core.results.evidence import (
-    AS_DECLARED,
-    Distance,
-    LikelyScale,
-    PriorComparison,
-)
+from mbaid_ros.core.geometry import Array, Flags, Integers
+from mbaid_ros.core.results.reporting import LARGEST_SHIFT
+from mbaid_ros.core.results.status import Distance
 
 # Prior probability that a kind is declared too certain, and the posterior below which that counts for nothing; the same
 # of a single thing (of many right ones, one looks mistaken by chance), and of a part of one: a link's mass.
 _KIND, _THING, _PART = (0.05, 0.05), (0.01, 0.2), (0.05, 0.1)
 _SURE = 0.9  # probability that something is further off than declared, from which that is reported
+
+
+# Of a standard deviation, which a cause is tried with: the likelihood is flat enough for steps of three.
+_FACTORS = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+# Times a standard deviation, among which the likeliest is looked for: finer than for causes, as intervals depend on
+# it.
+_SIZES = (1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0)
+# Of the prior's variance, which data have to take off a direction for it to be seen: quotients of less are rounding.
+_SEEN = 0.01
+
+
+class LikelyScale(NamedTuple):
+    """How many times as far from zero as declared numbers are, the chance of more than once, the gain of likelihood."""
+
+    factor: float
+    chance: float
+    gain: float
+
+
+AS_DECLARED = LikelyScale(1.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class PriorComparison:
+    """Numbers of unit variance beforehand, in the directions that the data know independently.
+
+    If the prior is right, the posterior mean m varies about zero with S = 1 - P, P the posterior covariance; if the
+    numbers are k times as far off, with S + (k^2 - 1) S^2. With k times the standard deviation, prior information falls
+    by D = 1 - 1/k^2, and the log-likelihood of the data grows by (trajectory.md, eq. 8)
+
+        1/2 m^T (1/D - P)^-1 m  -  1/2 log|1 - D P|  -  n log k
+    """
+
+    # mean, variance, curved: (..., n) along these directions; any groups of as many numbers side by side
+    mean: Array
+    variance: Array
+    curved: Flags
+
+    @staticmethod
+    def of(mean: Array, covariance: Array, moved: Array | None = None) -> PriorComparison:
+        """Return numbers by their mean (..., n) and covariance (..., n, n).
+
+        A direction is curved along which these have `moved` (d, ..., n), where windows were linearised elsewhere, by a
+        good part of the deviation sqrt(1 - variance) that means have: the data observe it at second order only.
+        """
+        variance, directions = np.linalg.eigh(covariance)
+        variance, back = np.clip(variance, 0.0, 1.0), np.swapaxes(directions, -1, -2)
+        along = (back @ mean[..., None])[..., 0]
+        shifts = np.zeros((0, *along.shape)) if moved is None else (back @ moved[..., None])[..., 0]
+        return PriorComparison(along, variance, np.any(shifts**2 > LARGEST_SHIFT**2 * (1.0 - variance), axis=0))
+
+    @property
+    def distances(self) -> tuple[Array, Array, Array]:
+        """The observed distance of each group from zero: (...) for each field of `Distance`."""
+        seen = 1.0 - self.variance
+        enough = (seen > _SEEN) & ~self.curved
+        squares = np.where(enough, self.mean**2, 0.0) / np.where(enough, seen, 1.0)
+        twice = squares / (1.0 + 3.0 * seen)
+        return np.add.reduce(squares, axis=-1), np.add.reduce(twice, axis=-1), np.add.reduce(enough, axis=-1)
+
+    def gain(self, most: float) -> tuple[Array, Array]:
+        """Return the largest gains of log-likelihood (...), and the factors k up to `most` that do it."""
+        return self._largest([factor for factor in _FACTORS if factor <= most])
+
+    def likely_sizes(self, too_small: float | Array, doubt: float | Array) -> tuple[Array, Array, Array]:
+        """Return the distance of each group from zero over the declared one: (...) for each field of `LikelyScale`.
+
+        The root mean square of one and the likeliest factor, by the chance of either; numbers that the data
+        do not observe leave it at one.
+
+        Parameters
+        ----------
+        too_small : chance that they are declared too certain, before the data are asked; of all groups or (...) each
+        doubt : chance afterwards up to which that counts for nothing
+        """
+        # Only a mean larger than the data expect can gain by a factor.
+        larger = np.add.reduce(self.mean**2, axis=-1) > np.add.reduce(1.0 - self.variance, axis=-1)
+        if not larger.any():
+            nothing = np.zeros(larger.shape)
+            return nothing + 1.0, nothing, nothing
+        most, factor = self._largest(_SIZES)
+        odds = too_small * np.exp(np.minimum(most, 100.0))
+        chance = np.maximum(0.0, (odds / (1.0 - too_small + odds) - doubt) / (1.0 - doubt))
+        chance = np.where(larger, chance, 0.0)
+        return np.sqrt(1.0 + chance * (factor**2 - 1.0)), chance, np.where(larger, np.maximum(most, 0.0), 0.0)
+
+    def _largest(self, factors: Sequence[float]) -> tuple[Array, Array]:
+        k = np.array(factors)[:, None]
+        less = 1.0 - k**-2
+        mean, left = self.mean[..., None, :], 1.0 - less * self.variance[..., None, :]
+        gains = 0.5 * np.add.reduce(less * mean**2 / left - np.log(left) - 2.0 * np.log(k), axis=-1)
+        return np.asarray(gains.max(axis=-1)), k[gains.argmax(axis=-1), 0]
 
 
 @dataclass(frozen=True, eq=False)

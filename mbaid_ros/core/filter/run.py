@@ -16,13 +16,13 @@ from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.start import Start
 from mbaid_ros.core.filter.state import BODY, Layout, Point, near_part
 from mbaid_ros.core.filter.swing_start import resolved_frequencies
+from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.results.status import LARGEST_NIS
-from mbaid_ros.core.unknowns.environment import Hypothesis
 
 # The point moves when the estimate is this far from its reference (squared Mahalanobis distance, of 20 to 200
 # numbers): directions that nothing sees gain less information by that than their priors have. It moves along directions

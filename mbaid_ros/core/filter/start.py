@@ -12,12 +12,12 @@ from mbaid_ros.core.filter.batch import MASS, BatchIteration, BatchResult, Relin
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.state import ANGULAR, BODY, BODY_PLACES, Layout, Point
 from mbaid_ros.core.filter.swing_start import from_loose_swing
+from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.window import STACK, Stack, Window, in_stacks, stacked
 from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
-from mbaid_ros.core.unknowns.environment import Hypothesis
 
 _FIRST = 5  # windows of a mean angular momentum: noise is far below the rate, disturbances have hardly acted
 

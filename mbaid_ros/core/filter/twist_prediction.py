@@ -10,8 +10,7 @@ import numpy as np
 
 from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.passive_prediction import PassiveColumns, deflections_of, passive_columns, passive_motion_of
-from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
-from mbaid_ros.core.filter.total_momentum import mobility_and_joint_momentum, total_momentum
+from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point, mobility_and_joint_momentum, total_momentum
 from mbaid_ros.core.geometry import Array, Integers, cross, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import express

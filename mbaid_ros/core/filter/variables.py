@@ -8,10 +8,12 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
+from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR, MOMENTUM, POSE, Layout
 from mbaid_ros.core.geometry import Array, Integers
 from mbaid_ros.core.robot.kernel import unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
+from mbaid_ros.core.unknowns.bodies import KnownBodies, TotalMass
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 
 _ANGLE, _LENGTH = 1e-3, 1e-2  # rad, m: typical pose errors, which only scale
@@ -45,11 +47,18 @@ class Variables:
     broken: Array = field(default_factory=lambda: np.zeros((0, 0)))
     # (v, v + 1) square-root information left by the run before the target changed, and z; else None
     left: Array | None = None
+    bias: Array | None = None  # (b, b + 1) bias information that the run before has left; None without one
+    weighed: Array | None = None  # (v + 1,) the row of the robot's mass, where it was weighed, of unit variance
 
     @property
     def described(self) -> bool:
         """Whether all of the body has a prior."""
         return bool(self.mean[BODY][4] > 0.0)
+
+    @property
+    def continues(self) -> bool:
+        """Whether another run of the same target has left information."""
+        return self.bias is not None
 
     @property
     def typical_mass(self) -> float:
@@ -136,13 +145,41 @@ class Variables:
         """
         expected = np.where(np.arange(len(mean)) < BODY.stop, 0.0, mean)
         expected[BODY.start] = 0.0 if exchanged else mean[BODY.start]
+        return replace(self, mean=expected, left=self.without_force(root))
+
+    def without_force(self, root: Array) -> Array:
+        """Return the (v, v + 1) square-root information, and z, of a root as of `going_on`."""
         left = np.column_stack((root[:, :-2], root[:, -2] + root[:, -1]))
         count = len(self.scale)
-        if len(root) > count:
-            others = np.column_stack((left[:, count:-1], left[:, :count], left[:, -1]))
-            force = len(root) - count
-            left = np.asarray(np.linalg.qr(others, mode='r'))[force : len(root), force:]
-        return replace(self, mean=expected, left=left)
+        if len(root) == count:
+            return left
+        others = np.column_stack((left[:, count:-1], left[:, :count], left[:, -1]))
+        force = len(root) - count
+        return np.asarray(np.linalg.qr(others, mode='r'))[force : len(root), force:]
+
+    def continued(self, root: Array, bias: Array) -> Variables:
+        """Return these for another run of the same target: a new pose error and momentum, all else as it was left.
+
+        Raises DataError: The run had other unknowns.
+
+        Parameters
+        ----------
+        root : (v - h, v - h + 1) square-root information of all but pose error and momentum, and z
+        bias : (b, b + 1) as of `SquareRootInformation.bias_information`
+        """
+        count = len(self.scale) - self.head
+        if len(root) != count:
+            raise DataError(
+                f'the run to continue has {len(root)} unknowns, this one {count}; accepted: one of the same '
+                'robot with the same parameters'
+            )
+        mean = np.linalg.solve(root[:, :-1], root[:, -1])
+        left = np.zeros((len(self.scale), len(self.scale) + 1))
+        left[: self.head, : self.head] = self.prior()[1][: self.head, : self.head]
+        left[self.head :, self.head :] = root
+        expected = self.spread[:, self.head :] @ mean
+        expected[BODY.start + 1 : BODY.stop] = 0.0
+        return replace(self, mean=expected, left=left, bias=bias)
 
     def prior(self, mass: float | None = None) -> tuple[Array, Array, float]:
         """Return the prior's mean (v,) and square-root information (v, v), near a mass in kg if given.
@@ -168,7 +205,11 @@ class Variables:
         information = np.eye(len(self.scale))
         information[:first, :first] = np.linalg.qr(np.linalg.inv(root).T, mode='r')
         information[first:, first:] = self.known
-        return self.gather @ mean, information, likelihood
+        if self.weighed is None:
+            return self.gather @ mean, information, likelihood
+        both = np.vstack((np.column_stack((information, information @ (self.gather @ mean))), self.weighed))
+        root = np.asarray(np.linalg.qr(both, mode='r'))[: len(self.scale)]
+        return np.linalg.solve(root[:, :-1], root[:, -1]), root[:, :-1], likelihood
 
 
 def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty) -> Variables:
@@ -188,6 +229,7 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
     basis, measured = _planar(layout, detector) if detector.planar else (np.eye(layout.size), np.eye(6))
     force = detector.rows().T * (_FORCE * typical[10:16] @ np.abs(detector.rows().T))
     scale, known = np.sqrt((basis**2).T @ sizes**2), layout.known.triangle
+    weighed = None if uncertainty.weighed is None else _weighed(layout, uncertainty.weighed, basis * scale)
     return Variables(
         basis,
         scale,
@@ -201,7 +243,19 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
         _renewed(layout),
         layout.times,
         _broken(layout),
+        weighed=weighed,
     )
+
+
+def _weighed(layout: Layout, total: TotalMass, spread: Array) -> Array:
+    """Return the (v + 1,) row of the robot's mass: that of the known bodies, and of the target if it is weighed too."""
+    row = np.zeros(layout.size)
+    row[BODY.start] = float(total.with_target)
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        if isinstance(unknown, KnownBodies):
+            row[place] = unknown.factor[::10].sum(axis=0)
+    value = total.mass - float(np.sum(layout.kernel.known[:, 0]))
+    return np.append(row @ spread, value) / total.std
 
 
 def _walks(layout: Layout) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -15,7 +16,9 @@ from mbaid_ros.core.filter.swing import SwingCourse
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import Stack, Window, stacked
 from mbaid_ros.core.geometry import Array, Integers, skew
-from mbaid_ros.core.unknowns.environment import Axes
+
+# Where a constant force and torque acts, and in which axes.
+Axes = Literal['none', 'inertial', 'inertial on the base', 'body']
 
 
 @dataclass(frozen=True)

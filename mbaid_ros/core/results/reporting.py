@@ -9,19 +9,23 @@ planar arm holds, which only the tilts of its own axes observe.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.evidence import LARGEST_SHIFT
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, are_physical, project, project_planar
 from mbaid_ros.core.results.status import Reason, Severity, status_of, with_reasons
 from mbaid_ros.core.robot.kinematics import Plane
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian
+
+# Standard deviations that a solution may move by: a bias of half of one costs a 95 % interval three of its
+# hundredths. Of equations that are near linear it moves by some hundredths, where the mass is known to a seventh by
+# up to .4, where products of unknowns lead by .5 to 1.2.
+LARGEST_SHIFT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +37,21 @@ class Curvature:
     covariance: Array
     largest: float = LARGEST_SHIFT  # standard deviations that a near linear one moves by at most
     unknowns: Array | None = None  # (d, e) by which the unknowns' independent numbers have moved
+    elsewhere: Array = field(default_factory=lambda: np.zeros((0, 10, 10)))  # (d, 10, 10) covariances at those points
 
     def straight(self, jacobian: Array) -> Flags:
         """Return of which numbers (m,), by their Jacobian (m, 10), the equations are near linear."""
         moved = np.max(np.abs(self.shifts @ jacobian.T), axis=0)
         variance = np.einsum('ij,jk,ik->i', jacobian, self.covariance, jacobian)
         return np.asarray(moved**2 <= self.largest**2 * variance)
+
+    def first_order(self, jacobian: Array) -> Flags:
+        """Return which numbers (m,) the data observe at first order: these are about as well known elsewhere."""
+        here, *others = (
+            np.einsum('ij,jk,ik->i', jacobian, each, jacobian) for each in (self.covariance, *self.elsewhere)
+        )
+        ratio = np.array(others).reshape(-1, len(here)) / here
+        return np.asarray(np.all((ratio < _ALIKE) & (ratio > 1.0 / _ALIKE), axis=0)) & (len(ratio) == len(self.shifts))
 
     @property
     def anywhere(self) -> bool:
@@ -47,6 +60,9 @@ class Curvature:
 
 
 LENGTH = 1.0  # m, that the standard deviation of the centre of mass is relative to: the size of a captured body
+# Ratio of variances at two points up to which the data observe a number at first order: one that only the product with
+# another unknown shows is known as much better as that unknown is further from zero.
+_ALIKE = 2.0
 # Standard deviations of an estimate from the nearest real body, from which a warning reports it.
 _LARGE_CORRECTION = 3.0
 _BY_CHANCE = 1e-6  # chance that so few equations leave as large a residual: asked once a window while a run is short
@@ -103,15 +119,15 @@ class Reporting:
         cautious = np.array([one.cautious_covariance[:10, :10] for one in solutions])
         momentum, momentum_covariance = _about_odometry_origin(solutions)
         parameters, jacobian = physical(bodies), physical_jacobian(bodies)
-        linear = _linear(solutions, jacobian)
-        identifiable = self._identifiable(parameters, jacobian, cautious) & linear
+        linear, remainder = _nonlinearity(solutions, jacobian)
+        identifiable = self._identifiable(parameters, jacobian, cautious, remainder) & linear
         planes = [one.plane for one in solutions]
         possible, corrections = self._possible(bodies, covariance, identifiable, planes)
         if possible is not bodies:
             parameters, jacobian = physical(possible), physical_jacobian(possible)
-            linear = _linear(solutions, jacobian)
-            identifiable = self._identifiable(parameters, jacobian, cautious) & linear
-        published = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
+            linear, remainder = _nonlinearity(solutions, jacobian)
+            identifiable = self._identifiable(parameters, jacobian, cautious, remainder) & linear
+        published = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2) + remainder
         parameters[~identifiable] = np.nan
         published[~(identifiable[:, :, None] & identifiable[:, None])] = np.nan
         precise = np.all((relative_std(published, self.sizes(parameters)) < self.converged_std) | ~identifiable, axis=1)
@@ -155,17 +171,21 @@ class Reporting:
                 possible[k], corrections[k] = project_planar(bodies[k], covariance[k], self.scale, plane)
         return possible, corrections
 
-    def _identifiable(self, parameters: Array, jacobian: Array, cautious_covariance: Array) -> Flags:
-        covariance = jacobian @ cautious_covariance @ np.swapaxes(jacobian, 1, 2)
-        relative = relative_std(covariance, self.sizes(parameters))
+    def _identifiable(self, parameters: Array, jacobian: Array, cautious_covariance: Array, remainder: Array) -> Flags:
+        covariance = jacobian @ cautious_covariance @ np.swapaxes(jacobian, 1, 2) + remainder
+        relative = relative_std(covariance, self.sizes(parameters, np.full(len(parameters), LENGTH)))
         of_the_mass = relative[:, :1] < _OF_THE_MASS * self.identifiable_std
         return np.asarray((relative < self.identifiable_std) & of_the_mass)
 
-    def sizes(self, parameters: Array) -> Array:
-        """Return the sizes that standard deviations of the (..., 10) physical parameters are relative to."""
+    def sizes(self, parameters: Array, length: Array | None = None) -> Array:
+        """Return the sizes that standard deviations of the (..., 10) physical parameters are relative to.
+
+        That of the centre of mass is the body's own size, or a given length (...), m.
+        """
         moments = np.sqrt(np.abs(parameters[..., _FIRST] * parameters[..., _SECOND]))
-        length = np.full((*parameters.shape[:-1], 3), LENGTH)
-        size = np.concatenate((np.abs(parameters[..., :1]), length, moments), axis=-1)
+        length = body_length(parameters) if length is None else length
+        lengths = np.repeat(length[..., None], 3, axis=-1)
+        size = np.concatenate((np.abs(parameters[..., :1]), lengths, moments), axis=-1)
         # An element that vanishes is of the size that rounding leaves of a typical one.
         typical = np.concatenate((self.scale[:1], np.full(3, LENGTH), self.scale[4:]))
         return np.maximum(size, 1e-9 * typical)
@@ -198,19 +218,42 @@ def _names(which: Flags) -> str:
     return ', '.join(name for name, named in zip(PARAMETERS, which, strict=True) if named)
 
 
+def body_length(parameters: Array) -> Array:
+    """Return the size (...) of bodies, m: twice the radius of gyration about the CoM, the side of a cube.
+
+    Moments that are not known (NaN) count as the largest that is; without any, the size is LENGTH.
+
+    Parameters
+    ----------
+    parameters : (..., 10) physical parameters
+    """
+    moments = np.nan_to_num(parameters[..., [4, 7, 9]])
+    known = np.isfinite(parameters[..., [4, 7, 9]])
+    trace = np.sum(np.where(known, moments, moments.max(axis=-1, keepdims=True)), axis=-1)
+    square = 2.0 * trace / np.where(parameters[..., 0] > 0.0, parameters[..., 0], np.nan)
+    return np.where(square > 0.0, np.sqrt(np.abs(square)), LENGTH)
+
+
 def relative_std(covariance: Array, size: Array) -> Array:
     """Return the (..., 10) standard deviations relative to sizes."""
     return np.asarray(np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1)) / size)
 
 
-def _linear(solutions: Sequence[Solution], jacobian: Array) -> Flags:
-    """Return of which parameters, (N, 10), the solutions depend little on where equations were linearised."""
-    return np.array(
-        [
-            np.all([np.ones(10, dtype=bool), *(curvature.straight(each) for curvature in one.curvatures)], axis=0)
-            for one, each in zip(solutions, jacobian, strict=True)
-        ]
-    )
+def _nonlinearity(solutions: Sequence[Solution], jacobian: Array) -> tuple[Flags, Array]:
+    """Return which parameters, (N, 10), data observe at first order, and the covariance (N, 10, 10) of the remainder.
+
+    It counts for those alone that depend on where equations were linearised, and is at least as large as any shift.
+    """
+    observed, remainder = np.ones((len(solutions), 10), dtype=bool), np.zeros((len(solutions), 10, 10))
+    for place, (one, each) in enumerate(zip(solutions, jacobian, strict=True)):
+        for curvature in one.curvatures:
+            straight = curvature.straight(each)
+            if straight.all():
+                continue
+            observed[place] &= straight | curvature.first_order(each)
+            shifts = np.where(straight, 0.0, curvature.shifts @ each.T)
+            remainder[place] += shifts.T @ shifts
+    return observed, remainder
 
 
 def _about_odometry_origin(solutions: Sequence[Solution]) -> tuple[Array, Array]:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from functools import cached_property
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from mbaid_ros.core import chi_square
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Integers
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Status
-from mbaid_ros.core.results.evidence import SENSORS, Distance, Innovations
-from mbaid_ros.core.results.parameters import PARAMETERS
 
 Severity = Literal['note', 'contradiction', 'conflict']
 
@@ -70,6 +68,87 @@ def contradictions(texts: Sequence[str]) -> list[Reason]:
 def notes(texts: Sequence[str]) -> list[Reason]:
     """Return reasons that are warnings alone."""
     return [Reason(text) for text in texts]
+
+
+SENSORS = ('base_orientation', 'base_position', 'base_angular_velocity', 'base_linear_velocity', 'imu')
+
+
+@dataclass(frozen=True, eq=False)
+class Innovations:
+    """Sums over the windows of a run, of each of the m numbers that may be measured.
+
+    These are k of the pose, angular ones first, k of the twist, and those that a gyro measures.
+    """
+
+    angular: int  # how many of the k are angular: three, or one in a plane
+    # sums, counts: (2, m) of the normalised innovations squared, and of the products of those of neighbouring windows
+    sums: Array
+    counts: Array
+    previous: Array  # (m,) those of the last window; NaN if not measured
+
+    @staticmethod
+    def none(poses: int) -> Innovations:
+        """Return the sums before the first window, of k = 6 pose measurements, or 3 in a plane."""
+        angular = 3 if poses > 3 else 1
+        nothing = np.zeros((2, 2 * poses + angular))
+        return Innovations(angular, nothing, nothing, np.full(nothing.shape[1], np.nan))
+
+    def after(self, normalised: Array, places: Integers) -> Innovations:
+        """Return the sums with a window's normalised innovations (w,), which are of the numbers at some places."""
+        latest = np.full(len(self.previous), np.nan)
+        latest[places] = normalised
+        products = np.array((latest, self.previous)) * latest
+        known = np.isfinite(products)
+        return Innovations(self.angular, self.sums + np.where(known, products, 0.0), self.counts + known, latest)
+
+    @cached_property
+    def _of_sensors(self) -> tuple[Array, Array]:
+        """Sums and counts, (2, 5) each, in the order of SENSORS."""
+        poses = (len(self.previous) - self.angular) // 2
+        ends = (0, self.angular, poses, poses + self.angular, 2 * poses)
+        sums, counts = np.add.reduceat(np.array((self.sums, self.counts)), ends, axis=2)
+        return sums, counts
+
+    @property
+    def count(self) -> Array:
+        """How many innovations of each sensor there were, (5,)."""
+        return self._of_sensors[1][0]
+
+    @property
+    def pairs(self) -> Array:
+        """How many pairs of neighbouring windows' innovations of each sensor there were, (5,)."""
+        return self._of_sensors[1][1]
+
+    @cached_property
+    def ratio(self) -> Array:
+        """Mean normalised innovation squared of each sensor, (5,): 1 for noise as declared; NaN without any."""
+        return np.where(self.count > 0.0, self._of_sensors[0][0] / np.maximum(self.count, 1.0), np.nan)
+
+    @cached_property
+    def ratio_significance(self) -> Array:
+        """By how many of its standard deviations, sqrt(2 / n), each ratio exceeds 1, (5,)."""
+        return (self.ratio - 1.0) * np.sqrt(0.5 * self.count)
+
+    @cached_property
+    def correlation(self) -> Array:
+        """Covariance of neighbouring windows' innovations in units of the declared noise, (5,); NaN without any.
+
+        0 where the noise is white. Innovations far below the declared noise do not matter.
+        """
+        return np.where(self.pairs > 0.0, self._of_sensors[0][1] / np.maximum(self.pairs, 1.0), np.nan)
+
+    @cached_property
+    def correlation_significance(self) -> Array:
+        """How many of its standard deviations, the ratio over sqrt(n), each of these is, (5,)."""
+        return self.correlation / np.maximum(self.ratio, 1.0) * np.sqrt(self.pairs)
+
+
+class Distance(NamedTuple):
+    """How far from zero the data see numbers: chi-square as declared, and if twice as far off; degrees of freedom."""
+
+    square: float
+    twice: float
+    degrees: int
 
 
 # Mean normalised innovation squared, of all or of one sensor, from which the model is wrong, the run not just unlucky.
@@ -199,42 +278,3 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
     # A walk gains more than anything else could, and names nothing: it comes last.
     walk = [Cause(evidence.hypothesis, evidence.gain)] if evidence.hypothesis and not evidence.physical else []
     return (*causes, *walk)
-
-
-_KEPT = 10.0  # s, that an estimate is compared with later ones
-_FAR = 5.0  # of its standard deviations, by which none should move: one in millions does by chance
-
-
-class IntervalConsistency:
-    """Compares each estimate of a run with those of the latest seconds before it."""
-
-    def __init__(self) -> None:
-        self._earlier: deque[tuple[float, Array, Array]] = deque()  # s, (10,) parameters, (10,) standard deviations
-        self._changes = 0  # of the target
-
-    def judged(self, estimate: Estimate, *, early: bool) -> Estimate:
-        """Return an estimate, inconsistent where it has left the interval of one before it that was not early."""
-        changes = sum(event.kind == 'target_changed' for event in estimate.events)
-        if changes != self._changes:
-            self._earlier.clear()
-            self._changes = changes
-        while self._earlier and self._earlier[0][0] < estimate.time - _KEPT:
-            self._earlier.popleft()
-        if not estimate.identifiable.any() or estimate.status == 'inconsistent':
-            return estimate
-        reasons = [Reason(text, 'conflict') for text in self._moved(estimate)]
-        if not early:
-            self._earlier.append((estimate.time, estimate.parameters, estimate.std))
-        return with_reasons(estimate, reasons)
-
-    def _moved(self, estimate: Estimate) -> Iterator[str]:
-        if not self._earlier:
-            return
-        times, parameters, stds = (np.array(each) for each in zip(*self._earlier, strict=True))
-        distance = np.nan_to_num(np.abs(estimate.parameters - parameters) / stds)
-        place, which = np.unravel_index(int(np.argmax(distance)), distance.shape)
-        if distance[place, which] >= _FAR:
-            yield (
-                f'{PARAMETERS[which]} has moved by {distance[place, which]:.1f} of its standard deviations since '
-                f'{times[place]:.1f} s: one of the two is wrong'
-            )

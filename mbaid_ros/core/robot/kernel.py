@@ -15,12 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, rotate_back, unvec
-from mbaid_ros.core.robot.kinematics import Configuration, Kinematics
-from mbaid_ros.core.robot.model import Link, RobotModel, express
-from mbaid_ros.core.robot.model_errors import KnownErrors, displaced
+from mbaid_ros.core.robot.kinematics import Configuration, Kinematics, Springs
+from mbaid_ros.core.robot.model import Link, RobotModel, displaced, express
+from mbaid_ros.core.robot.model_errors import KnownErrors
 from mbaid_ros.core.robot.momentum import Storage, momentum, regressor
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about, of_bodies, of_link
-from mbaid_ros.core.robot.springs import Springs
 from mbaid_ros.core.samples import Index, Samples
 
 _PART = 16_000  # bodies times samples, of 240 bytes each: they fit a cache of some megabytes

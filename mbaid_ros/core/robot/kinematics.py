@@ -11,7 +11,7 @@ momentum about its normal.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -228,3 +228,25 @@ def _common_axis(model: RobotModel) -> Array | None:
     parallel = np.all(np.abs(np.abs(turning @ axis) - 1.0) < _PARALLEL)
     across = np.all(np.abs(twists[:, slides, :3] @ axis) < _PARALLEL)
     return axis if parallel and across else None
+
+
+@dataclass(frozen=True, eq=False)
+class Springs:
+    """f joints that no JointState reports."""
+
+    joints: tuple[int, ...] = ()  # f indices
+    # rate, ratio: (f,) natural angular frequency, rad/s, with all else held; damping ratio
+    rate: Array = field(default_factory=lambda: np.zeros(0))
+    ratio: Array = field(default_factory=lambda: np.zeros(0))
+    # (2, f) deflection and rate at the first instant, rad or m, and per s
+    start: Array = field(default_factory=lambda: np.zeros((2, 0)))
+
+    @property
+    def count(self) -> int:
+        """Number f."""
+        return len(self.joints)
+
+    @property
+    def fastest(self) -> float:
+        """The highest natural frequency, Hz; 0 without any."""
+        return float(np.max(self.rate, initial=0.0) / (2.0 * np.pi))

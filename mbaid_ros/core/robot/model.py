@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from xml.etree import ElementTree as ET
 
@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio
 
 from mbaid_ros.core.errors import ModelError, listing
-from mbaid_ros.core.geometry import Array, rotate, skew, unvec, vec
+from mbaid_ros.core.geometry import Array, exp, rotate, skew, unvec, vec
 from mbaid_ros.core.robot.urdf import Description, Inertial, Limit, Transmission, read_description, transmission
 from mbaid_ros.core.robot.urdf_document import kept_words, on_one_line, tree_of
 
@@ -239,3 +239,12 @@ def _standard(inertial: Inertial | None) -> Array:
         return np.zeros(10)
     about_com = np.concatenate(([inertial.mass], np.zeros(3), inertial.inertia))
     return express(about_com, pinocchio.rpy.rpyToMatrix(*inertial.rpy), np.array(inertial.xyz))
+
+
+def displaced(model: RobotModel, origins: Array, tilts: Array) -> RobotModel:
+    """Return a robot with displaced joints, (n, 3), (n, 3) as in ModelErrors."""
+    return replace(
+        model,
+        positions=model.positions + rotate(model.rotations, origins),
+        rotations=model.rotations @ exp(tilts),
+    )

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from mbaid_ros.core.geometry import Array, exp, rotate
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import Link, RobotModel, express
-from mbaid_ros.core.robot.momentum import physical, physical_jacobian
+from mbaid_ros.core.robot.momentum import body_length, body_sizes, physical, physical_jacobian
 
 
 @dataclass(frozen=True)
@@ -38,15 +38,6 @@ class ModelErrors:
     def exact(self) -> bool:
         """Whether the robot is exactly its URDF."""
         return not any(np.any(block) for block in vars(self).values())
-
-
-def displaced(model: RobotModel, origins: Array, tilts: Array) -> RobotModel:
-    """Return a robot with displaced joints, (n, 3), (n, 3) as in ModelErrors."""
-    return replace(
-        model,
-        positions=model.positions + rotate(model.rotations, origins),
-        rotations=model.rotations @ exp(tilts),
-    )
 
 
 def with_bodies(model: RobotModel, change: Array, fixed: Sequence[str]) -> RobotModel:
@@ -113,21 +104,6 @@ def relative_factor(parameters: Array, std: float) -> Array:
     return np.asarray(std * sizes[:, None] * np.linalg.cholesky(np.eye(10) + np.outer(whole, whole)))
 
 
-def body_sizes(parameters: Array) -> Array:
-    """Return the reference sizes of relative errors of a body's (10,) standard parameters.
-
-    The mass; the mass times the larger of CoM distance and radius of gyration; the mean moment of inertia.
-    """
-    mass, mean = parameters[0], float(parameters[[4, 7, 9]].sum()) / 3.0
-    return np.concatenate(([mass], np.full(3, mass * _size(parameters)), np.full(6, mean)))
-
-
-def _size(parameters: Array) -> float:
-    """Return the larger of a body's distance of the CoM from its frame and radius of gyration about that, m."""
-    gyration = np.sqrt(max(float(parameters[[4, 7, 9]].sum()) / 3.0 / parameters[0], 0.0))
-    return max(float(np.linalg.norm(physical(parameters)[1:4])), float(gyration))
-
-
 @dataclass(frozen=True)
 class BodyDeviations:
     """Standard deviations of one body's mass (relative), CoM (m, each coordinate) and inertia about it (relative).
@@ -143,7 +119,7 @@ class BodyDeviations:
     @staticmethod
     def relative(parameters: Array, std: float) -> BodyDeviations:
         """Return those of a body, of standard parameters (10,), whose errors are of a relative size."""
-        return BodyDeviations(std, std * _size(parameters), std)
+        return BodyDeviations(std, std * body_length(parameters), std)
 
     def factor(self, parameters: Array) -> Array:
         """Return the (10, e) factor of the covariance of the standard parameters (10,)."""

@@ -169,6 +169,21 @@ def regressor(rotation: Array, position: Array, twist: Array) -> Array:
     return matrix
 
 
+def body_sizes(parameters: Array) -> Array:
+    """Return the reference sizes of relative errors of a body's (10,) standard parameters.
+
+    The mass; the mass times the larger of CoM distance and radius of gyration; the mean moment of inertia.
+    """
+    mass, mean = parameters[0], float(parameters[[4, 7, 9]].sum()) / 3.0
+    return np.concatenate(([mass], np.full(3, mass * body_length(parameters)), np.full(6, mean)))
+
+
+def body_length(parameters: Array) -> float:
+    """Return the larger of a body's distance of the CoM from its frame and radius of gyration about that, m."""
+    gyration = np.sqrt(max(float(parameters[[4, 7, 9]].sum()) / 3.0 / parameters[0], 0.0))
+    return max(float(np.linalg.norm(physical(parameters)[1:4])), float(gyration))
+
+
 @dataclass(frozen=True, eq=False)
 class Storage:
     """Angular momentum stored inside bodies, with c readings."""

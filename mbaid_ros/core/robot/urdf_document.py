@@ -1,4 +1,4 @@
-"""A robot description as an XML document: checks before its contents are read."""
+"""A robot description as an XML document: checks before its contents are read, and the tree of its links."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import sys
 import tempfile
 import threading
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from typing import NoReturn
 from xml.etree import ElementTree as ET
 
@@ -158,6 +159,96 @@ def triple(what: str, element: ET.Element | None, key: str, default: str = '0 0 
     if max(map(abs, values)) > limits.LENGTH:
         refuse(f"{what} {key} '{text}'; numbers up to {limits.LENGTH:g} are accepted")
     return values
+
+
+GROUND = 'world'  # the usual name of the root that a robot stands on
+_LOOSE = ('floating', 'planar')  # joints that a robot floats on
+
+
+@dataclass(frozen=True)
+class Branch:
+    """The joint that carries a link: its name and type, and the name of the parent link."""
+
+    joint: str
+    kind: str
+    parent: str
+
+
+def read_tree(robot: ET.Element, links: Sequence[str]) -> tuple[dict[str, Branch], list[str]]:
+    """Return the branch of each carried link, and the problems with the joints' ends."""
+    known, branches, problems = set(links), dict[str, Branch](), list[str]()
+    for joint in robot.findall('joint'):
+        name = joint.get('name', '')
+        ends = {}
+        for role in ('parent', 'child'):
+            element = joint.find(role)
+            ends[role] = element.get('link', '') if element is not None else ''
+            if ends[role] not in known:
+                problems.append(f"joint '{name}' names {role} link '{ends[role]}', which is not defined")
+        if ends['child'] in branches:
+            problems.append(f"link '{ends['child']}' has two parent joints; the robot must be a tree")
+        branches[ends['child']] = Branch(name, joint.get('type', ''), ends['parent'])
+    return branches, problems
+
+
+def floating_link(links: Sequence[str], branches: Mapping[str, Branch], massive: set[str], wanted: str) -> str:
+    """Return the link that floats: the wanted one, or else the root, or the link on a ground without mass.
+
+    ModelError if there is no such link, no tree, or nothing that floats.
+
+    Parameters
+    ----------
+    links : names, in the order of the document
+    branches : the joint that carries each link
+    massive : names of the links that have mass
+    wanted : name of a link; empty for none
+    """
+    roots = [name for name in links if name not in branches]
+    tied = set(links).difference(*(carried(root, branches) for root in roots))
+    if tied:
+        refuse(f'joints tie links in a loop: {listing(sorted(tied))}; the robot must be a tree')
+    if wanted:
+        if wanted not in links:
+            refuse(f"parameter 'base_link' is '{wanted[:60]}', which is no link; links: {listing(links)}")
+        return wanted
+    if len(roots) != 1:
+        refuse(
+            f'the robot description must have one root link, not {len(roots)}: {listing(roots)}; name the one that '
+            'floats by parameter base_link'
+        )
+    return _off_the_ground(roots[0], branches, massive)
+
+
+def carried(base: str, branches: Mapping[str, Branch]) -> set[str]:
+    """Return a link and all that it carries."""
+    children: dict[str, list[str]] = {}
+    for child, branch in branches.items():
+        children.setdefault(branch.parent, []).append(child)
+    reached, waiting = {base}, [base]
+    while waiting:
+        new = [child for child in children.get(waiting.pop(), []) if child not in reached]
+        reached.update(new)
+        waiting += new
+    return reached
+
+
+def _off_the_ground(root: str, branches: Mapping[str, Branch], massive: set[str]) -> str:
+    """Return the root, or the link that it carries if the root is the ground that the robot floats over."""
+    on = {child: branch for child, branch in branches.items() if branch.parent == root}
+    loose = root not in massive and len(on) == 1 and next(iter(on.values())).kind in _LOOSE
+    if root != GROUND and not loose:
+        return root
+    if len(on) != 1:
+        refuse(
+            f"root link '{root}' carries {listing(on)}; one of them floats, or the link that parameter base_link names"
+        )
+    child, branch = next(iter(on.items()))
+    if branch.kind not in {'fixed', *_LOOSE}:
+        refuse(
+            f"joint '{branch.joint}' ties '{child}' to root link '{root}' by a {branch.kind} joint; accepted: a fixed "
+            'or floating one, or parameter base_link with the link that floats'
+        )
+    return child
 
 
 _STDERR = 2  # descriptor of the stream that the parser complains on

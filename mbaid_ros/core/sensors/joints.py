@@ -16,6 +16,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import JointStream, Stamps
 from mbaid_ros.core.sensors.streams import Reorder
 from mbaid_ros.core.sensors.synchroniser import LARGEST_BACKLOG
+from mbaid_ros.core.sensors.turns import Turns
 
 NO_PARTNER = 'no message with the other joints around the stamp'
 PARTNER_GAP = 'gap in the messages with the other joints'
@@ -29,8 +30,6 @@ _GOES_ON = 1_000_000_000  # ns, that messages with all joints may pause
 _NEVER = -(1 << 62)  # ns
 _AT_REST = 10  # times the longest interpolated interval, that such messages may be apart
 
-_AGREES = 0.5  # rad, difference of a fast joint's step from its velocity times the interval
-
 Joints = tuple[int, ...]  # indices in the model
 
 
@@ -41,8 +40,7 @@ class _Part:
         self.joints = np.array(joints, dtype=np.intp)
         self.reorder = Reorder[JointStream](reorder_limit)
         self._turning = turning[self.joints]
-        self._last: JointStream | None = None  # latest reading
-        self._turns = np.zeros(len(joints))
+        self._turns = Turns(len(joints))
         self.waiting: JointStream | None = None
         self.own: list[int] = []  # columns of the joints that this part is used for
 
@@ -51,29 +49,9 @@ class _Part:
         ordered = self.reorder.push(stream)
         if ordered is None:
             return None
-        joined = ordered if self._last is None else ordered.concatenate((self._last, ordered))
-        self._last = ordered[-1:]
         # Whole turns are counted, not angles added up: the count is exact however the stream is cut.
-        steps = turns_between(joined)
-        if len(steps) < len(ordered.stamp):
-            steps = np.concatenate((np.zeros((1, len(self.joints))), steps))
-        turns = self._turns - np.cumsum(np.where(self._turning, steps, 0.0), axis=0)
-        self._turns = turns[-1]
-        return JointStream(ordered.stamp, ordered.position + 2.0 * np.pi * turns, ordered.velocity)
-
-
-def turns_between(stream: JointStream) -> Array:
-    """Return the jumps of wrapped angles from each reading to the next, (N - 1, n) whole turns.
-
-    A wheel may turn by more than a half between two readings: then its velocity gives the angle, if both agree.
-    """
-    step = np.diff(stream.position, axis=0)
-    speed = 0.5 * (stream.velocity[1:] + stream.velocity[:-1])
-    expected = np.nan_to_num(speed) * (1e-9 * np.diff(stream.stamp))[:, None]
-    left = step - expected
-    jumps = np.round(left / (2.0 * np.pi))
-    fast = (np.abs(expected) > np.pi) & (np.abs(left - 2.0 * np.pi * jumps) < _AGREES)
-    return np.where(fast, jumps, np.round(step / (2.0 * np.pi)))
+        turns = np.where(self._turning, self._turns.counted(ordered), 0.0)
+        return JointStream(ordered.stamp, ordered.position - 2.0 * np.pi * turns, ordered.velocity)
 
 
 class JointMerge:

@@ -174,10 +174,13 @@ class FoundNoise:
             first = np.where(base.declared, base.stamp[:, None], _NEVER).min(axis=0)
             self._declared_from[2:] = np.minimum(self._declared_from[2:], first)
 
-    def released(self, windows: list[Samples], origin: int) -> list[tuple[Samples, SensorLevels]]:
+    def released(
+        self, windows: list[Samples], origin: int, *, last: bool = False
+    ) -> list[tuple[Samples, SensorLevels]]:
         """Return the next windows with their noise, and the levels until then; `origin` is the stamp at time 0, ns.
 
-        The first seconds wait while their noise is not as declared: how large it is shows later, for all of them.
+        The first seconds wait while their noise is not as declared: how large it is shows later, for all of them; or
+        until the `last` ones.
         """
         released = []
         for window in windows:
@@ -189,6 +192,10 @@ class FoundNoise:
             if self._settled:
                 released += [self.applied(each, origin, end) for each in self._waiting]
                 self._waiting.clear()
+        if last and self._waiting:
+            end = float(self._waiting[-1].time[-1])
+            released += [self.applied(each, origin, end) for each in self._waiting]
+            self._waiting.clear()
         return released
 
     def applied(self, window: Samples, origin: int, until: float | None = None) -> tuple[Samples, SensorLevels]:

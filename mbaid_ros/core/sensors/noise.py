@@ -20,7 +20,7 @@ from mbaid_ros.core.sensors.correlation import FEWEST, Variances, candidates, ch
 # Of the differences: they cancel polynomials of fifth degree, which motion resembles over seven readings
 # readings.
 ORDER = 6
-_AT_ONCE = 40  # readings that are looked at together, at least: few cost as much as many
+_AT_ONCE = 300  # readings that are looked at together, unless a window ends before: few cost as much as many
 _ALL = 2048  # readings, of which all differences are used: later on, a quarter suffices
 BINOMIAL = np.array([(-1.0) ** place * comb(ORDER, place) for place in range(ORDER + 1)]) / np.sqrt(comb(12, ORDER))
 _LONGEST = 200_000_000  # ns times the stride: of readings further apart it is the motion that shows
@@ -49,27 +49,26 @@ class Differences:
     Parameters
     ----------
     columns : of each kind of reading
-    strides : of each kind, readings from one in a difference to the next
+    strides : readings from one in a difference to the next
     order : of the differences
 
     Attributes
     ----------
-    kinds : (kind, stride) of each row of the counts
-    counts : (rows, bins) up to the stamp of the latest `count`
+    counts : (rows, bins) up to the stamp of the latest `count`; the rows of a kind are next to each other, by stride
     """
 
-    def __init__(self, columns: tuple[slice, ...], strides: tuple[tuple[int, ...], ...], order: int = ORDER) -> None:
+    def __init__(self, columns: tuple[slice, ...], strides: tuple[int, ...], order: int = ORDER) -> None:
         self._columns = columns
+        self._strides = strides
         self._order = order
-        self.kinds = [(kind, stride) for kind, own in enumerate(strides) for stride in own]
-        self._kept = order * max(max(own) for own in strides)
+        self._kept = order * max(strides)
         self._stamp: Stamps = np.zeros(0, dtype=np.int64)
         self._values: Array = np.zeros((0, max(each.stop for each in columns)))
         self._sizes: Array = np.zeros((0, len(columns)))
         self._seen = 0  # readings before these
         self._waiting: list[tuple[Stamps, Array, Array]] = []  # readings without differences yet
         self._uncounted: list[tuple[Stamps, Integers]] = []  # stamps of differences, and their rows and bins
-        self.counts: Integers = np.zeros((len(self.kinds), _BINS), dtype=np.int64)
+        self.counts: Integers = np.zeros((len(columns) * len(strides), _BINS), dtype=np.int64)
 
     def add(self, stamp: Stamps, values: Array, sizes: Array) -> None:
         """Add readings in the order of their stamps.
@@ -90,7 +89,7 @@ class Differences:
         new, kept = len(self._stamp), (self._stamp, self._values, self._sizes)
         self._stamp, self._values, self._sizes = map(np.concatenate, zip(kept, *self._waiting, strict=True))
         self._waiting.clear()
-        found = [self._differences(row, kind, stride, new) for row, (kind, stride) in enumerate(self.kinds)]
+        found = [self._differences(row, stride, new) for row, stride in enumerate(self._strides)]
         when, code = (np.concatenate(parts) for parts in zip(*found, strict=True))
         order = np.argsort(when, kind='stable')
         self._uncounted.append((when[order], code[order]))
@@ -110,8 +109,11 @@ class Differences:
                 return
             del self._uncounted[0]
 
-    def _differences(self, row: int, kind: int, stride: int, new: int) -> tuple[Stamps, Integers]:
-        """Return the stamps of differences that end with a new reading, (K,) ns, and where they are counted."""
+    def _differences(self, row: int, stride: int, new: int) -> tuple[Stamps, Integers]:
+        """Return the stamps of differences that end with a new reading, (K,) ns, and where they are counted.
+
+        `row` is that of the first kind.
+        """
         last, order = np.arange(new, len(self._stamp)), self._order
         # Differences closer than their stride repeat each other; later on, a quarter is enough.
         number = self._seen + last
@@ -120,20 +122,25 @@ class Differences:
         stamp = self._stamp[places]
         near = np.all(np.diff(stamp, axis=1) <= _LONGEST * stride, axis=1)
         places, stamp = places[near], stamp[near]
-        weight, values = _weights(stamp), self._values[:, self._columns[kind]]
+        weight, middle = _weights(stamp), places[:, order // 2]
         # One product after the other: in the same order for few as for many.
-        difference = weight[:, :1] * values[places[:, 0]]
+        difference = weight[:, :1] * self._values[places[:, 0]]
         for place in range(1, order + 1):
-            difference += weight[:, place, None] * values[places[:, place]]
-        if values.shape[1] == 9:
-            difference = _turns(difference, values[places[:, order // 2]])
-        square = (difference / self._sizes[places[:, order // 2], kind, None]) ** 2
+            difference += weight[:, place, None] * self._values[places[:, place]]
+        errors, rows = [], []
+        for kind, columns in enumerate(self._columns):
+            error = difference[:, columns]
+            if error.shape[1] == 9:
+                error = _turns(error, self._values[middle, columns])
+            errors.append(error / self._sizes[middle, kind, None])
+            rows += [row + kind * len(self._strides)] * error.shape[1]
+        square = np.concatenate(errors, axis=1) ** 2
         mantissa, exponent = np.frexp(np.where(np.isfinite(square), square, 0.0))
         octave = exponent - 1 - _LOWEST
         place = np.clip(octave * _PARTS + np.floor((2.0 * mantissa - 1.0) * _PARTS).astype(np.int64), 0, _BINS - 1)
         known = np.isfinite(square) & (square > _SAME)
         when = np.repeat(stamp[:, -1:], square.shape[1], axis=1)
-        return when[known], row * _BINS + place[known]
+        return when[known], (np.array(rows) * _BINS + place)[known]
 
 
 def median(values: Array) -> Array:
@@ -216,10 +223,10 @@ class NoiseLevels:
         joints = len(measured)
         self._noise = np.array([noise.joint_position, noise.joint_velocity])
         self._time, self._trusted = noise.base_correlation_time, trusted
-        self._joints = Differences((slice(0, joints), slice(joints, 2 * joints)), ((1,), (1,)))
+        self._joints = Differences((slice(0, joints), slice(joints, 2 * joints)), (1,))
         columns = slice(0, 3), slice(3, 12), slice(12, 15), slice(15, 18)
-        self._base = Differences(columns, (_STRIDES,) * 4)
-        self._drift = Differences((slice(0, 3), slice(3, 6)), (_LONG_STRIDES,) * 2, order=1)
+        self._base = Differences(columns, _STRIDES)
+        self._drift = Differences((slice(0, 3), slice(3, 6)), _LONG_STRIDES, order=1)
         self._latest: tuple[BaseStream, Array] | None = None  # of the base, and the drift (1, 6) until then
         self._ratio = np.ones(2)  # 1/s, of the noise that the first message declares of twist and pose
         self._counted, self._free = 0, (False, False)

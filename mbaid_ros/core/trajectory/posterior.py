@@ -8,13 +8,14 @@ import numpy as np
 
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
+from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import LINEAR, Layout, Point
+from mbaid_ros.core.filter.time_update import Hypothesis, new_motion
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import window_noises
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.sensors.rates import FEWEST, with_rates
-from mbaid_ros.core.unknowns.environment import Hypothesis
 
 FIRST = LINEAR.start  # after the pose error, which each motion draws anew
 
@@ -80,6 +81,23 @@ class End:
 
 
 @dataclass(frozen=True, eq=False)
+class Continuation:
+    """The information that a run leaves to the next one of the same robot and target, without widening."""
+
+    planar: bool  # whether the run was, and has the numbers of a planar motion
+    # root, bias: as of `Variables.continued`
+    root: Array
+    bias: Array
+
+    @staticmethod
+    def of(gaussian: SquareRootInformation, variables: Variables) -> Continuation:
+        """Return that of the Gaussian at the end of a run."""
+        root = variables.without_force(new_motion(gaussian, variables).root)
+        rest = slice(variables.head, None)
+        return Continuation(variables.poses < 6, root[rest, rest], gaussian.bias_information)
+
+
+@dataclass(frozen=True, eq=False)
 class Posterior:
     """The trajectory filter's state at the end of a run."""
 
@@ -89,6 +107,7 @@ class Posterior:
     mean: Array  # (s,) of the state
     triangle: Array  # (s - 6, s - 6) upper T, T^T T the covariance of the state without the pose error
     end: End  # End
+    continuation: Continuation  # as the filter has it
 
     @property
     def deviation(self) -> Array:
@@ -131,4 +150,5 @@ def posterior(
     outside = variables.factor - variables.basis @ (variables.basis.T @ variables.factor)
     mean[rows], factor = moments.published(sizes, layout, rows)
     triangle = np.asarray(np.linalg.qr(np.concatenate((factor, outside[rows]), axis=1).T, mode='r'))
-    return Posterior(layout, variables, hypothesis, mean, triangle, end)
+    continuation = Continuation.of(moments.gaussian, variables)
+    return Posterior(layout, variables, hypothesis, mean, triangle, end, continuation)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -14,7 +15,9 @@ from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.run import FilterRun
 from mbaid_ros.core.filter.state import BODY, Layout, layout_of
+from mbaid_ros.core.filter.time_update import hypotheses
 from mbaid_ros.core.filter.variables import Variables, variables
+from mbaid_ros.core.filter.whitened import Axes
 from mbaid_ros.core.filter.window import Window, without_twist
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Event
@@ -22,9 +25,9 @@ from mbaid_ros.core.results.status import Evidence
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import SensorNoise
+from mbaid_ros.core.trajectory.posterior import Continuation
 from mbaid_ros.core.trajectory.solution import ChangedTarget, jumps
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, kind_in_words, target_changed_text
-from mbaid_ros.core.unknowns.environment import Axes, hypotheses
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
 
@@ -43,6 +46,7 @@ class TrajectorySettings:
     gyro: float = 0.0  # rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
     located: bool = True  # whether anything locates the base; linear momentum means nothing where not
     orientation_measured: bool = True  # whether anything but a gyro measures the orientation
+    before: Continuation | None = None  # the run that this one continues
 
 
 _SETTLING = 2  # windows that a changing target may take: the next run begins as many later
@@ -74,6 +78,8 @@ class TargetRuns:
         self._change: ChangedTarget | None = None
         self._wrong_twist = ''  # why the twist has been left out
         self._coming: list[Window] = []
+        before = settings.before
+        plane.planar = plane.planar and (before is None or before.planar)  # in space a planar motion counts as well
 
     @property
     def changed(self) -> bool:
@@ -83,9 +89,12 @@ class TargetRuns:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the present run."""
-        if not self._wrong_twist:
-            return ()
-        return (f'the twist is not used, because it contradicts the poses: {self._wrong_twist}',)
+        before, found = self._settings.before, []
+        if self._wrong_twist:
+            found.append(f'the twist is not used, because it contradicts the poses: {self._wrong_twist}')
+        if before is not None and self.run is not None and before.planar and not self.run.planar:
+            found.append('the run before, which was planar, does not count: this motion is not')
+        return tuple(found)
 
     def used(self, window: Window) -> Window:
         """Return the part of a window that the run uses."""
@@ -116,7 +125,12 @@ class TargetRuns:
         if self.run is None or self.run.planar != self._plane.planar:
             self.layout = layout_of(self._kernel, self._settings.uncertainty, self._plane)
             self.variables = variables(self.layout, self._plane, self._settings.uncertainty)
+            before = self._settings.before
+            if before is not None and before.planar == self._plane.planar:
+                self.variables = self.variables.continued(before.root, before.bias)
             self.run = self._new_run([])
+            if self.variables.continues:
+                self.run.offer(partial(self.layout.point, self.variables.spread @ self.variables.prior()[0]))
         elif (change := self.isolation.change) is not None:
             self.run = self._run_after(self.run, change, origin)
         elif (wrong := self.isolation.wrong_twist) and not self._wrong_twist:

@@ -138,6 +138,15 @@ class KnownTarget:
         mean[:], factor[:] = self.parameters, self.factor
 
 
+@dataclass(frozen=True)
+class TotalMass:
+    """The mass of the whole robot, weighed: of all bodies but the target, whose own part counts as declared."""
+
+    mass: float  # kg
+    std: float  # kg
+    with_target: bool = False  # whether all of the target is weighed as well, as before a capture
+
+
 @dataclass(frozen=True, eq=False)
 class SpinInertias(Unknown):
     """Errors of the spin inertias of wheels inside bodies, kg m^2."""

@@ -6,7 +6,7 @@ where it belongs to a run, in `_not_calibrated` where it belongs to the robot.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -17,6 +17,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.model_errors import KnownErrors, to_bodies
+from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.unknowns.base import (
     LATE,
     TURNING,
@@ -29,7 +30,7 @@ from mbaid_ros.core.unknowns.base import (
     odometry_scale,
     twist_bias,
 )
-from mbaid_ros.core.unknowns.bodies import KnownBodies, KnownTarget, TargetPrior, known_bodies, spin_inertias
+from mbaid_ros.core.unknowns.bodies import KnownBodies, KnownTarget, TargetPrior, TotalMass, known_bodies, spin_inertias
 from mbaid_ros.core.unknowns.declaration import Linear, Unknown, Words, diagonal
 from mbaid_ros.core.unknowns.environment import (
     Circle,
@@ -110,6 +111,8 @@ class Uncertainty:
     spring_ratio: Sequence[float] = ()  # of its damping ratio
     spring_start: Sequence[float] = ()  # rad or m, of its deflection at the start
     spring_noise: Sequence[float] = ()  # rad or m, stationary, of the deflection that the model does not excite
+    weighed: TotalMass | None = None  # the mass of the whole robot, where it is known
+    marker: AttachedFrame | None = None  # that the odometry locates, as declared; None for the base link or another
 
 
 def catalogue(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unknown, ...]:
@@ -247,7 +250,7 @@ def suspects(known: Sequence[str], joints: Sequence[str]) -> tuple[Linear, ...]:
     """Return unknowns that a contradicted run is tried with, by joints' names, beside those whose labels are known.
 
     Their standard deviations are too small to matter, a thousandth of a plausible value: the run stays as it was. The
-    likelihood gain of a wider prior follows from its estimate (`core/results/evidence.py`).
+    likelihood gain of a wider prior follows from its estimate (`core/filter/prior_scale.py`).
     """
     every: tuple[Linear, ...] = (
         odometry_scale(5e-5),
@@ -286,13 +289,10 @@ def remedy_text(cause: str) -> str:
     return words.remedy.format(name) or cause
 
 
-def underestimated_text(cause: str, size: float, declared: Mapping[str, str] | None = None) -> str:
-    """Return that a thing, 'link:arm', or all of a kind, 'link', is `size` times as far off as declared.
-
-    `declared` names parameters, by kind, other than a run's.
-    """
+def underestimated_text(cause: str, size: float) -> str:
+    """Return that a thing, 'link:arm', or all of a kind, 'link', is `size` times as far off as declared."""
     words, name = _words_of(cause)
-    parameter = (declared or {}).get(cause.partition(':')[0], words.parameter) or 'its standard deviation'
+    parameter = words.parameter or 'its standard deviation'
     times = f'{size:.1f}' if size < 0.95 * _LARGEST_SIZE else f'{_LARGEST_SIZE:g} or more'
     return (
         f'{kind_in_words(cause)} {"looks" if name else "look"} {times} times as far off as declared: intervals allow '

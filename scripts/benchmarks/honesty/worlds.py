@@ -14,7 +14,9 @@ from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import express, load_model, parse
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
-from mbaid_ros.simulation.simulation import Truth
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.environment import Springs, Surroundings
+from mbaid_ros.simulation.simulation import Simulation, Truth
 
 # (time, s; base rotation (3, 3); base position (3,), m; (10,) standard parameters of the robot about the base's origin
 # in its axes) -> (6,) rate of change of (P, L), odometry frame, L about its origin.
@@ -67,17 +69,53 @@ def float_freely(world: World) -> Truth:
     return _truth(world, states, twists, joints[::2], rates[::2])
 
 
+_STEP = 1e-4  # s, of a difference quotient
+
+
+@dataclass(frozen=True)
+class _Following:
+    """Joints (n,) of which some follow a path; springs move the others."""
+
+    path: Path
+    driven: Flags
+
+    def command(self, time: float, position: Array, velocity: Array) -> Array:
+        """Return the joint accelerations, zero for springs."""
+        del position, velocity
+        before, after = self.path(np.array([time - _STEP, time + _STEP]))[1]
+        result = np.zeros(len(self.driven))
+        result[self.driven] = (after - before) / (2.0 * _STEP)
+        return result
+
+    def later(self, time: float) -> _Following:
+        """Return the motion from a time on, s."""
+        return _Following(lambda times: self.path(times + time), self.driven)
+
+
 def swing(world: World) -> Truth:
-    """Return the motion of a world with springs, by the dynamics of all joints."""
-    steps = round(world.seconds * world.rate) + 1
-    flow = _SpringFlow.of(world, *world.path(np.arange(2 * steps - 1) / (2.0 * world.rate)))
-    deflection = np.array([spring.deflection for spring in world.springs.values()])
-    state = np.concatenate(([0.0, 0.0, 0.0, 1.0], np.zeros(3), deflection, np.zeros(6), np.zeros(len(deflection))))
-    mass, first = flow.mass(0, state), 7 + len(deflection)
-    state[first : first + 6] = _start_twist(mass[:6, :6], mass[:6, 6:] @ flow.joints(0, state)[1], world.spin)
-    states = _integrated(flow.rate, state, steps, world.rate)
-    joints = [flow.joints(2 * number, each) for number, each in enumerate(states)]
-    return _truth(world, states, states[:, first : first + 6], *(np.array(part) for part in zip(*joints, strict=True)))
+    """Return the motion of a world with springs, by the package's simulator."""
+    robot, springs = load_model(world.urdf), list(world.springs.values())
+    driven = np.array([name not in world.springs for name in robot.joint_names])
+    position, rate = np.zeros((2, len(driven)))
+    position[driven], rate[driven] = (part[0] for part in world.path(np.zeros(1)))
+    free = np.concatenate((np.ones(6, dtype=bool), ~driven))
+    model = parse(world.urdf)
+
+    def mass() -> Array:
+        upper = np.triu(pinocchio.crba(model, model.createData(), np.concatenate((np.zeros(6), [1.0], position))))
+        return np.asarray(upper + np.triu(upper, 1).T)
+
+    # The inertia of a spring's joint, base and other springs being free: the inverse of its part of the inverse.
+    moved = 1.0 / np.diag(np.linalg.inv(mass()[np.ix_(free, free)]))[6:]
+    turn, ratio = (np.array([getattr(each, name) for each in springs]) for name in ('frequency', 'damping'))
+    turn = 2.0 * np.pi * turn
+    around = Surroundings(springs=Springs(np.flatnonzero(~driven), moved * turn**2, 2.0 * ratio * moved * turn))
+    position[~driven] = [spring.deflection for spring in springs]
+    matrix = mass()
+    twist = _start_twist(matrix[:6, :6], matrix[:6, 6:] @ rate, world.spin)
+    start = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), position, np.concatenate((twist, rate)))
+    run = Simulation(robot, _Following(world.path, driven), start, surroundings=around)
+    return run.advance(np.arange(round(world.seconds * world.rate) + 1) / world.rate)
 
 
 def _start_twist(matrix: Array, moving: Array, spin: tuple[float, float, float]) -> Array:
@@ -182,61 +220,3 @@ class _Flow:
             time = node / (2.0 * self.world.rate)
             result[7:] = self.world.wrench(time, rotation, state[4:7], self.whole[node])
         return result
-
-
-@dataclass(frozen=True)
-class _SpringFlow:
-    """Rate of (quaternion, position, deflections, base twist, their rates); nodes are half a step apart."""
-
-    pinocchio: pinocchio.Model
-    data: pinocchio.Data
-    swinging: Flags  # (n,) joints on springs
-    position: Array  # (K, d) of the driven joints
-    velocity: Array
-    acceleration: Array
-    stiffness: Array  # (k,)
-    damping: Array
-
-    @staticmethod
-    def of(world: World, position: Array, rate: Array) -> _SpringFlow:
-        model = parse(world.urdf)
-        swinging = np.array([name in world.springs for name in load_model(world.urdf).joint_names])
-        acceleration = np.gradient(rate, 0.5 / world.rate, axis=0)
-        none = np.zeros(len(world.springs))
-        flow = _SpringFlow(model, model.createData(), swinging, position, rate, acceleration, none, none)
-        start = np.concatenate(([0.0, 0.0, 0.0, 1.0], np.zeros(3), none, np.zeros(6), none))
-        free = np.concatenate((np.ones(6, dtype=bool), swinging))
-        # The inertia of a spring's joint, base and other springs being free: the inverse of its part of the inverse.
-        moved = 1.0 / np.diag(np.linalg.inv(flow.mass(0, start)[np.ix_(free, free)]))[6:]
-        turn = 2.0 * np.pi * np.array([spring.frequency for spring in world.springs.values()])
-        ratio = np.array([spring.damping for spring in world.springs.values()])
-        stiffness, damping = moved * turn**2, 2.0 * ratio * moved * turn
-        return _SpringFlow(model, flow.data, swinging, position, rate, acceleration, stiffness, damping)
-
-    def joints(self, node: int, state: Array) -> tuple[Array, Array]:
-        """Return positions and rates (n,) of all joints."""
-        count = len(self.stiffness)
-        position, velocity = np.empty(len(self.swinging)), np.empty(len(self.swinging))
-        position[~self.swinging], velocity[~self.swinging] = self.position[node], self.velocity[node]
-        position[self.swinging], velocity[self.swinging] = state[7 : 7 + count], state[13 + count :]
-        return position, velocity
-
-    def mass(self, node: int, state: Array) -> Array:
-        """Return the (6 + n, 6 + n) joint-space inertia."""
-        configuration = np.concatenate((state[4:7], state[:4], self.joints(node, state)[0]))
-        upper = np.triu(pinocchio.crba(self.pinocchio, self.data, configuration))
-        return np.asarray(upper + np.triu(upper, 1).T)
-
-    def rate(self, node: int, state: Array) -> Array:
-        count, free = len(self.stiffness), np.concatenate((np.ones(6, dtype=bool), self.swinging))
-        position, velocity = self.joints(node, state)
-        twist = state[7 + count : 13 + count]
-        configuration = np.concatenate((state[4:7], state[:4], position))
-        known = np.zeros(len(free))
-        known[~free] = self.acceleration[node]
-        # Forces on base and springs by the driven joints' accelerations.
-        both = np.concatenate((twist, velocity))
-        force = -pinocchio.rnea(self.pinocchio, self.data, configuration, both, known)[free]
-        force[6:] -= self.stiffness * state[7 : 7 + count] + self.damping * state[13 + count :]
-        gained = np.linalg.solve(self.mass(node, state)[np.ix_(free, free)], force)
-        return np.concatenate((_pose_rate(state, _rotation(state), twist), state[13 + count :], gained))

@@ -31,8 +31,9 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.filter.averaging import KnotAveraging
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, update
+from mbaid_ros.core.filter.square_root import SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, layout_of
+from mbaid_ros.core.filter.time_update import UNDISTURBED, advance
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.filter.window import Window, stacked
@@ -48,7 +49,6 @@ from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.core.unknowns.base import OdometryMount
 from mbaid_ros.core.unknowns.bodies import KnownBodies
 from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.environment import UNDISTURBED
 from mbaid_ros.core.unknowns.joints import JointPlacements
 from mbaid_ros.replay.campaigns.statistics import mean, nees
 from mbaid_ros.session.known_robot import declared_errors

@@ -10,7 +10,8 @@ import numpy as np
 from benchmarks.data import NOISE, drawn, kernel
 from benchmarks.frame import declared
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.model_errors import ModelErrors, body_sizes, relative_factor
+from mbaid_ros.core.robot.model_errors import ModelErrors, relative_factor
+from mbaid_ros.core.robot.momentum import body_sizes
 from mbaid_ros.simulation.true_robot import ErrorSizes
 
 # The defaults of the estimator's parameters.

@@ -12,8 +12,9 @@ from scipy.stats import multivariate_normal
 from checked import some
 from mbaid_ros.core.diagnosis.ranking import ranked
 from mbaid_ros.core.diagnosis.readings import CHANNELS, Roughness, roughness, vibration_frequencies
+from mbaid_ros.core.filter.prior_scale import PriorComparison
 from mbaid_ros.core.geometry import Array, exp
-from mbaid_ros.core.results.evidence import Innovations, PriorComparison
+from mbaid_ros.core.results.status import Innovations
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from measured import base_stream, joint_stream

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.diagnosis.base_axes import axis_conventions
-from mbaid_ros.core.diagnosis.conventions import conventions, fitted
+from mbaid_ros.core.diagnosis.conventions import conventions, fitted, inverted_marker
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, averages
 from mbaid_ros.core.filter.window import Window, WindowNoise
-from mbaid_ros.core.geometry import Array, exp
+from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.sensors.base import AttachedFrame
 from observed import MID, configured_motion, kernel, observe
 from simulated import CONFIG
 
@@ -74,12 +75,33 @@ def test_positions_in_other_axes_are_named(axes: list[list[int]], named: str) ->
 )
 def test_a_frame_that_is_turned_is_named(turn: Array, named: str) -> None:
     samples = measured()
-    assert named in texts(replace(samples, base_rotation=samples.base_rotation @ exp(turn)))[0]
+    text = texts(replace(samples, base_rotation=samples.base_rotation @ exp(turn)))[0]
+    assert named in text
+    position, orientation = pasted(text)
+    assert not np.any(position)
+    assert rotation_from_quaternion(orientation) == pytest.approx(exp(turn), abs=1e-4)
 
 
-def likeliest(robot: MomentumKernel, samples: Samples) -> str:
-    windows = windows_of(samples)
-    fits = [fitted(windows, each, 4) for each in conventions(robot) if each.possible(windows)]
+def pasted(text: str) -> list[Array]:
+    """Return the parameters marker.position and .orientation that a text has to be copied."""
+    return [np.array(numbers.split(', '), dtype=float) for numbers in re.findall(r'\[(.*?)\]', text)]
+
+
+def test_a_marker_declared_the_wrong_way_round_is_named_with_its_parameters() -> None:
+    samples, position, turn = measured(), np.array([0.3, -0.2, 0.1]), exp(np.array([0.1, 0.5, -0.2]))
+    declared = AttachedFrame(turn.T, -turn.T @ position)
+    rotation = samples.base_rotation @ turn @ turn
+    place = samples.base_position + samples.base_rotation @ position - rotation @ declared.position
+    text = likeliest(kernel('servicer7'), replace(samples, base_rotation=rotation, base_position=place), declared)
+    assert text.startswith('marker.position and marker.orientation look inverted')
+    found = pasted(text)
+    assert found[0] == pytest.approx(position, abs=1e-4)
+    assert rotation_from_quaternion(found[1]) == pytest.approx(turn, abs=1e-4)
+
+
+def likeliest(robot: MomentumKernel, samples: Samples, marker: AttachedFrame | None = None) -> str:
+    windows, every = windows_of(samples), (*conventions(robot), *inverted_marker(robot, marker))
+    fits = [fitted(windows, each, 4) for each in every if each.possible(windows)]
     return min((fit for fit in fits if fit.exists), key=lambda fit: fit.misfit).convention.text
 
 

@@ -126,12 +126,16 @@ def test_an_inertia_that_no_body_has_is_warned_of_and_the_first_cause(inertia: s
     assert text in wrong.causes[0][0]
 
 
-def spinning(step: float, *, rates: bool, pieces: int, wrapped: bool = True) -> Estimate:
-    """Return what is found where the sixth joint turns by a step (rad) from each reading to the next."""
+def spinning(step: float, *, rates: bool, pieces: int, wrapped: bool = True, factor: float = 1.0) -> Estimate:
+    """Return what is found where the sixth joint turns by a step (rad) from each reading to the next.
+
+    Its velocity is a factor of what it should be.
+    """
     position = motion(3)
     angle = step * np.arange(COUNT)
     position[:, 5] = np.angle(np.exp(1j * angle)) if wrapped else angle
-    velocity = np.full((COUNT, JOINTS), step / (SPACING * 1e-9) if rates else np.nan)
+    velocity = np.zeros((COUNT, JOINTS))
+    velocity[:, 5] = factor * step / (SPACING * 1e-9) if rates else np.nan
     faults = PlainFaults(load_model(WITHOUT_LIMITS), 1e-4)
     for piece in np.array_split(np.arange(COUNT), pieces):
         faults.add({ALL: JointStream(piece * SPACING, position[piece], velocity[piece])})
@@ -145,7 +149,11 @@ def test_a_joint_that_turns_too_fast_for_its_positions_alone_is_refused(pieces: 
         assert estimate.status == 'inconsistent'
         assert estimate.causes[0][0].startswith('joint6 turns by more than a quarter from one reading to the next')
     assert spinning(1.0, rates=False, pieces=pieces).status == 'estimating'
-    assert spinning(8.0, rates=True, pieces=pieces).status == 'estimating'
+    for step in (3.1416, 6.6, 8.0, -60.0):
+        assert spinning(step, rates=True, pieces=pieces).status == 'estimating'
+    wrong = spinning(8.0, rates=True, pieces=pieces, factor=0.6)
+    assert wrong.status == 'inconsistent'
+    assert wrong.causes[0][0].endswith('if the velocity is right, name it in wheels.names, not as a joint')
 
 
 @pytest.mark.parametrize('pieces', [1, 7, 100])

@@ -17,7 +17,7 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model_errors import body_sizes
+from mbaid_ros.core.robot.momentum import body_sizes
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_motion

@@ -11,8 +11,8 @@ from benchmarks.appendages import PANELS, SLOSH, with_fuel, with_panels
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation
 from mbaid_ros.core.results.estimate import PassiveJoint
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import Springs
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.springs import Springs
 from mbaid_ros.simulation import environment as simulated
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import Surroundings

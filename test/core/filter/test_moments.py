@@ -12,16 +12,15 @@ from drawn_windows import variables as drawn_variables
 from drawn_windows import window as drawn_window
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.joint_noise import InformationCorrection
-from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
-from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, update
+from mbaid_ros.core.filter.prior_scale import PriorComparison, PriorScaleFactors
+from mbaid_ros.core.filter.square_root import SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout
+from mbaid_ros.core.filter.time_update import UNDISTURBED, advance
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.evidence import PriorComparison
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
-from mbaid_ros.core.unknowns.environment import UNDISTURBED
 from observed import kernel
 
 MEASURED = 12

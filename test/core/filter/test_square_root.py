@@ -13,12 +13,13 @@ from mbaid_ros.core.filter.chain import WindowModel
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.integrated_twist import IntegratedTwist
 from mbaid_ros.core.filter.pushing import momentum_change
-from mbaid_ros.core.filter.square_root import SquareRootInformation, advance, momentum_inflation, pose_reset, update
+from mbaid_ros.core.filter.square_root import SquareRootInformation, update
 from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR
+from mbaid_ros.core.filter.time_update import UNDISTURBED, Hypothesis, advance, momentum_inflation, pose_reset
 from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
+from mbaid_ros.core.filter.whitened import Axes
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.evidence import Innovations
-from mbaid_ros.core.unknowns.environment import UNDISTURBED, Axes, Hypothesis
+from mbaid_ros.core.results.status import Innovations
 
 
 def covariance_of(gaussian: SquareRootInformation, space: Variables) -> Array:

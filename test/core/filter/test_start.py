@@ -11,15 +11,15 @@ import pytest
 from checked import some
 from floating import make
 from mbaid_ros.core.filter.bank import HypothesisFilter
-from mbaid_ros.core.filter.batch import BackgroundTask, BatchIteration, Work
+from mbaid_ros.core.filter.batch import BatchIteration, Work
 from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.initialisation import Initialisation
+from mbaid_ros.core.filter.initialisation import BackgroundTask, Initialisation
 from mbaid_ros.core.filter.run import Phase
 from mbaid_ros.core.filter.start import MultiStart, Start
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
+from mbaid_ros.core.filter.time_update import UNDISTURBED
 from mbaid_ros.core.filter.window import Window, in_stacks
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.unknowns.environment import UNDISTURBED
 from mbaid_ros.simulation.simulation import Truth
 from observed import HIGH, MID, kernel, observe, windows
 

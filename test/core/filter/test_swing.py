@@ -15,9 +15,9 @@ from mbaid_ros.core.filter.twist_prediction import predict
 from mbaid_ros.core.filter.window import in_stacks
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import Springs
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import KnownErrors
-from mbaid_ros.core.robot.springs import Springs
 from mbaid_ros.core.trajectory.solution import soft_grasps
 from mbaid_ros.core.unknowns.bodies import known_bodies
 from mbaid_ros.core.unknowns.flexible import spring_errors, starting_swing, swing_noise

@@ -69,6 +69,7 @@ LIMITS = JointLimits(
     velocity=np.full(3, 0.2),
     acceleration=np.full(3, 0.1),
     moved=np.array([True, True, False]),
+    held=np.zeros(3, dtype=bool),
 )
 START = np.array([0.2, 4.0, 0.5])
 SPLINES = Splines(10, 12.0)  # pieces of 1 s

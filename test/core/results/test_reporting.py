@@ -19,9 +19,9 @@ from mbaid_ros.core.results.published_inertia import (
     is_usable,
 )
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
-from mbaid_ros.core.results.status import IntervalConsistency
 from mbaid_ros.core.robot.kinematics import Plane
 from mbaid_ros.core.robot.momentum import physical_jacobian, standard
+from mbaid_ros.core.two_stage import IntervalConsistency
 
 BODY = np.array([120.0, 0.3, -0.2, 0.7, 28.0, -3.0, 1.3, 37.0, -1.0, 30.0])
 MOMENTUM = np.array([1.0, -2.0, 3.0, 40.0, 50.0, -60.0])
@@ -75,10 +75,18 @@ def test_what_is_well_determined_is_published_with_its_covariance() -> None:
     assert estimate.warnings == ()
 
 
+CUBE = np.array([9.0, 0.03, 0.0, 0.1, 0.06, 0.0, 0.0, 0.06, 0.0, 0.06])  # 20 cm
+
+
 def test_sizes() -> None:
     sizes = REPORTING.sizes(BODY)
     assert sizes[0] == 120.0
-    assert sizes[1:4].tolist() == [1.0, 1.0, 1.0]
+    # The centre of mass is relative to the body's own size: the side of a cube.
+    assert REPORTING.sizes(CUBE)[1:4] == pytest.approx(0.2)
+    flat = np.where(np.arange(10) == 9, CUBE, np.nan)  # of a planar motion: one moment is known
+    flat[0] = CUBE[0]
+    assert REPORTING.sizes(flat)[1:4] == pytest.approx(0.2)
+    assert REPORTING.sizes(np.full(10, np.nan))[1:4] == pytest.approx(1.0)
     # The product of inertia I_xy is relative to sqrt(I_xx I_yy): it may itself be zero.
     assert sizes[5] == pytest.approx(np.sqrt(28.0 * 37.0))
     assert sizes[8] == pytest.approx(np.sqrt(37.0 * 30.0))

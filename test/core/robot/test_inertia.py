@@ -11,8 +11,9 @@ from derivatives import central_difference
 from mbaid_ros.core.geometry import Array, exp, skew, unvec, vec
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.model_errors import BodyDeviations, body_sizes, calibrated, declared
+from mbaid_ros.core.robot.model_errors import BodyDeviations, calibrated, declared
 from mbaid_ros.core.robot.momentum import (
+    body_sizes,
     box_sizes,
     ellipsoid_radii,
     physical,

@@ -13,9 +13,9 @@ from mbaid_ros.core.filter.passive_prediction import passive_motion
 from mbaid_ros.core.filter.state import BODY, LINEAR, Layout, Point
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import Springs
 from mbaid_ros.core.robot.model import load_model, parse
 from mbaid_ros.core.robot.passive import PassiveMotion, spring_constants
-from mbaid_ros.core.robot.springs import Springs
 from mbaid_ros.simulation import environment as simulated
 from mbaid_ros.simulation.dynamics import Dynamics, State
 from mbaid_ros.simulation.environment import Surroundings

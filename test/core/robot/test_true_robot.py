@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.results.physical_consistency import are_physical, is_physical
-from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.model_errors import declared, displaced, with_bodies
+from mbaid_ros.core.robot.model import RobotModel, displaced, load_model
+from mbaid_ros.core.robot.model_errors import declared, with_bodies
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
 from random_robots import random_urdf
 from simulated import drawn, robot

@@ -9,12 +9,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from mbaid_ros.core.diagnosis.rate_checks import TwistFrame
 from mbaid_ros.core.diagnosis.twist_conventions import twist_convention_error
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, averages
 from mbaid_ros.core.filter.window import Window, window_noises, without_twist
 from mbaid_ros.core.geometry import Array, cross, exp, rotate, rotate_back
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.sensors.rates import TwistFrame
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion, observe, windows
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mbaid_ros.core.diagnosis.rate_checks import GyroFrame
 from mbaid_ros.core.geometry import Array, cross, exp, log, rotate
 from mbaid_ros.core.samples import BaseStream, ImuStream, Samples, Stamps
 from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.sensors.gyro import IMU_OUT_OF_ORDER, SATURATED, Gyro
-from mbaid_ros.core.sensors.rates import GyroFrame
 from observed import MID
 
 MILLISECOND = 1_000_000

@@ -12,8 +12,8 @@ from scipy.stats import chi2
 from benchmarks.appendages import servicer
 from in_basilisk import column, craft_of, seen_falling
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import Springs
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.springs import Springs
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, estimator, nees, observe, true_body, windows
 

@@ -13,8 +13,8 @@ from derivatives import central_difference
 from mbaid_ros.core.geometry import Array, exp, log, rotate
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.robot.model import RobotModel, express, load_model
-from mbaid_ros.core.robot.model_errors import declared, displaced
+from mbaid_ros.core.robot.model import RobotModel, displaced, express, load_model
+from mbaid_ros.core.robot.model_errors import declared
 from mbaid_ros.core.robot.orbit import Orbit, momentum_rates, of_bodies
 from mbaid_ros.core.samples import BaseStream
 from mbaid_ros.core.sensors.external_momentum import FallingFrame

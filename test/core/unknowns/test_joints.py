@@ -11,8 +11,8 @@ from scipy.stats import chi2
 
 from checked import some
 from floating import float_freely, make, normalised
-from mbaid_ros.core.filter.square_root import _wandered
 from mbaid_ros.core.filter.state import BODY, Layout
+from mbaid_ros.core.filter.time_update import _wandered
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate

@@ -1,0 +1,197 @@
+"""Conditions in which the sensors are not as declared; and benches, on which several small errors come together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from benchmarks.data import NOISE, drawn
+from benchmarks.honesty import paths, readings, robots
+from benchmarks.honesty.conditions import AXES, JOINT, Condition, seen, servicer
+from benchmarks.honesty.paths import DEGREE, ROBOT, Path, pick_and_place, sinusoids
+from benchmarks.honesty.readings import Defect, Readings, View
+from benchmarks.honesty.worlds import World, Wrench
+from benchmarks.model_errors.variant import DEFAULT
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.simulation.quaternions import conjugate
+from mbaid_ros.simulation.simulation import Truth
+from mbaid_ros.simulation.true_robot import true_robot
+
+_JOINTS = ('joint_position', 'joint_velocity')
+_ODOMETRY = tuple(name for name in vars(NOISE) if name.startswith('base'))
+_NOISE = r'noise\.(joint|base)|noise of the odometry'
+_GYRO_BIAS = np.deg2rad(10.0) / 3600.0  # rad/s
+_TURN = np.array([0.0, 0.0, 0.5 * np.pi])
+
+
+def _spoilt(name: str, defect: Defect, cause: str = '') -> Condition:
+    return Condition('sensors', name, servicer, defect=defect, cause=cause)
+
+
+def _declared(name: str, channels: tuple[str, ...], factor: float, cause: str = '') -> Condition:
+    return Condition('sensors', name, servicer, declared=dict.fromkeys(channels, factor), cause=cause)
+
+
+def _viewed(name: str, view: View, cause: str = '') -> Condition:
+    return seen(name, view, cause, 'sensors')
+
+
+def _fast(_seed: int) -> World:
+    return World(robots.servicer(), sinusoids(), seconds=30.0, rate=500.0)
+
+
+def _sliding(_seed: int) -> World:
+    return World(robots.chain(AXES, (2,)), paths.drawn(np.full(len(AXES), 0.2), 1))
+
+
+def _late(milliseconds: float) -> Defect:
+    return partial(readings.joints_late, 1e-3 * milliseconds, 0.0)
+
+
+def _bits(count: int) -> Defect:
+    return partial(readings.quantised, 2.0 * np.pi / 2**count)
+
+
+SENSORS = (
+    _spoilt('odometry noise correlated over 0.3 s', partial(readings.correlated, 0.3), 'correlated'),
+    _spoilt('odometry noise correlated over 3 s', partial(readings.correlated, 3.0), 'correlated|drift'),
+    _spoilt('1 % outliers', partial(readings.outliers, 0.01), 'outlier'),
+    _spoilt('5 % outliers', partial(readings.outliers, 0.05), 'outlier'),
+    _spoilt('one outlier', readings.one_outlier),
+    Condition('sensors', 'odometry at 10 Hz beside joints at 500 Hz', _fast, defect=partial(readings.thinned, 50)),
+    _spoilt('gyro bias of 10 deg/h', partial(readings.gyro_biased, _GYRO_BIAS), 'bias|base_angular_velocity'),
+    _spoilt('the last pose repeated, one in five new', partial(readings.repeated, 5), 'repeat'),
+    _spoilt('clocks 100 ppm apart', partial(readings.joints_late, 0.0, 1e-4), 'clock'),
+    _viewed('twist 50 ms late', partial(readings.twist_late, 0.05), 'twist'),
+    _spoilt('joints 5 ms late', _late(5.0)),
+    _spoilt('joints 20 ms late', _late(20.0)),
+    _spoilt('joints 200 ms late', _late(200.0), 'late|time offset'),
+    _declared('all noise declared 3 x too small', (*_JOINTS, *_ODOMETRY), 1.0 / 3.0, _NOISE),
+    _declared('all noise declared 10 x too small', (*_JOINTS, *_ODOMETRY), 0.1, _NOISE),
+    _declared('all noise declared 3 x too large', (*_JOINTS, *_ODOMETRY), 3.0),
+    _declared(
+        'noise of the odometry declared 3 x too small', _ODOMETRY, 1.0 / 3.0, r'noise\.base|noise of the odometry'
+    ),
+    _declared('noise of the joints declared 10 x too small', _JOINTS, 0.1, r'noise\.joint'),
+    _spoilt('encoders of 14 bits', _bits(14)),
+    Condition('sensors', 'encoders of 12 bits, declared', servicer, defect=_bits(12), declared={'joint_position': 4.4}),
+    _spoilt('no odometry for 3 s', partial(readings.dropout, 30.0, 33.0)),
+    _viewed('odometry 1 % too long', partial(readings.scaled, 1.01), 'odometry.*(scale|too long)'),
+    _spoilt('odometry wanders by 1 mm / sqrt(s)', partial(readings.wandering, 1e-3), 'odometry.*drift'),
+    _viewed('a joint read 0.3 % too large', partial(readings.misgeared, 2, 1.003)),
+    _viewed('a joint read 1 % too large', partial(readings.misgeared, 2, 1.01), r'joint3\b'),
+    _viewed('a joint read 3 % too large', partial(readings.misgeared, 2, 1.03), r'joint3\b'),
+    _viewed('twist in the axes of the odometry frame', readings.twist_in_odometry_axes, 'twist_frame'),
+    _viewed(
+        'twist in degrees a second',
+        lambda truth: replace(truth, base_angular_velocity=np.rad2deg(truth.base_angular_velocity)),
+        'degrees a second',
+    ),
+    _viewed(
+        'twist of a point 0.3 m away', partial(readings.twist_of_point, np.array([0.3, 0.0, 0.0])), 'twist.* point'
+    ),
+    _viewed('twist in axes turned by 90 degrees', partial(readings.twist_turned, _TURN), 'axes of the twist'),
+    _spoilt('a twist of zeros', readings.without_twist, 'twist.* zero'),
+    _viewed(
+        'joints in degrees',
+        partial(readings.joints_scaled, np.rad2deg(1.0)),
+        'in degrees:|far beyond its limits.*degrees',
+    ),
+    Condition(
+        'sensors',
+        'a prismatic joint in millimetres',
+        _sliding,
+        view=partial(readings.misgeared, 2, 1e3),
+        cause='prismatic joints are in millimetres|far beyond its limits.*encoder ticks, not m',
+    ),
+    _viewed(
+        'positions in millimetres',
+        lambda truth: replace(truth, base_position=1e3 * truth.base_position),
+        'position of the odometry is in millimetres',
+    ),
+    _viewed(
+        'orientation turned round',
+        lambda truth: replace(truth, base_orientation=conjugate(truth.base_orientation)),
+        'inverse',
+    ),
+    _viewed(
+        'quaternions with w first',
+        lambda truth: replace(truth, base_orientation=np.roll(truth.base_orientation, 1, axis=-1)),
+        'w first',
+    ),
+    _spoilt('a third of the odometry lost', partial(readings.lossy, 1.0 / 3.0)),
+    _spoilt('odometry stamped up to 5 ms early or late', partial(readings.jittering, 5e-3), r'noise\.base|stamp'),
+    _spoilt(
+        'an encoder that slips by 10 mrad', partial(readings.slipped, 1, 1e-2, 30.0), 'the reading of joint2 jumps'
+    ),
+    _spoilt("a joint's reading frozen for 15 s", partial(readings.frozen, 1, 20.0, 35.0), r'the reading of joint2\b'),
+)
+
+
+# -- several small errors at once, as on a bench: each alone would pass unnoticed
+_PLACE, _MOUNT = np.array([2e-3, -1e-3, 1.5e-3]), np.array([1.5e-3, -1e-3, 2e-3])  # m, rad, of the odometry's mount
+
+
+def _off_as_declared(seed: int, path: Path, wrench: Wrench | None = None) -> World:
+    """Return servicer7 with links, origins and axes drawn from the default priors, the target exact."""
+    nominal = load_model(robots.servicer())
+    return World(true_robot(nominal, drawn(ROBOT, DEFAULT, seed), (nominal.last_link,)).urdf, path, wrench=wrench)
+
+
+def _mounted(truth: Truth) -> Truth:
+    return readings.mounted(_PLACE, _MOUNT, readings.zero_off(JOINT, 1e-3, truth))
+
+
+def bench(name: str, world: Callable[[int], World], *defects: Defect, declared: float = 1.0) -> Condition:
+    """Return such a robot, its noise declared so many times as large as it is."""
+
+    def spoilt(found: Readings, rng: np.random.Generator) -> Readings:
+        for defect in defects:
+            found = defect(found, rng)
+        return found
+
+    channels = dict.fromkeys(vars(NOISE), declared)
+    return Condition(
+        'benches', f'a bench: {name}', world, lambda _: robots.servicer(), _mounted, spoilt, channels, varies=True
+    )
+
+
+def _swinging_bench(seed: int) -> World:
+    return _off_as_declared(seed, sinusoids())
+
+
+def benches(pulse: Wrench) -> tuple[Condition, ...]:
+    """Return all benches, one of which a thrust pulse pushes."""
+    return (
+        bench('all of the model off by its default', _swinging_bench),
+        bench(
+            'encoders of 14 bits, joints 8 ms late, poses at 33 Hz, 0.5 % outliers',
+            _swinging_bench,
+            _bits(14),
+            _late(8.0),
+            partial(readings.outliers, 0.005),
+            partial(readings.thinned, 3),
+        ),
+        bench(
+            'stops at 5 deg/s, poses correlated over 0.1 s, gyro bias, 2 s without poses',
+            lambda seed: _off_as_declared(seed, pick_and_place(seed, 60.0, 5.0 * DEGREE)),
+            partial(readings.correlated, 0.1),
+            partial(readings.gyro_biased, 3e-5),
+            partial(readings.dropout, 25.0, 27.0),
+        ),
+        bench(
+            'poses repeated, clocks 50 ppm apart, noise declared twice as small',
+            _swinging_bench,
+            partial(readings.joints_late, 2e-3, 5e-5),
+            partial(readings.repeated, 3),
+            declared=0.5,
+        ),
+        bench(
+            'encoders of 12 bits, not declared, and a thrust pulse',
+            lambda seed: _off_as_declared(seed, sinusoids(), pulse),
+            _bits(12),
+        ),
+    )
