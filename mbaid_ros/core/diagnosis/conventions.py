@@ -42,6 +42,7 @@ class Convention:
     joint_range: float = 0.0  # rad or m, that joint readings exceed at least where it may be so
     base_range: float = 0.0  # m, that positions of the base do
     moving: int | None = None  # joint that has to move
+    delay: float = 0.0  # s, of the joints' stamps
 
     def possible(self, windows: Sequence[Window]) -> bool:
         """Return whether the windows may follow this convention: degrees make whole turns, millimetres are long."""
@@ -75,7 +76,7 @@ def conventions(kernel: MomentumKernel) -> Iterator[Convention]:
         text = (
             f'the joints are stamped some {how} against the poses: correct the stamps, or raise time_offset.prior_std'
         )
-        yield Convention(text, kernel, partial(_stamped, delay=delay))
+        yield Convention(text, kernel, partial(_stamped, delay=delay), delay=delay)
     slides = np.array(kernel.model.prismatic, dtype=bool)
     for text, scale in (
         ('the joint positions are in degrees: in ROS they are in radians', np.where(slides, 1.0, np.deg2rad(1.0))),
@@ -185,25 +186,21 @@ def _joints(windows: Sequence[Window], change: Callable[[Array], Array]) -> list
 
 
 def _stamped(windows: Sequence[Window], delay: float) -> list[Window]:
-    """Return windows as they are if their joints are stamped late by a delay, s."""
+    """Return windows as they are if their joints are stamped late by a delay, s; those that were read by then."""
     times = [each.start + each.spacing * (np.arange(len(each.knots)) - each.inside.start) for each in windows]
     # Windows share knots with their neighbours.
     every, place = np.unique(np.round(np.concatenate(times), 6), return_index=True)
     values = np.concatenate([each.knots.joint_position for each in windows])[place]
     known = np.isfinite(values).all(axis=1)
     every, values = every[known], values[known]
-    # Before the first and after the last of them the joints go on as they went.
-    ends = np.array([[0, 1], [-1, -2]])
-    rates = np.diff(values[ends], axis=1)[:, 0] / np.diff(every[ends], axis=1)
-    beyond = np.array([every[0] - abs(delay), every[-1] + abs(delay)])
-    further = values[[0, -1]] + rates * (beyond - every[[0, -1]])[:, None]
-    every = np.concatenate((beyond[:1], every, beyond[1:]))
-    values = np.concatenate((further[:1], values, further[1:]))
-    moved = [np.column_stack([np.interp(own + delay, every, joint) for joint in values.T]) for own in times]
-    return [
-        replace(each, knots=replace(each.knots, joint_position=position))
-        for each, position in zip(windows, moved, strict=True)
-    ]
+    moved = []
+    for each, own in zip(windows, times, strict=True):
+        read = np.isfinite(each.knots.joint_position).all(axis=1)
+        then, position = np.round(own + delay, 6), np.full_like(each.knots.joint_position, np.nan)
+        if np.all((then >= every[0]) & (then <= every[-1]) | ~read):
+            position[read] = np.column_stack([np.interp(then[read], every, joint) for joint in values.T])
+            moved.append(replace(each, knots=replace(each.knots, joint_position=position)))
+    return moved
 
 
 def _largest(values: Iterable[Array]) -> float:
