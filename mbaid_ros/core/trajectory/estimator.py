@@ -10,13 +10,14 @@ import numpy as np
 from mbaid_ros.core.diagnosis.fault_isolation import with_undeclared_orbit
 from mbaid_ros.core.filter.averaging import Averaged, KnotAveraging
 from mbaid_ros.core.filter.run import FilterRun
-from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout, Point
+from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.results.status import Verdict, contradictions, judge, notes
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
+from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.core.robot.orbit import brought
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import End, Posterior, posterior
@@ -30,12 +31,11 @@ from mbaid_ros.core.trajectory.solution import (
     joint_delay,
     jumps,
     passive_joints,
-    point_of,
     soft_grasps,
     thrusters,
 )
 from mbaid_ros.core.trajectory.target_runs import TargetRuns, TrajectorySettings
-from mbaid_ros.core.unknowns.catalogue import underestimated_text
+from mbaid_ros.core.unknowns.words import underestimated_text
 
 _AT_REST = 'no joint has moved yet: with joints at rest no single body is observable'
 _TUMBLING = (
@@ -228,9 +228,24 @@ class TrajectoryEstimator:
     def offer(self, estimate: Estimate) -> None:
         """Take an estimate to start from."""
         if self._runs.run is not None:
-            self._runs.run.offer(partial(point_of, estimate, self._runs.layout, self._averaging.origin))
+            self._runs.run.offer(partial(_point_of, estimate, self._runs.layout, self._averaging.origin))
 
     def restart(self) -> None:
         """Give up the solution and search a start again."""
         if self._runs.run is not None:
             self._runs.run.restart()
+
+
+def _point_of(estimate: Estimate, layout: Layout, origin: Array) -> Point:
+    """Return the linearisation point of an estimate, for runs with an origin (3,) m.
+
+    Parameters that a planar motion leaves open do not matter: moments of inertia are the largest known one.
+    """
+    body = np.where(estimate.identifiable, estimate.parameters, 0.0)
+    diagonal = [4, 7, 9]
+    body[diagonal] = np.where(estimate.identifiable[diagonal], body[diagonal], body[diagonal].max())
+    momentum = np.nan_to_num(estimate.momentum - estimate.impulse)
+    momentum[3:] -= cross(origin, momentum[:3])
+    state = np.concatenate((np.zeros(BODY.stop), layout.known.mean))
+    state[MOMENTUM], state[BODY] = momentum, standard(body)
+    return layout.point(state)

@@ -11,7 +11,7 @@ from mbaid_ros.core import chi_square
 from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
-from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout, Point
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.results.estimate import (
@@ -22,45 +22,19 @@ from mbaid_ros.core.results.estimate import (
     PassiveJoint,
     Status,
     Thruster,
-    changed_by,
     constant_force,
 )
 from mbaid_ros.core.results.parameters import SENSOR_NOISE, DeferredBudget, ErrorBudget
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.results.status import MOST_JUMPS, Reason, Verdict
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.momentum import physical_jacobian, standard
+from mbaid_ros.core.robot.momentum import physical_jacobian
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Thrusters
 from mbaid_ros.core.unknowns.flexible import FREQUENCY, SpringErrors
 from mbaid_ros.core.unknowns.sensors import TimeOffset
 
 _NOTHING = 1e-6  # chance that noise looks like a constant force as large: one less sure is not reported
-_KNOWN = 0.1  # relative standard deviation of a mass, up to which its centre of mass can be compared
-
-
-@dataclass(frozen=True, eq=False)
-class ChangedTarget:
-    """A target that has changed in a run."""
-
-    time: float  # s since the first sample
-    text: str  # the event in words
-    exchanged: bool  # whether it is another body, not the same elsewhere
-    before: MeanAndCovariance | None  # state until then; None where unknown
-
-    def event(self, after: MeanAndCovariance | None) -> Event:
-        """Return it as an event, with the change of mass and centre of mass where both states are known."""
-        text = self.text
-        if self.before is not None and after is not None and _known(self.before) and _known(after):
-            then, now = self.before.mean[BODY], after.mean[BODY]
-            heavier = float(now[0] - then[0]) if self.exchanged else None
-            text = changed_by(text, heavier, now[1:4] / now[0] - then[1:4] / then[0])
-        return Event(self.time, 'target_changed', np.zeros(3), np.zeros(3), text)
-
-
-def _known(distribution: MeanAndCovariance) -> bool:
-    """Return whether the mass is known well enough for a centre of mass."""
-    return bool(distribution.deviation[BODY.start] < _KNOWN * distribution.mean[BODY.start])
 
 
 def forces(filtered: HypothesisFilter, distribution: MeanAndCovariance) -> tuple[Event, ...]:
@@ -231,21 +205,6 @@ def estimates(
             )
         made.append(replace(estimate.after_thrust(each.impulse), innovations=each.innovations))
     return made
-
-
-def point_of(estimate: Estimate, layout: Layout, origin: Array) -> Point:
-    """Return the linearisation point of an estimate, for runs with an origin (3,) m.
-
-    Parameters that a planar motion leaves open do not matter: moments of inertia are the largest known one.
-    """
-    body = np.where(estimate.identifiable, estimate.parameters, 0.0)
-    diagonal = [4, 7, 9]
-    body[diagonal] = np.where(estimate.identifiable[diagonal], body[diagonal], body[diagonal].max())
-    momentum = np.nan_to_num(estimate.momentum - estimate.impulse)
-    momentum[3:] -= cross(origin, momentum[:3])
-    state = np.concatenate((np.zeros(BODY.stop), layout.known.mean))
-    state[MOMENTUM], state[BODY] = momentum, standard(body)
-    return layout.point(state)
 
 
 def joint_delay(distribution: MeanAndCovariance, layout: Layout) -> tuple[float, float]:

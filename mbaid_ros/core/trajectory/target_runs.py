@@ -20,15 +20,16 @@ from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import Axes
 from mbaid_ros.core.filter.window import Window, without_twist
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import Event
+from mbaid_ros.core.results.estimate import Event, changed_by
 from mbaid_ros.core.results.status import Evidence
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.posterior import Continuation
-from mbaid_ros.core.trajectory.solution import ChangedTarget, jumps
-from mbaid_ros.core.unknowns.catalogue import Uncertainty, kind_in_words, target_changed_text
+from mbaid_ros.core.trajectory.solution import jumps
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
+from mbaid_ros.core.unknowns.words import kind_in_words, target_changed_text
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,32 @@ class TrajectorySettings:
     before: Continuation | None = None  # the run that this one continues
 
 
+_KNOWN = 0.1  # relative standard deviation of a mass, up to which its centre of mass can be compared
 _SETTLING = 2  # windows that a changing target may take: the next run begins as many later
+
+
+@dataclass(frozen=True, eq=False)
+class ChangedTarget:
+    """A target that has changed in a run."""
+
+    time: float  # s since the first sample
+    text: str  # the event in words
+    exchanged: bool  # whether it is another body, not the same elsewhere
+    before: MeanAndCovariance | None  # state until then; None where unknown
+
+    def event(self, after: MeanAndCovariance | None) -> Event:
+        """Return it as an event, with the change of mass and centre of mass where both states are known."""
+        text = self.text
+        if self.before is not None and after is not None and _known(self.before) and _known(after):
+            then, now = self.before.mean[BODY], after.mean[BODY]
+            heavier = float(now[0] - then[0]) if self.exchanged else None
+            text = changed_by(text, heavier, now[1:4] / now[0] - then[1:4] / then[0])
+        return Event(self.time, 'target_changed', np.zeros(3), np.zeros(3), text)
+
+
+def _known(distribution: MeanAndCovariance) -> bool:
+    """Return whether the mass is known well enough for a centre of mass."""
+    return bool(distribution.deviation[BODY.start] < _KNOWN * distribution.mean[BODY.start])
 
 
 class TargetRuns:
