@@ -23,6 +23,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.nodes.subscriptions import LOST
 
 Until = Literal['estimating', 'converged', 'stale']
 _LAST_WORDS = 10.0  # s, for a process to end after it has been interrupted
@@ -52,11 +53,16 @@ def running(executable: str, *arguments: str) -> Iterator[subprocess.Popen[bytes
 
 
 def wait_for_estimate(
-    until: Until = 'converged', timeout: float = 60.0, topic: str = '/estimator/estimate'
+    until: Until = 'converged',
+    timeout: float = 60.0,
+    topic: str = '/estimator/estimate',
+    *,
+    allow_lost: bool = False,
 ) -> InertiaEstimate:
     """Return the first estimate with the wanted state.
 
     Raises TimeoutError: There is none in time; the text has the last status and its warnings.
+    Raises AssertionError: The last estimate lacks messages that the publishers sent, and `allow_lost` is false.
 
     Parameters
     ----------
@@ -79,6 +85,8 @@ def wait_for_estimate(
             executor.spin_once(timeout_sec=0.1)
             found = next((estimate for estimate in heard if _has_come(estimate, until)), None)
             if found is not None:
+                lost = [warning for warning in found.warnings if LOST in warning]
+                assert allow_lost or not lost, '; '.join(lost)
                 return found
             del heard[:-1]
     finally:

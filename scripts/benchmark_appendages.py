@@ -52,6 +52,13 @@ class Row:
     frequency: float = 0.0
     start: tuple[float, ...] = ()
     target: str = 'link7'
+    speed: float = 1.0  # of the arm, over that of the configured motion
+    errors: bool = False  # whether the robot deviates from its description, as the default parameters declare it
+
+    @property
+    def conditions(self) -> tuple[float, bool]:
+        """Those in which the rigid robot is compared."""
+        return self.speed, self.errors
 
     @property
     def frequencies(self) -> Array:
@@ -60,21 +67,39 @@ class Row:
         return np.asarray(self.frequency * step ** np.arange(len(self.joints)))
 
 
-RIGID = Row('none', servicer())
+def _panels(name: str, frequency: float, swing: float, speed: float = 1.0, *, errors: bool = False) -> Row:
+    text = f'two panels of 20 kg, {frequency:g} Hz{name}'
+    return Row(text, with_panels(), PANELS, frequency, (swing, -0.5 * swing), speed=speed, errors=errors)
+
+
+SLOW, FAST, ERRORS = (
+    ', the arm at 1 deg/s',
+    ', the arm three times as fast',
+    ', links off by 1 %, joints by 1 mrad and 1 mm',
+)
 ROWS = (
-    RIGID,
-    *(
-        Row(f'two panels of 20 kg, {each:g} Hz', with_panels(), PANELS, each, (swing, -0.5 * swing))
-        for each, swing in ((0.1, 0.02), (0.3, 0.02), (1.0, 0.006), (2.0, 0.003))
-    ),
+    Row('none', servicer()),
+    *(_panels('', each, swing) for each, swing in ((0.1, 0.02), (0.3, 0.02), (1.0, 0.006), (2.0, 0.003))),
     Row('a panel of 20 kg on the target, 0.3 Hz', with_panel_on_the_target(), PANELS[:1], 0.3, (0.02,)),
+    *(
+        Row(f'a grasp of {each:g} Hz', with_grasp(), ('grasp',), each, (swing,), 'target')
+        for each, swing in ((3.0, 0.003), (1.0, 0.005))
+    ),
     *(
         Row(f'{mass:g} kg of propellant, {each:g} Hz', with_fuel(mass), SLOSH, each, (0.02, 0.0, 0.01))
         for mass in (20.0, 2.0)
         for each in (0.1, 0.5)
     ),
-    Row('a grasp of 3 Hz', with_grasp(), ('grasp',), 3.0, (0.003,), 'target'),
+    Row(f'none{SLOW}', servicer(), speed=0.2),
+    _panels(SLOW, 0.3, 0.02, 0.2),
+    Row(f'none{FAST}', servicer(), speed=3.0),
+    _panels(FAST, 0.3, 0.02, 3.0),
+    Row(f'none{ERRORS}', servicer(), errors=True),
+    _panels(ERRORS, 0.3, 0.02, errors=True),
 )
+_DRAWN = {f'model_errors.{part}': 1e-3 for part in ('zero_std', 'origin_std', 'axis_std')}
+_DRAWN['model_errors.links_relative_std'] = 0.01
+_OF_THE_ROBOT = ('known_links.', 'known_joints.')
 
 
 @dataclass(frozen=True)
@@ -95,13 +120,15 @@ def run(row: Row, work: tuple[int, float]) -> Outcome:
     seed, duration = work
     values = load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator')
     values |= {'joint_rate': RATE, 'odometry_rate': RATE, **NOISE, 'seed': seed, 'target_link': row.target}
-    values |= {'flexible.joints': list(row.joints)}
+    values |= {'flexible.joints': list(row.joints), 'model_errors.seed': seed, **(_DRAWN if row.errors else {})}
+    values['motion.frequencies'] = (row.speed * np.array(values['motion.frequencies'])).tolist()
     values['initial.joint_positions'] = [*POSTURE, *row.start]
     values |= {f'flexible.{name}.frequency': each for name, each in zip(row.joints, row.frequencies, strict=True)}
     simulated = SimulatedRun(build(SimulatorConfig, values), row.urdf, BAG_TYPES)
     off = 1.0 + DECLARED * np.random.default_rng(1000 + seed).standard_normal(len(row.joints))
     given = zip(row.joints, off * row.frequencies, strict=True)
-    parameters = {**EXACT, **NOISE, 'method': 'trajectory', 'target_link': row.target}
+    exact = {name: each for name, each in EXACT.items() if not (row.errors and name.startswith(_OF_THE_ROBOT))}
+    parameters = {**exact, **NOISE, 'method': 'trajectory', 'target_link': row.target}
     parameters |= {'flexible.joints': list(row.joints), **{f'flexible.{name}.frequency': each for name, each in given}}
     session = Session(build(EstimatorConfig, parameters), row.urdf)
     for each in simulated.read(duration):
@@ -162,11 +189,11 @@ def main() -> None:
     frame = Frame(__doc__, 'measured/appendages.md', seeds=20, seconds=40.0)
     work = [(seed, frame.arguments.seconds) for seed in frame.seeds]
     lines: list[tuple[str, ...]] = []
-    rigid: Outcome | None = None
-    for row in (RIGID, *(each for each in frame.chosen(ROWS, lambda each: each.name) if each is not RIGID)):
+    rigid: dict[tuple[float, bool], Outcome] = {}
+    chosen = frame.chosen(ROWS, lambda each: each.name)
+    for row in (each for each in ROWS if each in chosen or not each.joints):
         for _, own in frame.outcomes(Outcome, partial(run, row), {row: (f'appendages-{row.name}', work)}):
-            rigid = rigid or own
-            lines.append(cells(row, own, rigid))
+            lines.append(cells(row, own, rigid.setdefault(row.conditions, own)))
             print(' | '.join(lines[-1]), flush=True)
     note = f'{len(work)} seeds of {frame.arguments.seconds:g} s'
     frame.write(rows=f'{table(HEADER, lines)}\n\n{provenance(note)}')

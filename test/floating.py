@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -156,16 +155,6 @@ def follow(
 ) -> list[Estimate]:
     """Return the estimates of all windows of a run."""
     return make(kernel, noise, adapt=adapt, known_std=known_std).update(windows(samples, WINDOW), 0)
-
-
-def without_velocities(samples: Samples) -> Samples:
-    """Return samples with positions and poses alone."""
-    return replace(
-        samples,
-        joint_velocity=np.full_like(samples.joint_velocity, np.nan),
-        base_linear_velocity=np.full_like(samples.base_linear_velocity, np.nan),
-        base_angular_velocity=np.full_like(samples.base_angular_velocity, np.nan),
-    )
 
 
 def errors(estimate: Estimate, kernel: MomentumKernel) -> Array:

@@ -70,12 +70,17 @@ def follow(unknown: MomentumKernel, begin: State, trajectory: JointTrajectory, s
     return Simulation(model, motion, begin).advance(np.arange(round(seconds * RATE) + 1) / RATE)
 
 
-def begun(name: str = 'servicer7', seconds: float = 8.0, **parameters: object) -> Begun:
-    """Return a robot that has moved all its joints for some seconds, then rested for half a second."""
-    unknown = kernel(name)
-    model = unknown.model
-    start = START[: model.joints]
+def begun(
+    name: str = 'servicer7', seconds: float = 8.0, unknown: MomentumKernel | None = None, **parameters: object
+) -> Begun:
+    """Return a robot that has moved all its joints for some seconds, then rested for half a second.
+
+    Of another one than config/ has, `unknown`, the joints after those of `name` rest.
+    """
     trajectory = first_motion(name, seconds)
+    unknown = unknown or kernel(name)
+    model = unknown.model
+    start = np.append(START, np.zeros(model.joints))[: model.joints]
     truth = follow(unknown, state(start, np.zeros(model.joints), SPIN), trajectory, seconds + 0.5)
     method = estimator(unknown, MID, method='trajectory', **parameters)
     samples = observe(truth, MID, 1)[:-1]

@@ -80,7 +80,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         mechanism=mechanism,
         structure=structure(mechanism),
         gains=np.linalg.eigvalsh(_gained(normals.of_the_robot))[::-1],
-        further_off=normals.sizes.sure,
+        further_off=normals.prior_scales.sure,
         scale=_scale(values[:size], covariance[:size, :size], prior, gained, settings.uncertainty.weighed),
         residual=float(np.sqrt(gaussian.nis / max(gaussian.measured, 1))),
         settled=settled.stays,

@@ -209,7 +209,7 @@ def _pass(motions: Sequence[Motion], points: Sequence[Point]) -> CalibrationIter
     assert gaussian is not None, 'there is a motion'
     head = motions[0].variables.head
     rest = gaussian.with_root(gaussian.root[head:, head:])
-    mean, factor = rest.moments()[0], rest.factor
+    mean, factor = rest.mean_and_shift()[0], rest.factor
     found = [_momentum(rows, motion.variables, mean, factor) for rows, motion in zip(heads, motions, strict=True)]
     momenta = np.array([momentum for momentum, _ in found])
     return CalibrationIteration(gaussian, mean, factor, momenta, [each for _, each in found])

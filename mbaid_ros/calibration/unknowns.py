@@ -77,7 +77,7 @@ class Normals:
         return Normals(self.prior, self.joints, self.unknowns, UnknownsPrior(back @ (passed.mean - before), factor))
 
     @cached_property
-    def sizes(self) -> PriorScaleFactors:
+    def prior_scales(self) -> PriorScaleFactors:
         """How many times as far off as declared the numbers look, kind by kind."""
         first = self.prior.links[0].name
         causes = [f'link:{first}'] * 10
@@ -91,7 +91,8 @@ class Normals:
         mean, factor = self.gaussian.mean, self.gaussian.factor
         seen = factor[:, len(mean) :]
         return replace(
-            self, gaussian=UnknownsPrior(mean, np.concatenate((factor, self.sizes.beside(seen @ seen.T)), axis=1))
+            self,
+            gaussian=UnknownsPrior(mean, np.concatenate((factor, self.prior_scales.beside(seen @ seen.T)), axis=1)),
         )
 
     @property
@@ -159,7 +160,7 @@ class Normals:
 
 # Standard deviation, in typical sizes, of an unknown without a prior (as in difference).
 NO_PRIOR = 100.0
-_EXACT = 1e-6  # relative standard deviation of what is declared exact: a covariance has to be regular
+_EXACT = 1e-6  # relative standard deviation of numbers declared exact: a covariance has to be regular
 # Smallest eigenvalue of a pseudo-inertia, relative to the largest, that still counts as a body: flat ones are common.
 _FLAT = -1e-9
 # Least size of an element of inertia that its deviation is relative to, in thirds of the trace: a thin rod has zeros.

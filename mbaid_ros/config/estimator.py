@@ -80,7 +80,8 @@ class ConvergenceConfig:
     """Thresholds of published estimates; changes at run time count from the next window on."""
 
     relative_std: float = parameter(0.01, minimum=0.0, exclusive_minimum=True, read_only=False)
-    """An estimate is converged when its standard deviations, relative to its size, are below this."""
+    """An estimate is converged when its standard deviations, relative to its size, are below this; that of the centre
+    of mass is relative to twice the radius of gyration, at most 1 m."""
     identifiable_std: float = parameter(0.5, minimum=0.0, exclusive_minimum=True, read_only=False)
     """A parameter is identifiable when its relative standard deviation is below this."""
     largest_residual: float = parameter(2.0, minimum=1.0, read_only=False)

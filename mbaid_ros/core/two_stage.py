@@ -31,7 +31,15 @@ _KNOWN, _AGREED, _LONGEST = 0.05, 20, 1200
 # s since the first number: a model that is far off agrees with so short a motion, and makes a wrong body of it.
 _YOUNG = 6.0
 
+# s since the first stage's first number, in which stage 2 starts where the model is right.
+_ALONE = 10.0
+
+FIRST_STAGE = (
+    'first stage: its numbers contradict the data, and are withheld until the trajectory filter starts, which knows '
+    'late stamps, too'
+)
 YOUNG = 'first estimate: a wrong URDF cannot be detected from so short a motion'
+LATE = 'first stage: stamps that are late by some 10 ms, or velocities that lag, are not known yet'
 DISAGREE = Reason(
     'the difference form and the trajectory filter contradict each other: the robot description, the noise values or '
     'the frames are wrong',
@@ -124,6 +132,8 @@ class TwoStageEstimator:
         self._windows = 0
         self._agreed = 0  # windows in a row
         self._began = np.inf  # s, of the first published number
+        self._alone_since = np.inf  # s, of the first stage's first number
+        self._doubted = False  # whether that stage's numbers have contradicted the data
         self._restarted = False
         self._consistency = IntervalConsistency()
 
@@ -175,12 +185,32 @@ class TwoStageEstimator:
             innovations=late.innovations,
         )
         if not self._second.settled:
-            return with_reasons(early, [DISAGREE]) if self._contradicts else early
+            return with_reasons(early, [DISAGREE]) if self._contradicts else self._alone(early)
         if not early.identifiable[0] or early.status == 'inconsistent' or self._second.disturbed:
             return late
         if not np.any(early.identifiable & late.identifiable):
             return late  # nothing in which they could agree or contradict each other
         return self._compared(early, late)
+
+    def _alone(self, early: Estimate) -> Estimate:
+        """Return the first stage's estimate, at first without numbers once they have contradicted the data.
+
+        Neither stamps that are late nor velocities that lag are among its unknowns: ten milliseconds of either move its
+        numbers by many standard deviations.
+        """
+        if early.identifiable.any():
+            self._alone_since = min(self._alone_since, early.time)
+        self._doubted |= early.status == 'inconsistent'
+        if not self._doubted or early.time >= self._alone_since + _ALONE:
+            return early
+        return replace(
+            early,
+            status='not_identifiable',
+            parameters=np.full(10, np.nan),
+            covariance=np.full((10, 10), np.nan),
+            identifiable=np.zeros(10, dtype=bool),
+            warnings=(FIRST_STAGE, *early.warnings),
+        )
 
     @property
     def _contradicts(self) -> bool:
@@ -195,7 +225,9 @@ class TwoStageEstimator:
         estimate = self._consistency.judged(estimate, early=young)
         if not young or not estimate.identifiable.any() or estimate.status == 'inconsistent':
             return estimate
-        return with_reasons(estimate, [Reason(YOUNG)])
+        return with_reasons(
+            estimate, [Reason(YOUNG), *([Reason(LATE)] if estimate.stage not in {'', self.method} else [])]
+        )
 
     def _compared(self, early: Estimate, late: Estimate) -> Estimate:
         """Return the second stage's estimate if the first's does not contradict it."""

@@ -109,6 +109,8 @@ class Diagnostics:
         """Return why no new estimate can be expected; empty while it can. Call it after `statuses`."""
         if state.halted:
             return state.halted
+        if self._time - self._used_at <= STALE_AFTER:
+            return ''  # one topic may be read to its end while another still waits
         silent = [
             each.topic
             for key, each in self._wanted(state).items()
@@ -116,10 +118,8 @@ class Diagnostics:
         ]
         if silent:
             return f'no messages on {listing(silent)} for more than {STALE_AFTER:g} s'
-        if self._time - self._used_at > STALE_AFTER:
-            unused = f'messages arrive, and none could be used for more than {STALE_AFTER:g} s'
-            return f'{unused}: {self._samples.reasons}' if self._samples.reasons else unused
-        return ''
+        unused = f'messages arrive, and none could be used for more than {STALE_AFTER:g} s'
+        return f'{unused}: {self._samples.reasons}' if self._samples.reasons else unused
 
     def awaited(self, state: RunState) -> list[str]:
         """Return the awaited messages by topic and type, with the likely reason of their absence."""
@@ -176,6 +176,7 @@ class Diagnostics:
             ('topic', topic),
             ('publishers', len(publishers)),
             ('received', received),
+            ('lost on the way', subscription.lost),
             ('rate (Hz)', rate),
             ('reliability', 'best effort' if subscription.best_effort else 'reliable'),
         ]

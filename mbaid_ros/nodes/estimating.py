@@ -230,6 +230,7 @@ class LiveEstimator:
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         state = self._state
+        self._count_lost()
         if request.data and not state.halted:
             self._process()  # so that the last estimate holds everything that has come
         state.paused = bool(request.data)
@@ -243,6 +244,8 @@ class LiveEstimator:
         if self._state.session is not None:
             self._state.session.reset()
         self._state.ignored = Counter()
+        for each in self._all_subscriptions():
+            each.lost = 0
         self._publication.withdraw()
 
     # Reports
@@ -257,12 +260,16 @@ class LiveEstimator:
             self._process()  # also messages that complete no window: one stream without the other must not pile up
         self._report()
 
+    def _count_lost(self) -> None:
+        self._state.lost = {each.topic: each.lost for each in self._all_subscriptions()}
+
     def _report(self) -> None:
         """Publish /diagnostics, log problems, and mark the estimate stale if nothing follows it."""
         self._report_due = False
         for each in self._all_subscriptions():
             each.refresh()
         state = self._state
+        self._count_lost()
         if state.session is not None:
             for remark in remarks(state.session):
                 self._log.warn_once(remark)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections import Counter
 from collections.abc import Sequence
 
 from rclpy.duration import Duration
@@ -14,7 +15,7 @@ from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
 from mbaid_ros.bags import BagReader
-from mbaid_ros.cli import run, warn
+from mbaid_ros.cli import EXIT_NOT_DETERMINED, run, warn
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.nodes.arguments import player_arguments
 from mbaid_ros.nodes.runner import LATENCY, Interrupt, NoParameters, declare_parameters, own_arguments, ros
@@ -24,7 +25,8 @@ NAME = 'player'
 
 _CLOCK_PERIOD = 0.01  # s, of /clock
 _DEPTH = 1000  # messages kept for a subscriber that is behind
-_PATIENCE = 2.0  # s, for subscribers that are still behind at the end
+_UNCONFIRMED = _DEPTH // 2  # messages that may be on their way to reliable subscribers
+_PATIENCE = 10.0  # s, for subscribers that are behind
 
 
 class PlayerNode(Node):
@@ -49,6 +51,8 @@ class PlayerNode(Node):
         self._rate = rate
         self._interrupt = interrupt
         self._topics: dict[str, Publisher] = {}
+        self._sent: Counter[str] = Counter()  # messages since the last that were confirmed
+        self._lost: Counter[str] = Counter()  # messages that were not confirmed
         for topic in topics or bag.topics:
             if not (clock and topic == '/clock'):  # there is one clock: this node's
                 self._add(topic, required=bool(topics))
@@ -103,12 +107,26 @@ class PlayerNode(Node):
                 if self._interrupt.requested:
                     return
                 self._topics[topic].publish(data)
+                self._sent[topic] += 1
+                if self._sent[topic] == _UNCONFIRMED:
+                    self._confirm(topic)
                 bar.update()
 
-    def finish(self) -> None:
-        """Wait until reliable subscribers have everything, or have had time for it."""
-        for publisher in self._topics.values():
-            publisher.wait_for_all_acked(Duration(seconds=_PATIENCE))
+    def finish(self) -> list[str]:
+        """Wait until reliable subscribers have everything, or have had time for it; return what may be lost."""
+        for topic in self._topics:
+            self._confirm(topic)
+        return [
+            f"{count} messages on '{topic}' may be lost: a subscriber has not confirmed them in {_PATIENCE:g} s"
+            for topic, count in self._lost.items()
+        ]
+
+    def _confirm(self, topic: str) -> None:
+        """Wait until reliable subscribers have confirmed all messages; not again for one that has let time pass."""
+        patience = 0.0 if topic in self._lost else _PATIENCE
+        if not self._topics[topic].wait_for_all_acked(Duration(seconds=patience)):
+            self._lost[topic] += self._sent[topic]
+        self._sent[topic] = 0
 
     def _wait_until(self, due: int) -> None:
         """Return at a bag time (ns), with the clock going on until then."""
@@ -130,24 +148,23 @@ class PlayerNode(Node):
             self._clock_topic.publish(message)
 
 
-def _play(arguments: argparse.Namespace, bag: BagReader, interrupt: Interrupt) -> None:
+def _play(arguments: argparse.Namespace, bag: BagReader, interrupt: Interrupt) -> list[str]:
     node = PlayerNode(bag, arguments.topics, arguments.rate, clock=arguments.clock, interrupt=interrupt)
     if arguments.wait_for_subscribers:
         node.wait_for_subscribers(arguments.wait_for_subscribers)
     node.play()
     while arguments.loop and not interrupt.requested:
         node.play()
-    if not interrupt.requested:
-        node.finish()
+    return [] if interrupt.requested else node.finish()
 
 
 def _main(argv: list[str]) -> int:
     arguments = player_arguments().parse(own_arguments(argv))
     with BagReader(arguments.bag) as bag:
         with ros(argv) as interrupt:
-            _play(arguments, bag, interrupt)
-        warn(NAME, bag.warnings)
-    return 0
+            lost = _play(arguments, bag, interrupt)
+        warn(NAME, [*bag.warnings, *lost])
+    return EXIT_NOT_DETERMINED if lost else 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:

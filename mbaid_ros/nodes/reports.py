@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from time import monotonic
 from typing import Any
@@ -16,6 +16,7 @@ from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
+from mbaid_ros.nodes.subscriptions import LOST
 from mbaid_ros.nodes.watch import NEXT
 from mbaid_ros.session.explanation import doubts, explain, obstacles
 from mbaid_ros.session.model_summary import ModelSummary
@@ -53,6 +54,7 @@ class RunState:
     # of the motion on ~/motion whether it reaches the wanted precision, and the verdict; None without one
     plan: tuple[bool, str] | None = None
     ignored: Counter[str] = field(default_factory=Counter)  # messages not handed to a session, by reason
+    lost: Mapping[str, int] = field(default_factory=dict)  # messages that have not come between others, by topic
 
     @property
     def halted(self) -> str:
@@ -63,11 +65,14 @@ class RunState:
 
     @property
     def account(self) -> str:
-        """How many of the received samples are in the estimate, in a sentence."""
+        """How many of the received samples are in the estimate, and what was not received, in a sentence."""
         if self.session is None or self.estimate is None:
             return 'no sample is in an estimate'
         text = f'{self.estimate.samples} of {self.session.taken} samples are in the estimate'
-        return text if self.estimate.samples == self.session.taken else f'{text}, those of complete windows'
+        text += '' if self.estimate.samples == self.session.taken else ', those of complete windows'
+        return '; '.join(
+            [text, *(f'{count} messages on {topic} {LOST}' for topic, count in self.lost.items() if count)]
+        )
 
 
 class SampleReport:

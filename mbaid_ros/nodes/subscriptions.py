@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from functools import cache
 from importlib import import_module
@@ -29,6 +29,7 @@ from mbaid_ros.outgoing import MessageTypes
 RMWError = rclpy_implementation.RMWError
 
 DEPTH = 5000  # messages, as arrive at 1 kHz during five seconds of work on a window
+LOST = 'were lost on the way: play slower, or give the node more of the machine'  # of messages that have not come
 _OVERRIDABLE = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
 
 
@@ -121,6 +122,8 @@ class Subscriptions:
         self._callback = callback
         self._pack = packer(self.type_name)
         self.received = 0
+        self.lost = 0  # messages between others of the only publisher that have not come
+        self._number = 0  # the publisher's, of the last message
         self.timed: tuple[int, int] | None = None  # of a recent message: stamp, and the node's clock at its arrival, ns
         self._to_be_timed = True
         self.best_effort = False
@@ -189,14 +192,18 @@ class Subscriptions:
         return self._node.create_subscription(
             self._message_type,
             self.given_topic,
-            self._on_message,
+            self._on_message,  # type: ignore[arg-type] # two arguments, as rclpy has it
             self._profile,
             event_callbacks=events,
             qos_overriding_options=overrides,
             raw=self._pack is not None,
         )
 
-    def _on_message(self, message: Any) -> None:
+    def _on_message(self, message: Any, info: Mapping[str, int]) -> None:
+        number, last = info['publication_sequence_number'], self._number
+        self._number = number
+        if 0 < last < number - 1 and self._subscription.get_publisher_count() <= 1:
+            self.lost += number - last - 1
         if self._pack is not None:
             message = self._pack(message) or self._object(message)
         if message is None:

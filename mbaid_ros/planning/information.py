@@ -6,7 +6,7 @@ to the next window are those that the filter makes of a motion as it is predicte
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,11 +14,11 @@ import numpy as np
 from scipy.linalg.lapack import dtrtrs
 
 from mbaid_ros.core.filter.chain import window_models
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.joint_noise import no_bias
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots
-from mbaid_ros.core.filter.square_root import SquareRootInformation, update
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY, Point
+from mbaid_ros.core.filter.swing import SwingCourse
 from mbaid_ros.core.filter.time_update import advance
 from mbaid_ros.core.filter.whitened import MOST, WhitenedWindow, prepared
 from mbaid_ros.core.filter.window import Stack, Window, WindowNoise
@@ -130,10 +130,10 @@ class Information:
         last = self._start
         for (gaussian,) in self._followed(grid, joints, base):
             last = gaussian
-        moments = MeanAndCovariance.of(last, self._known.variables)
-        own = moments.factor_of(self._jacobian @ self._known.variables.spread[BODY])
+        distribution = MeanAndCovariance.of(last, self._known.variables)
+        own = distribution.factor_of(self._jacobian @ self._known.variables.spread[BODY])
         layout = self._known.layout
-        variances = moments.contributions(own, layout).T ** 2 @ layout.belongs
+        variances = distribution.contributions(own, layout).T ** 2 @ layout.belongs
         return layout.causes, variances / np.maximum(np.sum(own**2, axis=1, keepdims=True), np.finfo(float).tiny)
 
     def _followed(
@@ -163,11 +163,19 @@ class Information:
             for number in range(grid.windows)
             for each in range(batch)
         ]
+        # Passive joints swing on from window to window of a motion.
+        apart = batch if self._known.layout.kernel.springs.count else 1
+        made = [self._linearised(windows[place::apart]) for place in range(apart)]
+        return [window for together in zip(*made, strict=True) for window in together]
+
+    def _linearised(self, windows: Sequence[Window]) -> list[WhitenedWindow]:
+        """Return windows as the filter takes them; those of passive joints in the order of one motion."""
         layout = self._known.layout
+        course = SwingCourse(layout) if layout.kernel.springs.count else None
         made: list[WhitenedWindow] = []
         for begin in range(0, len(windows), MOST):
             part = tuple(windows[begin : begin + MOST])
-            models = window_models(layout, [Stack(part, tuple(range(len(part))))], self._point)
+            models = window_models(layout, [Stack(part, tuple(range(len(part))))], self._point, course)
             made += prepared(models, self._known.variables)
         return made
 

@@ -81,12 +81,13 @@ class Planner:
         self._wanted = Wanted(settings.relative, self.information.asked)
         model = knowledge.layout.kernel.model
         independent = model.transmission.independent
+        passive = (model.joint_names[joint] for joint in knowledge.layout.kernel.springs.joints)
         limits = joint_limits(
             model,
             knowledge.end.joint_position[independent],
             settings.joint_velocity,
             settings.joint_acceleration,
-            settings.stuck,
+            (*settings.stuck, *passive),
             keeping_speed(model, knowledge.end.joint_velocity[independent], settings.joint_velocity, settings.held),
         )
         length = settings.duration or min(_FIRST, settings.longest)

@@ -20,6 +20,7 @@ from mbaid_ros.core.results.estimate import WITHHELD, Estimate, PassiveJoint
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
 from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
+from mbaid_ros.core.two_stage import FIRST_STAGE
 from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.messages.poses import JOINT_MISSING
 from mbaid_ros.replay import provenance
@@ -300,4 +301,6 @@ def _why_none(run: Run) -> str:
     if run.final.status == 'waiting':
         why = f'; {JOINT_MISSING}: {listing(run.missing_joints)}' if run.missing_joints else ''
         return f'the data hold no complete window{why}'
+    if FIRST_STAGE in run.final.warnings:
+        return FIRST_STAGE
     return WITHHELD if run.contradicted else 'the motion does not determine any of its parameters'

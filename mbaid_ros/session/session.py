@@ -12,7 +12,7 @@ import numpy as np
 
 from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
 from mbaid_ros.config.plan import PlanConfig
-from mbaid_ros.core.diagnosis.held_base import HeldBase
+from mbaid_ros.core.diagnosis.rate_checks import JointRates
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.results.estimate import Estimate
@@ -20,11 +20,10 @@ from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust
-from mbaid_ros.core.sensors.joint_rates import JointRates
 from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from mbaid_ros.core.trajectory.posterior import Continuation, Posterior
-from mbaid_ros.core.window_checks import WindowChecks
+from mbaid_ros.core.window_checks import HeldBase, WindowChecks
 from mbaid_ros.messages.fields import number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact

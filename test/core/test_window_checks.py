@@ -8,10 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from mbaid_ros.core.diagnosis.held_base import HELD, HeldBase
+from mbaid_ros.core.diagnosis.rate_checks import JointRates
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.sensors.joint_rates import JointRates
-from mbaid_ros.core.window_checks import WindowChecks
+from mbaid_ros.core.window_checks import HELD, HeldBase, WindowChecks
 from observed import HIGH, MID, configured_motion, kernel, observe, windows
 from simulated import robot
 

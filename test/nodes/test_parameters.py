@@ -19,6 +19,8 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -28,7 +30,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import parameter, specifications, values_of
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.nodes import runner
+from mbaid_ros.nodes import runner, subscriptions
 from mbaid_ros.nodes.runner import changed, declare_parameters
 from mbaid_ros.nodes.subscriptions import qos
 from simulated import CONFIG
@@ -243,3 +245,23 @@ def test_a_life(graph: Graph) -> None:
     graph.wait(lambda: '/estimator/estimate' not in published(), 'the end of the topics')
     assert transition(graph, Transition.TRANSITION_CONFIGURE)
     assert node.stop() == 0
+
+
+def test_messages_that_are_lost_between_others_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(subscriptions, 'DEPTH', 10)
+    with node() as made:
+        publisher = made.create_publisher(JointState, 'joint_states', subscriptions.qos(1000))
+        subscription = subscriptions.Subscriptions(made, JointState, 'joint_states', lambda _: None)
+        executor = SingleThreadedExecutor(context=made.context)
+        executor.add_node(made)
+        while not subscription.received:
+            publisher.publish(JointState())
+            executor.spin_once(timeout_sec=0.1)
+        subscription.lost, first = 0, subscription.received
+        for _ in range(100):
+            publisher.publish(JointState())
+        assert publisher.wait_for_all_acked(Duration(seconds=10))
+        while subscription.received < first + 10:
+            executor.spin_once(timeout_sec=0.1)
+        executor.shutdown()
+    assert subscription.lost == 90

@@ -18,11 +18,13 @@ from benchmarks.precapture import free_model, free_urdf, perturbed
 from captured import sensed
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.core.robot.momentum import physical, physical_jacobian
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.replay.start import calibrate as main
 from mbaid_ros.replay.start import replay
+from mbaid_ros.session.known_robot import declared_errors
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.motion import random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, without_linear_momentum
@@ -170,6 +172,8 @@ def test_data_that_contradict_the_model_end_with_4_and_no_urdf(
         ('prior.links.link2.com_std: 0.1', ['--unknown', 'link3'], 2, 'prior.links.link2 is given, but link2 is not'),
         ('priors.com_std: 0.1', [], 2, "unknown parameter 'priors.com_std'"),
         ('', ['--unknown', 'link3', 'link3'], 2, '--unknown names link3 twice; accepted: each link once'),
+        ('known_links.relative_std: 0.0', [], 2, "'known_links.relative_std' is 0, and declares base_link exact"),
+        ('', ['-p', 'known_links.total_mass:=400.0'], 2, 'are 400 kg and 0 kg; accepted: both above 0, or none'),
         ('', ['--unknown', 'link9'], 2, "link 'link9' is not in the robot description; links: base_link, link1"),
         ('', ['--output', '.'], 2, "--output '.' cannot be written"),
     ],
@@ -240,6 +244,33 @@ def test_the_estimator_takes_what_it_leaves_uncertain(
     error = capsys.readouterr().err
     assert error.count('\n') == 1
     assert "link 'base_link' has other values in the robot description than in calibration" in error
+
+
+def test_one_declaration_serves_calibration_and_estimator_and_the_whole_robot_may_be_weighed(place: Path) -> None:
+    """The prior of each link is the estimator's own; the total mass is known as well as the scale."""
+    (place / 'one.yaml').write_text(
+        'estimator: {ros__parameters: {known_links: {relative_std: 0.05, link2: {mass_relative_std: 0.01}, '
+        'calibration: none.json}, known_joints: {joint3: {zero_std: 2.0e-3}}}}'
+    )
+    options = ['--params', str(place / 'one.yaml'), '--json', str(place / 'one.json')]
+    whole = float(sum(link.parameters[0] for link in free_model().links))
+    weighed = ['-p', f'known_links.total_mass:={whole}', '-p', 'known_links.total_mass_std:=0.5']
+    run(place, '--start', '30', *options, *weighed)
+    found = json.loads((place / 'one.json').read_text(encoding='utf-8'))
+    cad = load_model((place / 'cad.urdf').read_text(encoding='utf-8'))
+    config = build(EstimatorConfig, {'known_links.relative_std': 0.05, 'known_links.link2.mass_relative_std': 0.01})
+    errors = declared_errors(MomentumKernel(cad, 'link7'), config.known_links)
+    for index, name in enumerate(LINKS[:7]):
+        rows = slice(10 * index, 10 * index + 10)
+        jacobian = physical_jacobian(cad.link(name).parameters)
+        std = np.sqrt(np.diag(jacobian @ errors.covariance[rows, rows] @ jacobian.T))
+        prior = found['links'][name]['prior_std']
+        assert [prior['mass'], *prior['com'], *prior['inertia'].values()] == pytest.approx(std, rel=1e-4)
+    assert found['joints']['joint3']['zero_std'] > found['joints']['joint2']['zero_std']
+    assert found['scale']['fixed_by'][0]['name'] == 'the total mass'
+    total = sum(link['estimate']['mass'] for link in found['links'].values())
+    assert total == pytest.approx(whole, abs=2.0)
+    assert found['scale']['relative_std'] * total <= 0.51
 
 
 @pytest.fixture(scope='module')

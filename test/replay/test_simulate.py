@@ -13,7 +13,7 @@ import recorded
 from benchmarks.precapture import free_urdf
 from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST
-from mbaid_ros.replay.start import calibrate, replay
+from mbaid_ros.replay.start import replay
 from mbaid_ros.replay.start import simulate as main
 from simulated import CONFIG
 from thrusting import WRENCH, messages, pulse
@@ -201,14 +201,3 @@ def test_thrust_in_a_bag_on_another_topic(tmp_path: Path, capsys: pytest.Capture
     # Not where nobody says so.
     assert replay([bag, *MODEL, *PARAMETERS, '--json', '-']) == 0
     assert [event['kind'] for event in json.loads(capsys.readouterr().out)['events']] == ['step']
-
-
-def test_a_calibration_knows_of_thrust(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    bag = write(tmp_path / 'bag', '/thrust')
-    assert calibrate([bag, *MODEL, '--unknown', 'link7', '--json', '-']) == 0
-    known = json.loads(capsys.readouterr().out)
-    assert known['residual'] == pytest.approx(1.0, abs=0.15)
-    other = write(tmp_path / 'other', '/jets')
-    assert calibrate([other, *MODEL, '--unknown', 'link7', '--json', '-']) == 4
-    assert json.loads(capsys.readouterr().out)['residual'] > 1.3 * known['residual']
-    assert np.isfinite(known['momentum'][0]['linear']).all()

@@ -20,7 +20,8 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.core.sensors.outliers import OUTLIER, REPEATED_POSE
+from mbaid_ros.core.sensors.outliers import OUTLIER
+from mbaid_ros.core.sensors.repeats import REPEATED_POSE
 from mbaid_ros.core.sensors.streams import (
     LATE,
     OTHER_CLOCK,
@@ -142,22 +143,6 @@ def correlated(seed: int) -> list[Arrival]:
     return defects.correlated(ROBOT, 30.0, 0.3, seed)(arrivals(ROBOT, 30.0, seed))
 
 
-@pytest.mark.long
-@pytest.mark.parametrize('stream', [slow, correlated])
-def test_slow_poses_and_correlated_odometry_are_as_uncertain_as_reported(
-    stream: Callable[[int], list[Arrival]],
-) -> None:
-    model, squares = robot(ROBOT), []
-    truth = physical(model.link(model.last_link).parameters)
-    for seed in range(8):
-        last = estimates(ROBOT, stream(seed))[0][-1]
-        assert stream is slow or last.status in {'estimating', 'converged'}
-        error = last.parameters - truth
-        squares.append(float(error @ np.linalg.solve(last.covariance, error)) / len(error))
-    # The mean of 80 squares of unit variance, four standard deviations of 0.16 on either side.
-    assert 0.36 < np.mean(squares) < 1.64
-
-
 @pytest.mark.parametrize('share', [0.01, 0.05])
 def test_outliers_cost_little_and_are_told(share: float) -> None:
     found, session = estimates(ROBOT, defects.thrown(share, 1)(clean()))
@@ -168,16 +153,6 @@ def test_outliers_cost_little_and_are_told(share: float) -> None:
     assert count == pytest.approx(1200 * share, abs=3.0 * np.sqrt(1200 * share))
     many = f'pose far from those before and after: {100.0 * count / 1200:.2g} % of the odometry are outliers'
     assert any(many in warning for warning in intake_warnings(session)) == (count > 12)
-
-
-@pytest.mark.parametrize('constant', [0.1, pytest.param(1.0, marks=pytest.mark.long)])
-def test_the_time_over_which_odometry_is_correlated_is_found(constant: float) -> None:
-    messages = defects.correlated(ROBOT, 20.0, constant, 1)(arrivals(ROBOT, 20.0, 1))
-    last = estimates(ROBOT, messages)[0][-1]
-    assert last.status in {'estimating', 'converged'}
-    assert last.noise is not None
-    assert 0.85 * constant < last.noise.correlation_time <= 10.0
-    assert f'correlated over {last.noise.correlation_time:.2g} s' in last.noise.differences()[-1]
 
 
 @pytest.mark.long

@@ -14,20 +14,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbaid_ros.core.diagnosis import readings
 from mbaid_ros.core.diagnosis.base_axes import axis_conventions
 from mbaid_ros.core.diagnosis.conventions import FITTED, Fit, conventions, fitted, inverted_marker, point_as_described
 from mbaid_ros.core.diagnosis.filter_passes import SLIPPING, FilterPasses, WhitenedWindows, Work, attempted
-from mbaid_ros.core.diagnosis.ranking import WORTH, CandidateCause, Change, IsolationResult, gained, likeliest_kinds
-from mbaid_ros.core.diagnosis.readings import (
-    LARGE_SWING,
-    SMALL_SWING,
-    loose_joint_text,
-    noisier_poses,
-    slipped_readings,
-    stopped_readings,
-    swinging,
-    swinging_text,
-    vibration_frequencies,
+from mbaid_ros.core.diagnosis.ranking import (
+    WORTH,
+    CandidateCause,
+    Change,
+    IsolationResult,
+    explains,
+    gained,
+    likeliest_kinds,
 )
 from mbaid_ros.core.diagnosis.twist_conventions import twist_convention_error
 from mbaid_ros.core.filter.bank import LONGEST, HypothesisFilter
@@ -39,8 +37,9 @@ from mbaid_ros.core.results.estimate import PULSE
 from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.unknowns.base import OF_TWIST, marker_text, vibration
-from mbaid_ros.core.unknowns.catalogue import Uncertainty, deviation_text, suspects, target_changed_text
+from mbaid_ros.core.unknowns.catalogue import Uncertainty, suspects
 from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.words import deviation_text, target_changed_text
 
 _EVERY = 2  # one window in so many shows which convention is likely: for half of the work
 # Part of the misfit that another convention may leave to be tried, and how many are.
@@ -109,25 +108,25 @@ class CandidateCauses:
                 yield candidate
             else:
                 found += yield from self._scored(candidate, base)
-        for frequency in vibration_frequencies(wide.unpredicted(passed, base, quiet), windows[0].length):
-            text = swinging_text(frequency, windows, self.layout.kernel.model.joint_names)
+        for frequency in readings.vibration_frequencies(wide.unpredicted(passed, base, quiet), windows[0].length):
+            text = readings.swinging_text(frequency, windows, self.layout.kernel.model.joint_names)
             passes = self.extended(vibration(frequency))
             found += yield from self._scored(Candidate(text, passes, windows, at), base)
         for hypothesis in self.hypotheses[1:]:
             filtered = yield from wide.passed(passed, hypothesis)
             found.append(replace(gained(hypothesis.cause, filtered, base), physical=hypothesis.physical))
         filtered = yield from wide.passed(passed, quiet, LONGEST)
-        if _explains(filtered) and 0 < len(filtered.jumps) <= _MOST_PULSES:
+        if explains(filtered) and 0 < len(filtered.jumps) <= _MOST_PULSES:
             found.append(
                 gained(f'{PULSE} at {", ".join(f"{jump.time:.1f}" for jump in filtered.jumps)} s', filtered, base)
             )
         times = [time for time in jumps if time >= windows[0].start] or [jump.time for jump in filtered.jumps]
         found += yield from self._target_changes(windows, point or at, times[:_PARTS], base)
         if base.misfit > WORTH:
-            text, noisier = noisier_poses(windows, base.innovations)
+            text, noisier = readings.noisier_poses(windows, base.innovations)
             if noisier:
                 filtered = yield from self.extended().once(noisier, at, quiet)
-                found += [gained(text, filtered, base)] if _explains(filtered) else []
+                found += [gained(text, filtered, base)] if explains(filtered) else []
         # A loose joint explains anything that its encoder may hide: it comes after all causes with a mechanism.
         left = base.misfit - max((each.gain for each in found if each.physical), default=0.0)
         if left > max(WORTH, _LEFT * base.misfit):
@@ -160,9 +159,9 @@ class CandidateCauses:
         yield 1
         if wrong_twist:
             yield Candidate(wrong_twist, passes, [without_twist(window) for window in windows], of_twist=True)
-        for stopped in stopped_readings(windows, names)[:_SPOILT]:
+        for stopped in readings.stopped_readings(windows, names)[:_SPOILT]:
             yield Candidate(stopped.text, passes, stopped.windows)
-        for slipped in slipped_readings(windows, names)[:_SPOILT]:
+        for slipped in readings.slipped_readings(windows, names)[:_SPOILT]:
             # A contact jolts the joints, and is left out with the same windows.
             jolted = Candidate(slipped.text, passes, slipped.as_read)
             yield Candidate(slipped.text, passes, slipped.windows, rival=jolted)
@@ -216,7 +215,7 @@ class CandidateCauses:
                 )
                 if filtered is not None:
                     cause = gained(target_changed_text(time, exchanged=exchanged), filtered, base)
-                    found.append(replace(cause, change=Change(time, exchanged) if _explains(filtered) else None))
+                    found.append(replace(cause, change=Change(time, exchanged) if explains(filtered) else None))
         return sorted(found, key=lambda each: -each.gain)[:1]
 
     def _fits(self, windows: Sequence[Window]) -> Work[list[Fit]]:
@@ -251,11 +250,11 @@ class CandidateCauses:
     ) -> Work[list[CandidateCause]]:
         """Return the gain of a joint whose far side swings against its encoder; of the likeliest one."""
         names = self.layout.kernel.model.joint_names
-        first, *others = LARGE_SWING if base.nis > LARGEST_NIS * base.measured else SMALL_SWING
+        first, *others = readings.LARGE_SWING if base.nis > LARGEST_NIS * base.measured else readings.SMALL_SWING
         filters: dict[tuple[int, float], HypothesisFilter] = {}
 
         def tried(joint: int, times: float) -> Work[None]:
-            noisier = swinging(windows, joint, times, len(names))
+            noisier = readings.swinging(windows, joint, times, len(names))
             filters[joint, times] = yield from self.extended().once(noisier, point, self.hypotheses[0])
 
         def best() -> tuple[int, float]:
@@ -268,9 +267,9 @@ class CandidateCauses:
             for times in others:
                 yield from tried(likeliest, times)
         _, times = best()
-        if not _explains(filters[best()]):
+        if not explains(filters[best()]):
             return []  # something else pushes the base, too; and what it explains it has no name for
-        text = loose_joint_text(names[likeliest], windows, times)
+        text = readings.loose_joint_text(names[likeliest], windows, times)
         return [replace(gained(text, filters[best()], base), physical=False)]
 
     @property
@@ -294,8 +293,3 @@ def _text_of(passes: FilterPasses, cause: str) -> Callable[[HypothesisFilter], s
         return deviation_text(cause, value) + declared
 
     return text
-
-
-def _explains(filtered: HypothesisFilter) -> bool:
-    """Return whether a pass leaves innovations of the size that the noise explains."""
-    return filtered.gaussian.nis < LARGEST_NIS * filtered.gaussian.measured

@@ -13,9 +13,9 @@ from mbaid_ros.core.diagnosis.candidates import FEWEST, CandidateCauses
 from mbaid_ros.core.diagnosis.filter_passes import SLIPPING
 from mbaid_ros.core.diagnosis.ranking import CandidateCause, Change, IsolationResult, ranked
 from mbaid_ros.core.diagnosis.readings import roughness
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.initialisation import BackgroundTask
 from mbaid_ros.core.filter.run import FilterRun
+from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.results.status import Cause, Verdict
@@ -151,7 +151,7 @@ class FaultIsolation:
 _FALSE_ALARM = 1e-9  # chance that noise looks like a gravity gradient as large: each window asks once, for days
 
 
-def with_undeclared_orbit(judgement: Verdict, moments: MeanAndCovariance, layout: Layout) -> Verdict:
+def with_undeclared_orbit(judgement: Verdict, distribution: MeanAndCovariance, layout: Layout) -> Verdict:
     """Return a verdict on a run with the gravity gradient of an undeclared orbit as a cause, if the data show one.
 
     The model is not adequate then: the gradient is estimated to first order, beside a body that it acts on and that is
@@ -160,10 +160,10 @@ def with_undeclared_orbit(judgement: Verdict, moments: MeanAndCovariance, layout
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, Gravity) and unknown.count:
             begin = np.arange(place.start, place.start + 5)  # the others are its rate
-            found = moments.mean[begin]
+            found = distribution.mean[begin]
             own = begin - BODY.stop
-            square = float(found @ np.linalg.solve(moments.of_unknowns[own[:, None], own], found))
+            square = float(found @ np.linalg.solve(distribution.of_unknowns[own[:, None], own], found))
             if square > chi_square.limit(_FALSE_ALARM, len(found)):
-                rate = rate_of(unknown.factor @ moments.mean[place])
+                rate = rate_of(unknown.factor @ distribution.mean[place])
                 return replace(judgement.with_cause(Cause(orbit_fixed_frame(rate), 0.5 * square)), adequate=False)
     return judgement

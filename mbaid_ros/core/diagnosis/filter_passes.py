@@ -10,9 +10,8 @@ from typing import TypeVar
 import numpy as np
 
 from mbaid_ros.core.filter.bank import HypothesisFilter, as_usual, update_bank
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.prior_scale import PriorComparison
-from mbaid_ros.core.filter.square_root import SquareRootInformation
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, Point
 from mbaid_ros.core.filter.time_update import Hypothesis, inflated, pose_reset
 from mbaid_ros.core.filter.variables import Variables, variables
@@ -135,8 +134,8 @@ class FilterPasses:
         return best
 
     def _point(self, gaussian: SquareRootInformation) -> Point:
-        moments = MeanAndCovariance.of(gaussian, self.variables)
-        return self.layout.point(moments.mean, moments.deviation)
+        distribution = MeanAndCovariance.of(gaussian, self.variables)
+        return self.layout.point(distribution.mean, distribution.deviation)
 
     def unpredicted(self, passed: WhitenedWindows, gaussian: SquareRootInformation, hypothesis: Hypothesis) -> Array:
         """Return by how much each window's way is not as predicted, (W, p), in units of pose errors.

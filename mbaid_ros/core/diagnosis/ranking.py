@@ -11,7 +11,7 @@ import numpy as np
 from mbaid_ros.core.diagnosis.readings import CHANNELS, Roughness
 from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.square_root import SquareRootInformation
-from mbaid_ros.core.results.status import SENSORS, Cause, Innovations
+from mbaid_ros.core.results.status import LARGEST_NIS, SENSORS, Cause, Innovations
 
 # Log-likelihood, the odds of bank.MARGIN: a smaller gain is not reported, and a smaller lead is no lead.
 WORTH = 10.0
@@ -123,3 +123,8 @@ def likeliest_kinds(gains: Mapping[str, float]) -> list[str]:
         if kinds[kind] <= _ALIKE:
             found.append(cause)
     return found[:_REFINED]
+
+
+def explains(filtered: HypothesisFilter) -> bool:
+    """Return whether a pass leaves innovations of the size that the noise explains."""
+    return filtered.gaussian.nis < LARGEST_NIS * filtered.gaussian.measured

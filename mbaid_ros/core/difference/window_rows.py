@@ -11,9 +11,10 @@ from scipy.linalg import block_diag, orth
 
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.geometry import Array, cross, skew
-from mbaid_ros.core.robot.kernel import MomentumKernel, MomentumRows, momentum_rows
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Plane, PlaneDetector
 from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.robot.momentum_rows import MomentumRows, momentum_rows
 from mbaid_ros.core.robot.orbit import of_bodies, of_link
 from mbaid_ros.core.robot.sensitivity import sensitivity
 from mbaid_ros.core.samples import Samples, SensorNoise

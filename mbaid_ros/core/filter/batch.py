@@ -14,8 +14,7 @@ import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.filter.bank import LONGEST, MARGIN, Bank, HypothesisFilter, update_bank
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.square_root import SquareRootInformation
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, LINEAR, Layout, Point, near_part
 from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.variables import Variables
@@ -76,7 +75,7 @@ class BatchResult:
     point: Point  # after the last step
     relinearised: Relinearised  # the windows of the last iteration
     filtered: HypothesisFilter  # the hypothesis filtered over them
-    moments: MeanAndCovariance  # its mean and covariance
+    distribution: MeanAndCovariance  # its mean and covariance
     deviation: Array  # standard deviations of the parameters
     converged: bool  # whether the last step was negligible
     physical: bool  # whether the body is near enough to one that can exist
@@ -168,16 +167,16 @@ class BatchIteration:
                 step = point.parameters - relinearised.point.parameters
                 back = before.size > 0 and turns_back(step, before, result.deviation)
                 pace, before = 0.5 * pace if back else min(1.0, 1.5 * pace), step
-                point = self._on_the_way(relinearised.point, point, pace, result.moments)
+                point = self._on_the_way(relinearised.point, point, pace, result.distribution)
             misfit = result.filtered.misfit / max(result.filtered.gaussian.measured, 1)
             least, idle = min(misfit, least), 0 if misfit < least else idle + 1
             if result.converged or (least > HOPELESS and idle >= _IDLE):
                 break
         return result
 
-    def _on_the_way(self, first: Point, second: Point, part: float, moments: MeanAndCovariance) -> Point:
+    def _on_the_way(self, first: Point, second: Point, part: float, distribution: MeanAndCovariance) -> Point:
         """Return the point that lies a part of the way from one to another."""
-        state = moments.mean.copy()
+        state = distribution.mean.copy()
         state[self.layout.parameters] = first.parameters + part * (second.parameters - first.parameters)
         state[self.layout.readings] = first.readings + part * (second.readings - first.readings)
         return self.layout.point(state)
@@ -185,30 +184,30 @@ class BatchIteration:
     def _step(self, relinearised: Relinearised, filtered: HypothesisFilter, *, mass_held: bool) -> BatchResult:
         """Return the Gauss-Newton step from the point of linearisation, cut short where it leads far."""
         parameters = relinearised.point.parameters
-        moments = MeanAndCovariance.of(filtered.gaussian, self.variables)
-        deviation = moments.deviation[self.layout.parameters]
-        state, correction = self._nearest_physical(moments)
-        step: Array = self.layout.settled(state, moments.deviation)[self.layout.parameters] - parameters
+        distribution = MeanAndCovariance.of(filtered.gaussian, self.variables)
+        deviation = distribution.deviation[self.layout.parameters]
+        state, correction = self._nearest_physical(distribution)
+        step: Array = self.layout.settled(state, distribution.deviation)[self.layout.parameters] - parameters
         converged = is_converged(step, deviation)
         step *= near_part(parameters, step)
         state[self.layout.parameters] = parameters + step
-        point = self.layout.point(state, moments.deviation)
+        point = self.layout.point(state, distribution.deviation)
         physical = correction < IMPOSSIBLE
-        return BatchResult(point, relinearised, filtered, moments, deviation, converged, physical, mass_held)
+        return BatchResult(point, relinearised, filtered, distribution, deviation, converged, physical, mass_held)
 
-    def _nearest_physical(self, moments: MeanAndCovariance) -> tuple[Array, float]:
+    def _nearest_physical(self, distribution: MeanAndCovariance) -> tuple[Array, float]:
         """Return the likeliest state (s,) whose body can exist, and its distance in standard deviations.
 
         A plane leaves most of the body open: there it is the mean.
         """
-        body = moments.mean[BODY]
+        body = distribution.mean[BODY]
         if self.layout.plane is not None or is_physical(body):
-            return moments.mean.copy(), 0.0
+            return distribution.mean.copy(), 0.0
         scale = unknown_scale(self.layout.kernel)[:10]
-        nearest, distance = project(body, moments.covariance(BODY_PLACES), scale)
+        nearest, distance = project(body, distribution.covariance(BODY_PLACES), scale)
         # All other numbers follow the body as far as they are correlated with it.
-        factor = moments.factor[BODY] / scale[:, None]
-        state = moments.mean + moments.factor @ np.linalg.lstsq(factor, (nearest - body) / scale)[0]
+        factor = distribution.factor[BODY] / scale[:, None]
+        state = distribution.mean + distribution.factor @ np.linalg.lstsq(factor, (nearest - body) / scale)[0]
         return np.asarray(state), distance
 
     def curvature(self, stacks: list[list[Stack]], filtered: HypothesisFilter) -> Work[Curvature]:
@@ -219,21 +218,21 @@ class BatchIteration:
         stacks : of the windows
         filtered : a hypothesis after them, linearised at its own solution
         """
-        moments = MeanAndCovariance.of(filtered.gaussian, self.variables)
+        distribution = MeanAndCovariance.of(filtered.gaussian, self.variables)
         draws = np.random.default_rng(0)
         shifts: list[Array] = []
         covariances: list[Array] = []
         for _ in range(_DRAWS):
-            step = moments.factor @ draws.standard_normal(moments.factor.shape[1])
-            part = near_part(moments.mean[self.layout.parameters], step[self.layout.parameters])
-            shift, covariance = yield from self._shift(stacks, filtered, moments, part * step)
+            step = distribution.factor @ draws.standard_normal(distribution.factor.shape[1])
+            part = near_part(distribution.mean[self.layout.parameters], step[self.layout.parameters])
+            shift, covariance = yield from self._shift(stacks, filtered, distribution, part * step)
             covariances.append(covariance)
-            shift[BODY] = physical_shift(moments.mean[BODY], part * step[BODY], shift[BODY])
+            shift[BODY] = physical_shift(distribution.mean[BODY], part * step[BODY], shift[BODY])
             shifts.append(shift / part**2)  # of second order in the step
         moved = np.array(shifts)
         unknowns = moved[:, BODY.stop :] @ self.layout.known.whitening.T
         return Curvature(
-            moved[:, BODY], moments.covariance(BODY_PLACES), unknowns=unknowns, elsewhere=np.array(covariances)
+            moved[:, BODY], distribution.covariance(BODY_PLACES), unknowns=unknowns, elsewhere=np.array(covariances)
         )
 
     def displacement(self, stacks: list[list[Stack]], filtered: HypothesisFilter) -> Work[Curvature]:
@@ -244,13 +243,13 @@ class BatchIteration:
         stacks : of the windows
         filtered : a hypothesis after them, each linearised at an earlier estimate
         """
-        moments = MeanAndCovariance.of(filtered.gaussian, self.variables)
-        shift, covariance = yield from self._shift(stacks, filtered, moments, np.zeros(len(moments.mean)))
-        curvature = Curvature(shift[None, BODY], moments.covariance(BODY_PLACES), elsewhere=covariance[None])
+        distribution = MeanAndCovariance.of(filtered.gaussian, self.variables)
+        shift, _ = yield from self._shift(stacks, filtered, distribution, np.zeros(len(distribution.mean)))
+        curvature = Curvature(shift[None, BODY], distribution.covariance(BODY_PLACES))
         return replace(curvature, largest=_DISPLACED) if curvature.anywhere else curvature
 
     def _shift(
-        self, stacks: list[list[Stack]], filtered: HypothesisFilter, moments: MeanAndCovariance, step: Array
+        self, stacks: list[list[Stack]], filtered: HypothesisFilter, distribution: MeanAndCovariance, step: Array
     ) -> Work[tuple[Array, Array]]:
         """Return how far the state (s,) moves where the windows are linearised a step (s,) from a solution.
 
@@ -258,11 +257,11 @@ class BatchIteration:
         """
         try:
             relinearised = yield from self.relinearise(
-                stacks, self.layout.point(moments.mean + step, moments.deviation)
+                stacks, self.layout.point(distribution.mean + step, distribution.deviation)
             )
             (moved,) = yield from self.filter(relinearised, (self.prior(filtered.hypothesis, filtered.longest),))
             there = MeanAndCovariance.of(moved.gaussian, self.variables)
         except np.linalg.LinAlgError:
             # No robot that can exist: it may be anywhere in its interval, and nothing is known there.
-            return moments.deviation, np.full((10, 10), np.nan)
-        return there.mean - moments.mean, there.covariance(BODY_PLACES)
+            return distribution.deviation, np.full((10, 10), np.nan)
+        return there.mean - distribution.mean, there.covariance(BODY_PLACES)

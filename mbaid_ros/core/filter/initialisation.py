@@ -9,8 +9,7 @@ import numpy as np
 
 from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.batch import HOPELESS, BatchIteration, Outcome
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.square_root import SquareRootInformation
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.start import MultiStart, Start
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
 from mbaid_ros.core.filter.swing_start import resolved_frequencies
@@ -264,12 +263,12 @@ class Initialisation:
         """Return whether the remainder of second order is small, wherever the windows are linearised."""
         if self._curvature is None or self._curvature.anywhere or self._displaced:
             return False
-        moments = MeanAndCovariance.of(gaussian, self._batch.variables)
+        distribution = MeanAndCovariance.of(gaussian, self._batch.variables)
         seconds = self.windows[-1].start - self.windows[0].start
-        if not resolved_frequencies(self._batch.layout, moments, seconds).all():
+        if not resolved_frequencies(self._batch.layout, distribution, seconds).all():
             return False
-        factor = moments.factor_of(self._batch.variables.spread[BODY])
-        body, deviation = moments.mean[BODY], np.sqrt(np.add.reduce(factor**2, axis=1))
+        factor = distribution.factor_of(self._batch.variables.spread[BODY])
+        body, deviation = distribution.mean[BODY], np.sqrt(np.add.reduce(factor**2, axis=1))
         return bool(body[0] > 0.0 and np.all(deviation < _KNOWN * body_sizes(body)))
 
     def _is_sharper(self, filtered: HypothesisFilter) -> bool:

@@ -82,7 +82,7 @@ class PriorComparison:
         """Return the largest gains of log-likelihood (...), and the factors k up to `most` that do it."""
         return self._largest([factor for factor in _FACTORS if factor <= most])
 
-    def likely_sizes(self, too_small: float | Array, doubt: float | Array) -> tuple[Array, Array, Array]:
+    def likely_scales(self, too_small: float | Array, doubt: float | Array) -> tuple[Array, Array, Array]:
         """Return the distance of each group from zero over the declared one: (...) for each field of `LikelyScale`.
 
         The root mean square of one and the likeliest factor, by the chance of either; numbers that the data
@@ -122,7 +122,7 @@ class PriorScaleFactors:
     """
 
     # by kind of cause ('zero', 'link', ...), by single cause ('zero:joint1'), and by part of one ('mass:link1')
-    sizes: Mapping[str, LikelyScale]
+    scales: Mapping[str, LikelyScale]
     distances: Mapping[str, Distance]  # by single cause, of its observed part
     each: Array  # (e,) the factor of each of the unknowns' independent numbers
     covariance: Array  # (e, e) of these, of unit variance a priori, if all are as declared
@@ -149,21 +149,21 @@ class PriorScaleFactors:
             numbers = PriorComparison.of(values[own], covariance[own[:, :, None], own[:, None, :]], shifts)
             table[:, rows, : own.shape[1]] = numbers.mean, numbers.variance, numbers.curved
         numbers = PriorComparison(table[0], table[1], table[2] > 0.0)
-        likely, away = numbers.likely_sizes(*groups.chances), numbers.distances
+        likely, away = numbers.likely_scales(*groups.chances), numbers.distances
         for row in np.flatnonzero(likely[0] > 1.0).tolist():
             own = groups.places[names[row]]
             each[own] = np.maximum(each[own], likely[0][row])
-        sizes = dict(zip(names, map(LikelyScale, *map(np.ndarray.tolist, likely)), strict=True))
+        scales = dict(zip(names, map(LikelyScale, *map(np.ndarray.tolist, likely)), strict=True))
         distances = dict(zip(names, map(Distance, *map(np.ndarray.tolist, away)), strict=True))
         beyond = values**2 + covariance.diagonal() - 1.0  # on average at most zero for numbers as declared
         for kind in groups.wide:
-            own, sizes[kind] = groups.places[kind], AS_DECLARED
+            own, scales[kind] = groups.places[kind], AS_DECLARED
             if np.add.reduce(beyond[own]) > 0.0:
-                found = PriorComparison.of(values[own], covariance[own[:, None], own]).likely_sizes(*_KIND)
-                sizes[kind] = LikelyScale(*map(float, found))
-                each[own] = np.maximum(each[own], sizes[kind].factor)
+                found = PriorComparison.of(values[own], covariance[own[:, None], own]).likely_scales(*_KIND)
+                scales[kind] = LikelyScale(*map(float, found))
+                each[own] = np.maximum(each[own], scales[kind].factor)
         return PriorScaleFactors(
-            {name: sizes[name] for name in groups.within},
+            {name: scales[name] for name in groups.within},
             {thing: distances[thing] for thing in groups.things},
             each,
             covariance,
@@ -187,13 +187,13 @@ class PriorScaleFactors:
     def likeliest(self) -> tuple[str, float]:
         """The kind or thing that explains most by being further off, and the gain of log-likelihood."""
         return max(
-            ((cause, size.gain) for cause, size in self.sizes.items()), key=lambda each: each[1], default=('', 0.0)
+            ((cause, size.gain) for cause, size in self.scales.items()), key=lambda each: each[1], default=('', 0.0)
         )
 
     @property
     def sure(self) -> tuple[tuple[str, float], ...]:
         """Names that are surely further off than declared, and than their group, with the factor."""
-        factors = {cause: factor.factor for cause, factor in self.sizes.items() if factor.chance > _SURE}
+        factors = {cause: factor.factor for cause, factor in self.scales.items() if factor.chance > _SURE}
         return tuple(
             (cause, factor)
             for cause, factor in factors.items()

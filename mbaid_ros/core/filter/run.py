@@ -9,10 +9,9 @@ import numpy as np
 
 from mbaid_ros.core.filter.bank import Bank, HypothesisFilter, best, update_bank, update_hypothesis
 from mbaid_ros.core.filter.batch import BatchIteration
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.initialisation import Initialisation
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
-from mbaid_ros.core.filter.square_root import SquareRootInformation
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.start import Start
 from mbaid_ros.core.filter.state import BODY, Layout, Point, near_part
 from mbaid_ros.core.filter.swing_start import resolved_frequencies
@@ -59,35 +58,35 @@ class LinearisationPoint:
     def following(self, gaussian: SquareRootInformation) -> Point:
         """Return the point, moved where the estimate is too far from its reference."""
         assert self.point is not None, 'there is a start'
-        moments = MeanAndCovariance.of(gaussian, self._variables)
+        distribution = MeanAndCovariance.of(gaussian, self._variables)
         gather, root = self._variables.gather[self._variables.lasting], self._known(gaussian.root)
-        distance = root @ (gather @ (moments.mean - self._reference))
+        distance = root @ (gather @ (distribution.mean - self._reference))
         if distance @ distance > _HELD:
-            self._move(moments, root)
+            self._move(distribution, root)
         return self.point
 
-    def _move(self, moments: MeanAndCovariance, root: Array) -> None:
+    def _move(self, distribution: MeanAndCovariance, root: Array) -> None:
         """Move the point to the estimate, along eigenvectors of the information R^T R of the lasting variables."""
         assert self.point is not None, 'there is a start'
         layout, variables, held = self._layout, self._variables, self.point
         lasting = variables.lasting
-        state = moments.mean.copy()
+        state = distribution.mean.copy()
         state[layout.parameters] = held.parameters
         state[layout.readings] = held.readings
         # A body heavier than the robot sets the typical size.
-        heavier = float(moments.mean[BODY.start] / variables.typical_mass)
+        heavier = float(distribution.mean[BODY.start] / variables.typical_mass)
         unit = np.full(root.shape[1], 1.0 / max(1.0, heavier))
         unit[np.arange(len(variables.scale))[lasting] >= variables.own] = _UNIT
         information, directions = np.linalg.eigh((root / unit).T @ (root / unit))
         deviation = 1.0 / np.sqrt(np.maximum(information, 1.0))
-        offset = directions.T @ (unit * (variables.gather[lasting] @ (moments.mean - state)))
+        offset = directions.T @ (unit * (variables.gather[lasting] @ (distribution.mean - state)))
         moving = (deviation < _WELL_KNOWN) | (offset**2 > _CURVED * deviation)
         state += variables.spread[:, lasting] @ (directions @ np.where(moving, offset, 0.0) / unit)
         step = state[layout.parameters] - held.parameters
         part = near_part(held.parameters, step)
         state[layout.parameters] = held.parameters + part * step
         if part == 1.0:
-            self._reference = moments.mean.copy()
+            self._reference = distribution.mean.copy()
         # The next window continues the error chain of the last: at the same readings.
         self.point = layout.beside(state, held)
 
@@ -224,24 +223,24 @@ class FilterRun:
     def resolved(self) -> Flags:
         """Which passive joints' frequencies (f,) the data resolve."""
         seconds = 0.0 if self._newest is None else self._newest.start + self._newest.length
-        return self._frozen_resolved & resolved_frequencies(self._layout, self.moments_of_first(), seconds)
+        return self._frozen_resolved & resolved_frequencies(self._layout, self.distribution_of_first(), seconds)
 
     def curvatures(self, *, explained: bool) -> tuple[Curvature, ...]:
         """Return the nonlinearity of the windows; about the present estimate only where the model explains the data."""
         return self._initialisation.curvatures(explained=explained)
 
-    def moments(self) -> MeanAndCovariance:
+    def distribution(self) -> MeanAndCovariance:
         """Return the latest state under the best hypothesis."""
         return MeanAndCovariance.of(self.best.gaussian, self._variables)
 
-    def moments_of_first(self) -> MeanAndCovariance:
+    def distribution_of_first(self) -> MeanAndCovariance:
         """Return the state under the first hypothesis, which lets nothing drift."""
         return MeanAndCovariance.of(self._bank[0].gaussian, self._variables)
 
-    def sizes(self, moments: MeanAndCovariance) -> PriorScaleFactors:
+    def prior_scales(self, distribution: MeanAndCovariance) -> PriorScaleFactors:
         """Return the scale factors of the unknowns' priors at a mean and covariance of this run."""
         known = self.curvatures(explained=False)
-        return moments.sizes(self._layout, known[0].unknowns if known else None)
+        return distribution.prior_scales(self._layout, known[0].unknowns if known else None)
 
     def gaussian_before(self, time: float, slack: float) -> SquareRootInformation | None:
         """Return the information before a jump of the momentum near a time, s, if nothing drifts."""
@@ -323,5 +322,5 @@ class FilterRun:
         return self._point_of(best(self._bank)) if self._bank else None
 
     def _point_of(self, filtered: HypothesisFilter) -> Point:
-        moments = MeanAndCovariance.of(filtered.gaussian, self._variables)
-        return self._layout.point(moments.mean, moments.deviation)
+        distribution = MeanAndCovariance.of(filtered.gaussian, self._variables)
+        return self._layout.point(distribution.mean, distribution.deviation)

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbaid_ros.core.filter.bank import LONGEST_AT_A_GUESS, NO_JUMPS, Bank, best, clamped, far_better
 from mbaid_ros.core.filter.batch import MASS, BatchIteration, BatchResult, Relinearised, Work
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import ANGULAR, BODY, BODY_PLACES, Layout, Point
 from mbaid_ros.core.filter.swing_start import from_loose_swing
 from mbaid_ros.core.filter.time_update import Hypothesis
@@ -175,7 +175,7 @@ class MultiStart:
 
     def _is_hardly_shifted(self, result: BatchResult) -> bool:
         """Return whether the correction for noise in the rows is small."""
-        shift = np.abs(result.moments.shift[self.batch.layout.parameters])
+        shift = np.abs(result.distribution.shift[self.batch.layout.parameters])
         return bool(np.all(shift <= _LARGEST_SHIFT * result.deviation))
 
     def _guesses(self, windows: Sequence[Window], layout: Layout) -> list[Point]:

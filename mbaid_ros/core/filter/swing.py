@@ -14,8 +14,8 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import expm
 
+from mbaid_ros.core.filter.exponential import steps_of
 from mbaid_ros.core.filter.knots import Midpoints
 from mbaid_ros.core.filter.passive_prediction import passive_motion
 from mbaid_ros.core.filter.state import Layout, Point
@@ -192,7 +192,7 @@ class SwingCourse:
         columns : of the remembered state: the first, 1, or all others, None
         """
         mean = np.mean(np.concatenate([part.reshape(-1, *part.shape[2:]) for part in slopes[0]]), axis=0)
-        steps = [_steps(mean, one, other, run.spacing) for run, one, other in zip(runs, *slopes, strict=True)]
+        steps = [steps_of(mean, one, other, run.spacing) for run, one, other in zip(runs, *slopes, strict=True)]
         results = [np.zeros_like(driven) for driven in slopes[1]]
         which = slice(0, 1) if columns else slice(1, None)
         ends: dict[int, Array] = {}
@@ -274,37 +274,3 @@ def _divided(flat: Array, motions: Motions) -> list[Array]:
         flat[begin:end].reshape(*shape, *flat.shape[1:])
         for (begin, end), shape in zip(pairwise(ends), shapes, strict=True)
     ]
-
-
-def _midway(values: Array) -> Array:
-    """Return the values between neighbours along the first axis, cubic; at the ends quadratic."""
-    middle = np.empty((len(values) - 1, *values.shape[1:]))
-    middle[1:-1] = (9.0 * (values[1:-2] + values[2:-1]) - values[:-3] - values[3:]) / 16.0
-    middle[0] = (3.0 * values[0] + 6.0 * values[1] - values[2]) / 8.0
-    middle[-1] = (3.0 * values[-1] + 6.0 * values[-2] - values[-3]) / 8.0
-    return middle
-
-
-def _steps(mean: Array, by_state: Array, driven: Array, spacing: float) -> tuple[Array, Array]:
-    """Return, from each instant to the next, (2 f, 2 f) and (2 f, c) of x' = onward x + gain.
-
-    Lawson's method of order 4: the mean (2 f, 2 f) of the derivatives exactly, the rest by Runge and Kutta's.
-    """
-    half = expm(0.5 * spacing * mean)
-    whole, size, count = half @ half, len(mean), driven.shape[-1]
-    rest = by_state - mean
-    between, pushed = _midway(rest), _midway(driven)
-    identity: Array = np.zeros((*between.shape[:-2], size, size + count))
-    identity[..., :size] = np.eye(size)
-
-    def rate(jacobian: Array, push: Array, at: Array) -> Array:
-        slope = jacobian @ at
-        slope[..., size:] += push
-        return np.asarray(slope)
-
-    first = rate(rest[:-1], driven[:-1], identity)
-    second = rate(between, pushed, half @ (identity + 0.5 * spacing * first))
-    third = rate(between, pushed, half @ identity + 0.5 * spacing * second)
-    last = rate(rest[1:], driven[1:], whole @ identity + spacing * half @ third)
-    after = whole @ identity + spacing / 6.0 * (whole @ first + 2.0 * half @ (second + third) + last)
-    return after[..., :size], after[..., size:]

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from mbaid_ros.core.filter.batch import BatchIteration
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
+from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import Layout
 from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.geometry import Array, Flags
@@ -45,11 +45,11 @@ def _looser(unknown: Unknown, part: float, start: Array) -> Unknown:
     return unknown
 
 
-def resolved_frequencies(layout: Layout, moments: MeanAndCovariance, seconds: float) -> Flags:
+def resolved_frequencies(layout: Layout, distribution: MeanAndCovariance, seconds: float) -> Flags:
     """Return which passive joints' frequencies (f,) the data of some seconds resolve."""
     springs = layout.kernel.springs
     relative: Array = np.zeros(springs.count)
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, SpringErrors):
-            relative = np.abs(unknown.factor @ moments.deviation[place])[::2]
+            relative = np.abs(unknown.factor @ distribution.deviation[place])[::2]
     return resolved(springs.rate, springs.ratio, relative, seconds)

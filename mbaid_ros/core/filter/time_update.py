@@ -138,7 +138,8 @@ def _stepped(
     rest[:, -1] += of_poses @ window.drift
     noise = of_poses @ window.process
     if hypothesis.walking.size:
-        noise = np.concatenate((noise, np.sqrt(window.length) * (back @ _walk(hypothesis, variables))), axis=1)
+        walk = variables.gather[:head, hypothesis.walking] * hypothesis.intensities
+        noise = np.concatenate((noise, np.sqrt(window.length) * (back @ walk)), axis=1)
     return back, noise, rest
 
 
@@ -297,8 +298,3 @@ def _wandered(root: Array, places: Integers, kept: Array, stepped: Array, gained
     triangle = np.array(dgeqrf(wide, overwrite_a=True)[0][count:, count:], order='F')
     triangle[:, :size] *= upper_ones(size)
     return triangle
-
-
-def _walk(hypothesis: Hypothesis, variables: Variables) -> Array:
-    """Return the factor of a hypothesis' random walks of pose error and momentum, per square root of a second."""
-    return np.asarray(variables.gather[: variables.head, hypothesis.walking] * hypothesis.intensities)

@@ -37,7 +37,8 @@ class Curvature:
     covariance: Array
     largest: float = LARGEST_SHIFT  # standard deviations that a near linear one moves by at most
     unknowns: Array | None = None  # (d, e) by which the unknowns' independent numbers have moved
-    elsewhere: Array = field(default_factory=lambda: np.zeros((0, 10, 10)))  # (d, 10, 10) covariances at those points
+    # (d, 10, 10) covariances at those points; none where not asked for
+    elsewhere: Array = field(default_factory=lambda: np.zeros((0, 10, 10)))
 
     def straight(self, jacobian: Array) -> Flags:
         """Return of which numbers (m,), by their Jacobian (m, 10), the equations are near linear."""
@@ -46,12 +47,15 @@ class Curvature:
         return np.asarray(moved**2 <= self.largest**2 * variance)
 
     def first_order(self, jacobian: Array) -> Flags:
-        """Return which numbers (m,) the data observe at first order: these are about as well known elsewhere."""
+        """Return which numbers (m,) the data observe at first order: elsewhere near, and about as well known."""
         here, *others = (
             np.einsum('ij,jk,ik->i', jacobian, each, jacobian) for each in (self.covariance, *self.elsewhere)
         )
-        ratio = np.array(others).reshape(-1, len(here)) / here
-        return np.asarray(np.all((ratio < _ALIKE) & (ratio > 1.0 / _ALIKE), axis=0)) & (len(ratio) == len(self.shifts))
+        if len(others) < len(self.shifts):
+            return np.zeros(len(here), dtype=bool)
+        ratio = np.array(others) / here
+        alike = np.all((ratio < _ALIKE) & (ratio > 1.0 / _ALIKE), axis=0)
+        return np.asarray(alike & np.all((self.shifts @ jacobian.T) ** 2 < _NEAR**2 * here, axis=0))
 
     @property
     def anywhere(self) -> bool:
@@ -59,10 +63,11 @@ class Curvature:
         return not bool(self.straight(np.eye(10)).all())
 
 
-LENGTH = 1.0  # m, that the standard deviation of the centre of mass is relative to: the size of a captured body
-# Ratio of variances at two points up to which the data observe a number at first order: one that only the product with
-# another unknown shows is known as much better as that unknown is further from zero.
-_ALIKE = 2.0
+LENGTH = 1.0  # m, that the standard deviation of the centre of mass is relative to, of a body that is not smaller
+# Ratio of variances, and distance in standard deviations, of solutions at two points up to which the data observe a
+# number at first order. One that only the product with another unknown shows is known as much better as that is further
+# from zero: on a planar arm it moves by up to thirty, and its variances have ratios up to nine.
+_ALIKE, _NEAR = 1.6, 1.0
 # Standard deviations of an estimate from the nearest real body, from which a warning reports it.
 _LARGE_CORRECTION = 3.0
 _BY_CHANCE = 1e-6  # chance that so few equations leave as large a residual: asked once a window while a run is short
@@ -183,7 +188,7 @@ class Reporting:
         That of the centre of mass is the body's own size, or a given length (...), m.
         """
         moments = np.sqrt(np.abs(parameters[..., _FIRST] * parameters[..., _SECOND]))
-        length = body_length(parameters) if length is None else length
+        length = own_size(parameters) if length is None else length
         lengths = np.repeat(length[..., None], 3, axis=-1)
         size = np.concatenate((np.abs(parameters[..., :1]), lengths, moments), axis=-1)
         # An element that vanishes is of the size that rounding leaves of a typical one.
@@ -200,7 +205,8 @@ class Reporting:
         elif not identifiable.all():
             yield Reason(f'not determined by the data: {_names(~identifiable)}')
         if not linear.all() and identifiable.any():
-            yield Reason(f'observable only at second order: {_names(~linear)}')
+            remedy = '' if linear[0] else '; known_links.total_mass helps: weigh the robot'
+            yield Reason(f'observable only at second order: {_names(~linear)}{remedy}')
         if residual > self.largest_residual:
             text = f'residuals are {residual:.1f} times as large as the noise parameters explain'
             # Few equations leave large residuals by chance.
@@ -218,8 +224,8 @@ def _names(which: Flags) -> str:
     return ', '.join(name for name, named in zip(PARAMETERS, which, strict=True) if named)
 
 
-def body_length(parameters: Array) -> Array:
-    """Return the size (...) of bodies, m: twice the radius of gyration about the CoM, the side of a cube.
+def own_size(parameters: Array) -> Array:
+    """Return the size (...) of bodies, m, at most LENGTH: twice the radius of gyration about the CoM, a cube's side.
 
     Moments that are not known (NaN) count as the largest that is; without any, the size is LENGTH.
 
@@ -231,7 +237,7 @@ def body_length(parameters: Array) -> Array:
     known = np.isfinite(parameters[..., [4, 7, 9]])
     trace = np.sum(np.where(known, moments, moments.max(axis=-1, keepdims=True)), axis=-1)
     square = 2.0 * trace / np.where(parameters[..., 0] > 0.0, parameters[..., 0], np.nan)
-    return np.where(square > 0.0, np.sqrt(np.abs(square)), LENGTH)
+    return np.where(square > 0.0, np.minimum(np.sqrt(np.abs(square)), LENGTH), LENGTH)
 
 
 def relative_std(covariance: Array, size: Array) -> Array:

@@ -11,22 +11,6 @@ from mbaid_ros.core.geometry import Array, cross, exp, log, rotate, rotate_back,
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, Stamps
 
 
-def at_once(joints: JointStream, base: BaseStream, time: Array, weight: Array) -> Samples:
-    """Return the samples of joints and base at N equal stamps; time and weight (N,)."""
-    return Samples(
-        time=time,
-        joint_position=joints.position,
-        joint_velocity=joints.velocity,
-        base_position=base.position,
-        base_rotation=base.rotation,
-        base_linear_velocity=base.linear_velocity,
-        base_angular_velocity=base.angular_velocity,
-        pose_covariance=weight[:, None, None] * base.pose_covariance,
-        twist_covariance=weight[:, None, None] * base.twist_covariance,
-        stored=joints.stored,
-    )
-
-
 def hermite(
     joints: JointStream,
     base: BaseStream,

@@ -11,10 +11,11 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, exp, log
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, Stamps
-from mbaid_ros.core.sensors.base import at_once, hermite
+from mbaid_ros.core.sensors.base import hermite
 from mbaid_ros.core.sensors.gyro import Gyro
 from mbaid_ros.core.sensors.levels import FoundNoise
-from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, HeldJoints, Outliers, Repeats, joint_channels
+from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, Outliers, joint_channels
+from mbaid_ros.core.sensors.repeats import HeldJoints, Repeats
 
 LARGEST_BACKLOG = 100_000  # measurements of one stream waiting for the other: more are memory without an end
 
@@ -178,7 +179,7 @@ class Synchroniser:
             self._origin = int(joints.stamp[0])
         time = (joints.stamp - self._origin) * 1e-9
         if np.array_equal(left, right):
-            samples = at_once(joints, base[left], time, shared)
+            samples = _at_once(joints, base[left], time, shared)
         else:
             samples = hermite(joints, base, (left, right), self._maximum_gap, time, shared)
         samples = replace(samples, apart=apart)
@@ -203,3 +204,19 @@ class Synchroniser:
         turned = rotation @ exp(now - begin + part * (turn - (end - begin)))
         known = (at == first) & (at == last) & (at >= 0) & (length > 0)
         return np.where(known[:, None, None], turned, samples.base_rotation)
+
+
+def _at_once(joints: JointStream, base: BaseStream, time: Array, weight: Array) -> Samples:
+    """Return the samples of joints and base at N equal stamps; time and weight (N,)."""
+    return Samples(
+        time=time,
+        joint_position=joints.position,
+        joint_velocity=joints.velocity,
+        base_position=base.position,
+        base_rotation=base.rotation,
+        base_linear_velocity=base.linear_velocity,
+        base_angular_velocity=base.angular_velocity,
+        pose_covariance=weight[:, None, None] * base.pose_covariance,
+        twist_covariance=weight[:, None, None] * base.twist_covariance,
+        stored=joints.stored,
+    )

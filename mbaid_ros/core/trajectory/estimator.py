@@ -10,13 +10,14 @@ import numpy as np
 from mbaid_ros.core.diagnosis.fault_isolation import with_undeclared_orbit
 from mbaid_ros.core.filter.averaging import Averaged, KnotAveraging
 from mbaid_ros.core.filter.run import FilterRun
-from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout, Point
+from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.results.status import Verdict, contradictions, judge, notes
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
+from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.core.robot.orbit import brought
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import End, Posterior, posterior
@@ -30,12 +31,11 @@ from mbaid_ros.core.trajectory.solution import (
     joint_delay,
     jumps,
     passive_joints,
-    point_of,
     soft_grasps,
     thrusters,
 )
 from mbaid_ros.core.trajectory.target_runs import TargetRuns, TrajectorySettings
-from mbaid_ros.core.unknowns.catalogue import underestimated_text
+from mbaid_ros.core.unknowns.words import underestimated_text
 
 _AT_REST = 'no joint has moved yet: with joints at rest no single body is observable'
 _TUMBLING = (
@@ -107,18 +107,20 @@ class TrajectoryEstimator:
     def _solution(self, run: FilterRun, now: Instant, window: Samples) -> Solved:
         """Judge the solution of the best hypothesis, and return it with its history."""
         filtered, layout, origin = run.best, self._runs.layout, self._averaging.origin
-        moments = run.moments()
-        sizes = run.sizes(moments)
-        verdict = self._with_causes(run, judge(self._runs.evidence(run, sizes)))
-        verdict = with_undeclared_orbit(verdict, moments, layout)
+        distribution = run.distribution()
+        prior_scales = run.prior_scales(distribution)
+        verdict = self._with_causes(run, judge(self._runs.evidence(run, prior_scales)))
+        verdict = with_undeclared_orbit(verdict, distribution, layout)
         # Where the data contradict the model, the verdict names the declarations that would have to be wrong.
-        too_small = [underestimated_text(*each) for each in sizes.sure if verdict.adequate]
+        too_small = [underestimated_text(*each) for each in prior_scales.sure if verdict.adequate]
         acting = filtered.hypothesis.disturbed and filtered.hypothesis.physical
         estimated = [f'{filtered.hypothesis.name}; it is estimated as well, and widens the intervals'] if acting else []
         swinging = layout.kernel.springs.count > 0
-        flexible = passive_joints(moments, layout, run.largest_deflections, run.resolved) if swinging else ()
-        x, factor = moments.published(sizes, layout, _REPORTED)
-        covariance = (factor @ factor.T + moments.variables.outside[np.ix_(_REPORTED, _REPORTED)]) * verdict.widening
+        flexible = passive_joints(distribution, layout, run.largest_deflections, run.resolved) if swinging else ()
+        x, factor = distribution.published(prior_scales, layout, _REPORTED)
+        covariance = (
+            factor @ factor.T + distribution.variables.outside[np.ix_(_REPORTED, _REPORTED)]
+        ) * verdict.widening
         return Solved(
             solution=Solution(
                 x=x,
@@ -132,17 +134,21 @@ class TrajectoryEstimator:
                 reasons=(
                     *notes((*self._runs.warnings, *too_small, *estimated, *self._soft)),
                     *contradictions(verdict.reasons),
-                    *implausible(moments, layout, flexible),
+                    *implausible(distribution, layout, flexible),
                 ),
             ),
             instant=now,
             verdict=verdict,
-            events=(*forces(filtered, moments), *self._runs.events(moments), *jumps(filtered, moments, origin)),
-            budget=partial(error_budget, moments, layout, self._settings.uncertainty, sizes),
-            thrusters=thrusters(moments, layout),
+            events=(
+                *forces(filtered, distribution),
+                *self._runs.events(distribution),
+                *jumps(filtered, distribution, origin),
+            ),
+            budget=partial(error_budget, distribution, layout, self._settings.uncertainty, prior_scales),
+            thrusters=thrusters(distribution, layout),
             flexible=flexible,
-            delay=joint_delay(moments, layout),
-            impulse=self._momentum_change(window, moments.mean),
+            delay=joint_delay(distribution, layout),
+            impulse=self._momentum_change(window, distribution.mean),
             innovations=run.innovations,
         )
 
@@ -195,10 +201,10 @@ class TrajectoryEstimator:
         run, last = self._runs.run, self._last
         if run is None or last is None or not self.settled or not self._settings.located:
             return None
-        moments = run.moments()
+        distribution = run.distribution()
         end = End.of(last, self._settings.noise, self._settings.window, self._averaging.origin, self._plane.normal)
-        end = end.after(self._momentum_change(last, moments.mean))
-        return posterior(self._runs.layout, run.best.hypothesis, moments, run.sizes(moments), end)
+        end = end.after(self._momentum_change(last, distribution.mean))
+        return posterior(self._runs.layout, run.best.hypothesis, distribution, run.prior_scales(distribution), end)
 
     @property
     def settled(self) -> bool:
@@ -222,9 +228,24 @@ class TrajectoryEstimator:
     def offer(self, estimate: Estimate) -> None:
         """Take an estimate to start from."""
         if self._runs.run is not None:
-            self._runs.run.offer(partial(point_of, estimate, self._runs.layout, self._averaging.origin))
+            self._runs.run.offer(partial(_point_of, estimate, self._runs.layout, self._averaging.origin))
 
     def restart(self) -> None:
         """Give up the solution and search a start again."""
         if self._runs.run is not None:
             self._runs.run.restart()
+
+
+def _point_of(estimate: Estimate, layout: Layout, origin: Array) -> Point:
+    """Return the linearisation point of an estimate, for runs with an origin (3,) m.
+
+    Parameters that a planar motion leaves open do not matter: moments of inertia are the largest known one.
+    """
+    body = np.where(estimate.identifiable, estimate.parameters, 0.0)
+    diagonal = [4, 7, 9]
+    body[diagonal] = np.where(estimate.identifiable[diagonal], body[diagonal], body[diagonal].max())
+    momentum = np.nan_to_num(estimate.momentum - estimate.impulse)
+    momentum[3:] -= cross(origin, momentum[:3])
+    state = np.concatenate((np.zeros(BODY.stop), layout.known.mean))
+    state[MOMENTUM], state[BODY] = momentum, standard(body)
+    return layout.point(state)

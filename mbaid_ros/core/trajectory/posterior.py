@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
-from mbaid_ros.core.filter.square_root import SquareRootInformation
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.state import LINEAR, Layout, Point
 from mbaid_ros.core.filter.time_update import Hypothesis, new_motion
 from mbaid_ros.core.filter.variables import Variables
@@ -143,12 +142,12 @@ class Posterior:
 
 
 def posterior(
-    layout: Layout, hypothesis: Hypothesis, moments: MeanAndCovariance, sizes: PriorScaleFactors, end: End
+    layout: Layout, hypothesis: Hypothesis, distribution: MeanAndCovariance, prior_scales: PriorScaleFactors, end: End
 ) -> Posterior:
     """Return the posterior of a run, as published, from the mean and covariance of its state."""
-    variables, rows, mean = moments.variables, np.arange(FIRST, layout.size), moments.mean.copy()
+    variables, rows, mean = distribution.variables, np.arange(FIRST, layout.size), distribution.mean.copy()
     outside = variables.factor - variables.basis @ (variables.basis.T @ variables.factor)
-    mean[rows], factor = moments.published(sizes, layout, rows)
+    mean[rows], factor = distribution.published(prior_scales, layout, rows)
     triangle = np.asarray(np.linalg.qr(np.concatenate((factor, outside[rows]), axis=1).T, mode='r'))
-    continuation = Continuation.of(moments.gaussian, variables)
+    continuation = Continuation.of(distribution.gaussian, variables)
     return Posterior(layout, variables, hypothesis, mean, triangle, end, continuation)

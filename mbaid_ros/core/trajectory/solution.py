@@ -9,9 +9,9 @@ import numpy as np
 
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.filter.bank import HypothesisFilter
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
-from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout, Point
+from mbaid_ros.core.filter.square_root import MeanAndCovariance
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.results.estimate import (
@@ -22,65 +22,39 @@ from mbaid_ros.core.results.estimate import (
     PassiveJoint,
     Status,
     Thruster,
-    changed_by,
     constant_force,
 )
 from mbaid_ros.core.results.parameters import SENSOR_NOISE, DeferredBudget, ErrorBudget
 from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
 from mbaid_ros.core.results.status import MOST_JUMPS, Reason, Verdict
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.momentum import physical_jacobian, standard
+from mbaid_ros.core.robot.momentum import physical_jacobian
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Thrusters
 from mbaid_ros.core.unknowns.flexible import FREQUENCY, SpringErrors
 from mbaid_ros.core.unknowns.sensors import TimeOffset
 
 _NOTHING = 1e-6  # chance that noise looks like a constant force as large: one less sure is not reported
-_KNOWN = 0.1  # relative standard deviation of a mass, up to which its centre of mass can be compared
 
 
-@dataclass(frozen=True, eq=False)
-class ChangedTarget:
-    """A target that has changed in a run."""
-
-    time: float  # s since the first sample
-    text: str  # the event in words
-    exchanged: bool  # whether it is another body, not the same elsewhere
-    before: MeanAndCovariance | None  # state until then; None where unknown
-
-    def event(self, after: MeanAndCovariance | None) -> Event:
-        """Return it as an event, with the change of mass and centre of mass where both states are known."""
-        text = self.text
-        if self.before is not None and after is not None and _known(self.before) and _known(after):
-            then, now = self.before.mean[BODY], after.mean[BODY]
-            heavier = float(now[0] - then[0]) if self.exchanged else None
-            text = changed_by(text, heavier, now[1:4] / now[0] - then[1:4] / then[0])
-        return Event(self.time, 'target_changed', np.zeros(3), np.zeros(3), text)
-
-
-def _known(moments: MeanAndCovariance) -> bool:
-    """Return whether the mass is known well enough for a centre of mass."""
-    return bool(moments.deviation[BODY.start] < _KNOWN * moments.mean[BODY.start])
-
-
-def forces(filtered: HypothesisFilter, moments: MeanAndCovariance) -> tuple[Event, ...]:
+def forces(filtered: HypothesisFilter, distribution: MeanAndCovariance) -> tuple[Event, ...]:
     """Return the constant force and torque as an event, if it is significant."""
     axes = filtered.hypothesis.force
     if axes == 'none':
         return ()
-    value, factor = moments.force, moments.force_factor
+    value, factor = distribution.force, distribution.force_factor
     significance = float(value @ np.linalg.pinv(factor @ factor.T, hermitian=True) @ value)
     if significance < chi_square.limit(_NOTHING, len(value)):
         return ()
     return (Event(0.0, 'ramp', value[:3], value[3:], constant_force(axes)),)
 
 
-def jumps(filtered: HypothesisFilter, moments: MeanAndCovariance, origin: Array) -> tuple[Event, ...]:
+def jumps(filtered: HypothesisFilter, distribution: MeanAndCovariance, origin: Array) -> tuple[Event, ...]:
     """Return the jumps of the momentum, without the effect of a constant force; origin (3,) m of the run."""
-    levels = [*((jump.before, jump.pushed) for jump in filtered.jumps), (moments.mean[MOMENTUM], filtered.pushed)]
+    levels = [*((jump.before, jump.pushed) for jump in filtered.jumps), (distribution.mean[MOMENTUM], filtered.pushed)]
     events, cause = [], PULSE if len(filtered.jumps) <= MOST_JUMPS else SYMPTOM
     for jump, (after, pushed) in zip(filtered.jumps, levels[1:], strict=True):
-        change = after - jump.before - moments.by_force(pushed - jump.pushed)
+        change = after - jump.before - distribution.by_force(pushed - jump.pushed)
         angular = change[3:] + cross(origin, change[:3])
         events.append(Event(jump.time, 'step', change[:3], angular, cause))
     return tuple(events)
@@ -90,45 +64,51 @@ _ROUNDING = 1e-3  # of a variance: a share further below zero is a difference of
 
 
 def error_budget(
-    moments: MeanAndCovariance, layout: Layout, uncertainty: Uncertainty, sizes: PriorScaleFactors, known: Flags
+    distribution: MeanAndCovariance,
+    layout: Layout,
+    uncertainty: Uncertainty,
+    prior_scales: PriorScaleFactors,
+    known: Flags,
 ) -> ErrorBudget:
     """Return the variance by source of the ten parameters; NaN where unknown. The rest of all priors is sensor noise.
 
     Parameters
     ----------
-    moments, layout : of the filter
+    distribution, layout : of the filter
     uncertainty : priors of target and momentum, where they are given
-    sizes : scale factors of the unknowns' priors
+    prior_scales : scale factors of the unknowns' priors
     known : (10,) which parameters are determined
     """
     given = []
     if uncertainty.target.given:
-        given.append(('target prior', moments.variables.body))
+        given.append(('target prior', distribution.variables.body))
     if uncertainty.linear_momentum > 0.0:
-        given.append(('momentum prior', slice(moments.variables.poses, moments.variables.head)))
+        given.append(('momentum prior', slice(distribution.variables.poses, distribution.variables.head)))
     names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
-    return DeferredBudget(names, lambda: _shares(moments, layout, [which for _, which in given], sizes, known))
+    return DeferredBudget(
+        names, lambda: _shares(distribution, layout, [which for _, which in given], prior_scales, known)
+    )
 
 
 def _shares(
-    moments: MeanAndCovariance, layout: Layout, given: list[slice], sizes: PriorScaleFactors, known: Flags
+    distribution: MeanAndCovariance, layout: Layout, given: list[slice], prior_scales: PriorScaleFactors, known: Flags
 ) -> tuple[Array, Flags]:
     """Return the shares (10, c), and which are unchecked, as of `error_budget`; `given` are variables with a prior."""
-    variables = moments.variables
-    jacobian, part = physical_jacobian(moments.mean[BODY]), moments.factor_of(variables.spread[BODY])
-    factor = jacobian @ moments.amplification(part, BODY_PLACES) @ part
-    errors = moments.contributions(factor, layout).T * sizes.each
+    variables = distribution.variables
+    jacobian, part = physical_jacobian(distribution.mean[BODY]), distribution.factor_of(variables.spread[BODY])
+    factor = jacobian @ distribution.amplification(part, BODY_PLACES) @ part
+    errors = distribution.contributions(factor, layout).T * prior_scales.each
     squares = errors**2
-    priors = np.array([_of_a_prior(factor, moments, variables, which) for which in given]).reshape(-1, len(factor))
-    total = np.sum(factor**2, axis=1) + np.sum(moments.by_score(jacobian @ part) ** 2, axis=1)
-    noise = total - np.sum((errors / sizes.each) ** 2, axis=1) - priors.sum(axis=0)
+    priors = np.array([_of_a_prior(factor, distribution, variables, which) for which in given]).reshape(-1, len(factor))
+    total = np.sum(factor**2, axis=1) + np.sum(distribution.by_score(jacobian @ part) ** 2, axis=1)
+    noise = total - np.sum((errors / prior_scales.each) ** 2, axis=1) - priors.sum(axis=0)
     noise = np.where(noise < -_ROUNDING * total, np.nan, np.maximum(noise, 0.0))
     parts = np.column_stack((noise, squares @ layout.belongs, priors.T))
     with np.errstate(divide='ignore', invalid='ignore'):
         shares = parts / parts.sum(axis=1, keepdims=True)
     unchecked = np.zeros(shares.shape, dtype=bool)
     declared = slice(1, 1 + len(layout.causes))
-    unchecked[:, declared] = shares[:, declared] > _seen(errors, sizes.covariance, layout)
+    unchecked[:, declared] = shares[:, declared] > _seen(errors, prior_scales.covariance, layout)
     return np.where(known[:, None], shares, np.nan), unchecked
 
 
@@ -143,11 +123,11 @@ def _seen(errors: Array, covariance: Array, layout: Layout) -> Array:
     return np.asarray(1.0 - left / np.maximum(errors**2 @ layout.belongs, np.finfo(float).tiny))
 
 
-def _of_a_prior(factor: Array, moments: MeanAndCovariance, variables: Variables, which: slice) -> Array:
+def _of_a_prior(factor: Array, distribution: MeanAndCovariance, variables: Variables, which: slice) -> Array:
     """Return the part (m,) of variances that comes from the prior of some variables, independent of all others."""
     gather = variables.gather[which]
     root = np.linalg.cholesky(gather @ variables.factor @ variables.factor.T @ gather.T)
-    return np.asarray(np.sum(np.linalg.solve(root, moments.with_variables(factor)[which]) ** 2, axis=0))
+    return np.asarray(np.sum(np.linalg.solve(root, distribution.with_variables(factor)[which]) ** 2, axis=0))
 
 
 @dataclass(frozen=True)
@@ -227,52 +207,37 @@ def estimates(
     return made
 
 
-def point_of(estimate: Estimate, layout: Layout, origin: Array) -> Point:
-    """Return the linearisation point of an estimate, for runs with an origin (3,) m.
-
-    Parameters that a planar motion leaves open do not matter: moments of inertia are the largest known one.
-    """
-    body = np.where(estimate.identifiable, estimate.parameters, 0.0)
-    moments = [4, 7, 9]
-    body[moments] = np.where(estimate.identifiable[moments], body[moments], body[moments].max())
-    momentum = np.nan_to_num(estimate.momentum - estimate.impulse)
-    momentum[3:] -= cross(origin, momentum[:3])
-    state = np.concatenate((np.zeros(BODY.stop), layout.known.mean))
-    state[MOMENTUM], state[BODY] = momentum, standard(body)
-    return layout.point(state)
-
-
-def joint_delay(moments: MeanAndCovariance, layout: Layout) -> tuple[float, float]:
+def joint_delay(distribution: MeanAndCovariance, layout: Layout) -> tuple[float, float]:
     """Return the joints' delay and its standard deviation, s; NaN where it is no unknown."""
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, TimeOffset):
-            value = unknown.factor @ moments.mean[place]
-            deviation = np.abs(unknown.factor @ _deviation(moments, place))
+            value = unknown.factor @ distribution.mean[place]
+            deviation = np.abs(unknown.factor @ _deviation(distribution, place))
             return float(value[0]), float(deviation[0])
     return np.nan, np.nan
 
 
-def thrusters(moments: MeanAndCovariance, layout: Layout) -> tuple[Thruster, ...]:
+def thrusters(distribution: MeanAndCovariance, layout: Layout) -> tuple[Thruster, ...]:
     """Return the estimated deviations of thrusters from their commands."""
     estimated: list[Thruster] = []
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, Thrusters):
             # Each number of the state is one of these, in units of its prior.
-            stds = np.abs(unknown.factor @ _deviation(moments, place))
-            estimated += Thruster.all_of(unknown.frames, unknown.factor @ moments.mean[place], stds)
+            stds = np.abs(unknown.factor @ _deviation(distribution, place))
+            estimated += Thruster.all_of(unknown.frames, unknown.factor @ distribution.mean[place], stds)
     return tuple(estimated)
 
 
 def passive_joints(
-    moments: MeanAndCovariance, layout: Layout, largest: Array, resolved: Flags
+    distribution: MeanAndCovariance, layout: Layout, largest: Array, resolved: Flags
 ) -> tuple[PassiveJoint, ...]:
     """Return the passive joints as estimated; `largest`, `resolved` (f,) as of `PassiveJoint.all_of`."""
     springs, model = layout.kernel.springs, layout.kernel.model
     value, std, prior = np.zeros((3, springs.count, 2))
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, SpringErrors):
-            value = (unknown.factor @ moments.mean[place]).reshape(-1, 2)
-            std = np.abs(unknown.factor @ _deviation(moments, place)).reshape(-1, 2)
+            value = (unknown.factor @ distribution.mean[place]).reshape(-1, 2)
+            std = np.abs(unknown.factor @ _deviation(distribution, place)).reshape(-1, 2)
             prior = np.linalg.norm(unknown.factor, axis=1).reshape(-1, 2)
     names = [model.joint_names[joint] for joint in springs.joints]
     return PassiveJoint.all_of(names, (springs.rate, springs.ratio, prior), value, std, largest, resolved)
@@ -281,14 +246,14 @@ def passive_joints(
 _FAR = 3.0  # standard deviations of its declaration, beyond which a frequency is another thing's
 
 
-def implausible(moments: MeanAndCovariance, layout: Layout, joints: Sequence[PassiveJoint]) -> list[Reason]:
+def implausible(distribution: MeanAndCovariance, layout: Layout, joints: Sequence[PassiveJoint]) -> list[Reason]:
     """Return why passive joints contradict their declaration."""
     model, springs = layout.kernel.model, layout.kernel.springs
     reasons = []
     away = {}
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, SpringErrors):
-            away = dict(zip(unknown.causes, moments.mean[place].tolist(), strict=True))
+            away = dict(zip(unknown.causes, distribution.mean[place].tolist(), strict=True))
     for joint, index, rate in zip(joints, springs.joints, springs.rate, strict=True):
         far = abs(away.get(f'{FREQUENCY}:{joint.joint}', 0.0))
         if far > _FAR and joint.resolved:
@@ -326,6 +291,6 @@ def _with_linear_momentum_unknown(estimate: Estimate) -> Estimate:
     return replace(estimate, momentum=momentum, momentum_covariance=covariance)
 
 
-def _deviation(moments: MeanAndCovariance, place: slice) -> Array:
+def _deviation(distribution: MeanAndCovariance, place: slice) -> Array:
     """Return the standard deviations of some unknowns of the state."""
-    return np.sqrt(moments.of_unknowns.diagonal()[place.start - BODY.stop : place.stop - BODY.stop])
+    return np.sqrt(distribution.of_unknowns.diagonal()[place.start - BODY.stop : place.stop - BODY.stop])

@@ -11,24 +11,25 @@ from mbaid_ros.core.diagnosis.candidates import CandidateCauses
 from mbaid_ros.core.diagnosis.fault_isolation import FaultIsolation
 from mbaid_ros.core.diagnosis.filter_passes import another_body
 from mbaid_ros.core.diagnosis.ranking import Change
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.run import FilterRun
+from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import BODY, Layout, layout_of
 from mbaid_ros.core.filter.time_update import hypotheses
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import Axes
 from mbaid_ros.core.filter.window import Window, without_twist
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import Event
+from mbaid_ros.core.results.estimate import Event, changed_by
 from mbaid_ros.core.results.status import Evidence
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.posterior import Continuation
-from mbaid_ros.core.trajectory.solution import ChangedTarget, jumps
-from mbaid_ros.core.unknowns.catalogue import Uncertainty, kind_in_words, target_changed_text
+from mbaid_ros.core.trajectory.solution import jumps
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
+from mbaid_ros.core.unknowns.words import kind_in_words, target_changed_text
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,32 @@ class TrajectorySettings:
     before: Continuation | None = None  # the run that this one continues
 
 
+_KNOWN = 0.1  # relative standard deviation of a mass, up to which its centre of mass can be compared
 _SETTLING = 2  # windows that a changing target may take: the next run begins as many later
+
+
+@dataclass(frozen=True, eq=False)
+class ChangedTarget:
+    """A target that has changed in a run."""
+
+    time: float  # s since the first sample
+    text: str  # the event in words
+    exchanged: bool  # whether it is another body, not the same elsewhere
+    before: MeanAndCovariance | None  # state until then; None where unknown
+
+    def event(self, after: MeanAndCovariance | None) -> Event:
+        """Return it as an event, with the change of mass and centre of mass where both states are known."""
+        text = self.text
+        if self.before is not None and after is not None and _known(self.before) and _known(after):
+            then, now = self.before.mean[BODY], after.mean[BODY]
+            heavier = float(now[0] - then[0]) if self.exchanged else None
+            text = changed_by(text, heavier, now[1:4] / now[0] - then[1:4] / then[0])
+        return Event(self.time, 'target_changed', np.zeros(3), np.zeros(3), text)
+
+
+def _known(distribution: MeanAndCovariance) -> bool:
+    """Return whether the mass is known well enough for a centre of mass."""
+    return bool(distribution.deviation[BODY.start] < _KNOWN * distribution.mean[BODY.start])
 
 
 class TargetRuns:
@@ -158,24 +184,24 @@ class TargetRuns:
         windows = self.isolation.since(change.time + slack)
         gaussian = run.gaussian_before(change.time, slack)
         before = None if gaussian is None else MeanAndCovariance.of(gaussian, self.variables)
-        jumped = jumps(run.best, run.moments(), origin) if run.started else ()
+        jumped = jumps(run.best, run.distribution(), origin) if run.started else ()
         self._earlier = (*self.events(before), *(jump for jump in jumped if jump.time < change.time - slack))
         text = target_changed_text(change.time, exchanged=change.exchanged)
         self._change = ChangedTarget(change.time, text, change.exchanged, before)
         if gaussian is not None:
             after = another_body(gaussian, self.variables, exchanged=change.exchanged)
-            moments = MeanAndCovariance.of(after, self.variables)
-            prior = UnknownsPrior(moments.mean[BODY.stop :], moments.factor[BODY.stop :])
+            distribution = MeanAndCovariance.of(after, self.variables)
+            prior = UnknownsPrior(distribution.mean[BODY.stop :], distribution.factor[BODY.stop :])
             self.layout = replace(self.layout, known=prior)
-            self.variables = self.variables.going_on(after.root, moments.mean, exchanged=change.exchanged)
+            self.variables = self.variables.going_on(after.root, distribution.mean, exchanged=change.exchanged)
         return self._new_run(windows)
 
-    def evidence(self, run: FilterRun, sizes: PriorScaleFactors) -> Evidence:
+    def evidence(self, run: FilterRun, prior_scales: PriorScaleFactors) -> Evidence:
         """Return the evidence for and against the model of a run that has started."""
         gaussian, hypothesis = run.best.gaussian, run.best.hypothesis
         # A force or drift would absorb the errors of a wrong robot.
-        undisturbed = run.sizes(run.moments_of_first()) if hypothesis.disturbed else sizes
-        beside_prior = sizes if hypothesis.physical else undisturbed
+        undisturbed = run.prior_scales(run.distribution_of_first()) if hypothesis.disturbed else prior_scales
+        beside_prior = prior_scales if hypothesis.physical else undisturbed
         # A declared force has no rival: nothing was estimated without it.
         declared = self._settings.constant != 'none'
         instead, gain = ('', 0.0) if declared else undisturbed.likeliest

@@ -30,8 +30,7 @@ from benchmarks.model_errors.variant import Variant, settings
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.filter.averaging import KnotAveraging
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.square_root import SquareRootInformation, update
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, layout_of
 from mbaid_ros.core.filter.time_update import UNDISTURBED, advance
 from mbaid_ros.core.filter.variables import Variables, variables
@@ -148,10 +147,10 @@ def attainable(robot: str, truth: Truth, errors: ModelErrors, sizes: ErrorSizes)
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         state[place] = np.linalg.lstsq(unknown.factor, _true(unknown, errors), rcond=None)[0]
     gaussian = _followed(layout, own_variables, windows, state)
-    moments = MeanAndCovariance.of(gaussian, own_variables)
+    distribution = MeanAndCovariance.of(gaussian, own_variables)
     jacobian = physical_jacobian(own.target.parameters)
-    deviation = np.sqrt(np.sum((jacobian @ moments.factor[BODY]) ** 2, axis=1))
-    error = jacobian @ (moments.mean - state)[BODY]
+    deviation = np.sqrt(np.sum((jacobian @ distribution.factor[BODY]) ** 2, axis=1))
+    error = jacobian @ (distribution.mean - state)[BODY]
     plane = detector.plane(own.target)
     if plane is not None:
         beside = np.any(np.abs(plane.basis @ plane.basis.T - np.eye(10)) > _ROUNDING, axis=1)

@@ -29,7 +29,7 @@ from servicing import PRIORS, WEIGHED, all_unknown, free_motion, standard_parame
 from simulated import robot, state
 
 SIZES = ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
-SERVICER = Uncertainty([1e-3] * 7, [1e-3] * 7, [1e-3] * 7, 2e-3, 2e-3, 1e-3)
+SERVICER = Uncertainty([1e-3] * 7, [1e-3] * 7, [1e-3] * 7, 2e-3, 2e-3, time_offset=1e-3)
 TABLE = Uncertainty([1e-3] * 4, [1e-3] * 4, [0.0] * 4, 2e-3, 2e-3)
 
 

@@ -128,7 +128,7 @@ def test_the_gain_is_that_of_the_likelihood_of_the_data(seed: int) -> None:
 
 
 def test_what_is_as_large_as_declared_stays() -> None:
-    sizes = [PriorComparison.of(*drawn(seed, 1.0, 10.0)).likely_sizes(BEFORE, BEFORE)[0] for seed in range(500)]
+    sizes = [PriorComparison.of(*drawn(seed, 1.0, 10.0)).likely_scales(BEFORE, BEFORE)[0] for seed in range(500)]
     assert np.median(sizes) < 1.05
     assert np.mean(np.array(sizes) > 1.5) < 0.03
 
@@ -136,7 +136,7 @@ def test_what_is_as_large_as_declared_stays() -> None:
 @pytest.mark.parametrize('size', [3.0, 6.0])
 def test_what_is_larger_is_found_to_be(size: float) -> None:
     found = np.array(
-        [PriorComparison.of(*drawn(seed, size, 10.0)).likely_sizes(BEFORE, BEFORE)[:2] for seed in range(200)]
+        [PriorComparison.of(*drawn(seed, size, 10.0)).likely_scales(BEFORE, BEFORE)[:2] for seed in range(200)]
     )
     assert 0.7 * size < np.median(found[:, 0]) < 1.3 * size
     assert np.median(found[:, 1]) > 0.9
@@ -144,8 +144,8 @@ def test_what_is_larger_is_found_to_be(size: float) -> None:
 
 def test_numbers_that_data_say_nothing_of_stay_as_declared() -> None:
     mean, covariance = drawn(0, 3.0, 1e-6)
-    assert PriorComparison.of(mean, covariance).likely_sizes(BEFORE, BEFORE)[:2] == pytest.approx((1.0, 0.0), abs=1e-3)
-    assert [*PriorComparison.of(np.zeros(NUMBERS), np.eye(NUMBERS)).likely_sizes(BEFORE, BEFORE)] == [1.0, 0.0, 0.0]
+    assert PriorComparison.of(mean, covariance).likely_scales(BEFORE, BEFORE)[:2] == pytest.approx((1.0, 0.0), abs=1e-3)
+    assert [*PriorComparison.of(np.zeros(NUMBERS), np.eye(NUMBERS)).likely_scales(BEFORE, BEFORE)] == [1.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize('seen', [0.5, 10.0])
@@ -187,6 +187,6 @@ def test_groups_side_by_side_are_as_each_by_itself() -> None:
     drawings = [drawn(seed, 3.0, 2.0) for seed in range(5)]
     together = PriorComparison.of(*map(np.array, zip(*drawings, strict=True)))
     for place, each in enumerate(PriorComparison.of(*drawing) for drawing in drawings):
-        assert [part[place] for part in together.likely_sizes(BEFORE, BEFORE)] == [*each.likely_sizes(BEFORE, BEFORE)]
+        assert [part[place] for part in together.likely_scales(BEFORE, BEFORE)] == [*each.likely_scales(BEFORE, BEFORE)]
         assert [part[place] for part in together.distances] == [*each.distances]
         assert [part[place] for part in together.gain(30.0)] == [*each.gain(30.0)]

@@ -19,13 +19,10 @@ from mbaid_ros.core.results.estimate import WITHHELD, Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import body_sizes
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_motion
-from mbaid_ros.simulated_run import SimulatedRun
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import MID, configured_motion, estimator, identify, kernel, nees, observe, true_body, windows
-from sessions import AWAY, MEAN_MOTION, declared, session, simulated
 from simulated import CONFIG
 
 SECONDS = 16.0
@@ -93,12 +90,6 @@ def test_where_nothing_is_told_the_pulse_is(robot: MomentumKernel, floating: Flo
     assert not estimator(robot, MID).update(windows(resting), 0)[-1].contradicted
 
 
-@pytest.mark.parametrize('size', [0.01, 0.5])
-def test_pulses_of_any_size(robot: MomentumKernel, floating: Float, size: float) -> None:
-    truth = floating(pulse=(PULSED, size * PULSE))
-    assert honest(identify(robot, truth, MID, 0), true_body(robot))
-
-
 @pytest.mark.parametrize('turned', [0.0003, 0.05])
 def test_a_slip_of_the_grasp(robot: MomentumKernel, free: Truth, turned: float) -> None:
     """The body turns in the grasp, about the last joint: the momentum stays, the identified parameters do not."""
@@ -159,22 +150,6 @@ def test_known_bodies_that_are_uncertain(robot: MomentumKernel, free: Truth) -> 
     assert min(exact) > 2.0 * LIMIT
 
 
-def test_links_of_their_own_uncertainty(robot: MomentumKernel, free: Truth) -> None:
-    part = free[free.time < 8.0]
-    base, all_alike, arm = (
-        identify(robot, part, MID, 6, **given)[-1].std[0]
-        for given in (
-            {'known_links.base_link.mass_relative_std': 0.01},
-            {'known_links__relative_std': 0.01},
-            {
-                'known_links__relative_std': 0.01,
-                'known_links.base_link': {'mass_relative_std': 0.0, 'com_std': 0.0, 'inertia_relative_std': 0.0},
-            },
-        )
-    )
-    assert all_alike > base > arm
-
-
 @pytest.mark.parametrize(
     ('parameters', 'message'),
     [
@@ -193,34 +168,3 @@ def test_links_of_their_own_uncertainty(robot: MomentumKernel, free: Truth) -> N
 def test_parameters_that_cannot_be(robot: MomentumKernel, parameters: dict[str, object], message: str) -> None:
     with pytest.raises(ParameterError, match=message):
         estimator(robot, MID, **parameters)
-
-
-MINUTES = 40.0
-LOOKS_LIKE = 'looks like gravity gradient or an orbit-fixed frame'
-
-
-def last_of(run: SimulatedRun, into: Session) -> Estimate:
-    for timed in run.read(MINUTES):
-        if timed.topic in {'joint_states', 'odom'}:
-            (into.add_joint_state if timed.topic == 'joint_states' else into.add_odometry)(timed.message)
-    return into.process()[-1]
-
-
-def underlined(parameters: dict[str, object]) -> dict[str, object]:
-    return {name.replace('.', '__'): value for name, value in parameters.items()}
-
-
-@pytest.mark.parametrize('seed', [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
-def test_a_low_orbit_contradicts_a_constant_momentum(seed: int) -> None:
-    run = simulated(MINUTES, seed=seed, initial__base_position=AWAY, **underlined(declared('lvlh')))
-    assert last_of(run, session(method='difference')).status == 'inconsistent'
-
-
-@pytest.mark.long
-def test_method_trajectory_names_a_low_orbit_first() -> None:
-    run = simulated(MINUTES, seed=0, initial__base_position=AWAY, **underlined(declared('lvlh')))
-    last = last_of(run, session(method='trajectory'))
-    assert last.status == 'inconsistent'
-    assert LOOKS_LIKE in last.causes[0][0]
-    told = float(last.causes[0][0].split(' at about ')[1].split()[0])
-    assert told == pytest.approx(MEAN_MOTION, rel=0.3)

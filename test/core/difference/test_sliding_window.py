@@ -15,7 +15,8 @@ from linear_problems import (
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.conservation import Conservation, momentum_jumps, noise_covariance
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, Sums
-from mbaid_ros.core.difference.sliding_window import MarginalisedPrior, SlidingWindow
+from mbaid_ros.core.difference.marginalised import MarginalisedPrior
+from mbaid_ros.core.difference.sliding_window import SlidingWindow
 from mbaid_ros.core.geometry import Array
 
 PRIOR = 1e-6 * np.eye(UNKNOWNS)

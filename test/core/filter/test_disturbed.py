@@ -10,18 +10,16 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
-from benchmarks.honesty.runs import PUBLISHED, Outcome, run
+from benchmarks.honesty.runs import PUBLISHED
 from captured import capture
 from checked import some
 from floating import DEFAULT, float_freely, follow, make, normalised, pushing, true_momentum
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth
 from observed import HIGH, MID, estimator, kernel, observe, true_body, windows
-from shortened import shorten
 
 SECONDS = 20.0
 FORCE_TORQUE = np.array([0.012, -0.010, 0.011, -0.006, 0.005, 0.006])  # N, N m
@@ -78,13 +76,13 @@ def test_a_constant_force(robot: MomentumKernel, joints: Sinusoids, momentum: Ar
     assert normalised(last, robot) < LIMIT
     assert [event.kind for event in last.events] == ['ramp']
     run = some(following._runs.run)
-    moments = run.moments()
-    error = moments.force - wrench
-    covariance = moments.force_factor @ moments.force_factor.T
+    distribution = run.distribution()
+    error = distribution.force - wrench
+    covariance = distribution.force_factor @ distribution.force_factor.T
     known = slice(0, 3 if axes == 'inertial' else 6)  # the torque there is about the centre of mass
     error, covariance = error[known], covariance[known, known]
     assert float(error @ np.linalg.solve(covariance, error)) < chi2.isf(1e-3, len(error))
-    assert np.array_equal(np.concatenate((last.events[0].linear, last.events[0].angular)), moments.force)
+    assert np.array_equal(np.concatenate((last.events[0].linear, last.events[0].angular)), distribution.force)
     # Without the hypothesis the force is taken for inertia.
     assert normalised(follow(robot, observe(truth, MID, 5), MID)[-1], robot) > 2.0 * LIMIT
 
@@ -119,17 +117,6 @@ def test_a_force_that_is_declared_contends_with_nothing_that_is_declared_of_the_
     assert normalised(last, robot) < LIMIT
 
 
-@pytest.mark.long
-def test_an_odometry_position_that_drifts(robot: MomentumKernel, servicer: Truth) -> None:
-    walk = np.cumsum(1e-4 * np.random.default_rng(7).normal(size=(len(servicer), 3)), axis=0)
-    samples = observe(servicer, MID, 6)
-    samples = replace(samples, base_position=samples.base_position + walk)
-    last = follow(robot, samples, MID, adapt=True)[-1]
-    assert any('odometry position drifts' in warning for warning in last.warnings)
-    assert normalised(last, robot) < LIMIT
-    assert not last.events
-
-
 @pytest.mark.parametrize('seed', [1, *(pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3))])
 def test_an_odometry_position_that_drifts_beside_poor_encoders(
     robot: MomentumKernel, servicer: Truth, seed: int
@@ -159,16 +146,6 @@ def test_joints_that_are_late(robot: MomentumKernel, servicer: Truth) -> None:
     assert normalised(last, robot) < LIMIT
 
 
-@pytest.mark.long
-def test_a_force_that_only_linearisation_speaks_for_is_not_believed(plane: Truth) -> None:
-    # Encoders so poor that for this draw a force that fits worse, at a body of a third of the mass, has the larger
-    # likelihood: what is linearised there leaves less room for errors.
-    planar = kernel('table1')
-    last = follow(planar, observe(plane, HIGH, 16_834_525_784_445_026_308), HIGH, adapt=True)[-1]
-    assert not last.events
-    assert last.parameters[0] == pytest.approx(physical(planar.target.parameters)[0], abs=5.0 * last.std[0])
-
-
 CAUGHT, END = 20.0, 40.0  # s
 VELOCITY, SPIN = np.array([0.004, -0.006, 0.003]), np.array([0.02, -0.03, 0.015])  # m/s, rad/s
 
@@ -194,33 +171,3 @@ def test_what_is_in_the_grasp_then_is_never_published_as_what_was_before() -> No
     assert since
     for estimate in since:
         assert np.abs(estimate.parameters[0] - true_body(kernel('servicer7'))[0]) < 5.0 * estimate.std[0]
-
-
-def gone_on(name: str, seed: int, cause: str) -> Outcome:
-    """Return what a run says that has told of a change and goes on with the target of afterwards."""
-    told = run((name, 'trajectory', seed))
-    assert told.status in PUBLISHED
-    assert cause in told.causes
-    given = told.std > 0.0
-    assert np.all(np.abs(told.error[given]) < 4.0 * told.std[given])
-    return told
-
-
-@pytest.mark.long
-def test_after_a_slip_the_run_goes_on() -> None:
-    gone_on('the body slips in the grasp by 5 deg', 0, 'moved in the grasp at 30.0 s')
-
-
-@pytest.mark.long
-def test_a_wide_slip_is_told_from_the_first_inquiry_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    name = 'the body slips in the grasp by 30 deg'
-    shorten(monkeypatch, name, 48.0)
-    gone_on(name, 1, 'moved in the grasp at 30.0 s')
-
-
-@pytest.mark.long
-def test_after_the_hand_has_lost_its_body_the_run_goes_on_with_the_empty_hand(monkeypatch: pytest.MonkeyPatch) -> None:
-    name = 'the hand loses the body'
-    shorten(monkeypatch, name, 48.0)
-    told = gone_on(name, 0, 'another body is in the grasp since 30.0 s, caught or lost')
-    assert told.error[0] < 5.0  # kg, of a body that was 155 kg heavier

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from benchmarks.data import kernel as kernel_of
-from benchmarks.model_errors.runs import estimates
-from benchmarks.model_errors.variant import DEFAULT as AS_DECLARED
-from benchmarks.model_errors.variant import Variant
-from floating import errors, follow, normalised, true_momentum, without_velocities
+from floating import errors, follow, normalised, true_momentum
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.session.known_robot import KnownRobot
@@ -76,18 +69,6 @@ def test_a_robot_without_unknowns_is_followed_without_a_word_on_the_terminal(
     assert capfd.readouterr() == ('', '')
 
 
-def test_exact_data_give_the_exact_body(robot: MomentumKernel, servicer: Truth) -> None:
-    last = follow(robot, until(observe(servicer, MID), 15.0), MID)[-1]
-    # Worth some hundredths of a standard deviation at most: the fourth-order formulas, the smooth prior, and that the
-    # noise which the estimator is told of, and makes up for in the rows, is not there.
-    assert np.all(np.abs(errors(last, robot)) < 0.05 * last.std)
-    assert last.parameters[:4] == pytest.approx(physical(robot.target.parameters)[:4], rel=5e-5)
-    assert last.residual < 0.01
-    assert last.time_offset == pytest.approx(0.0, abs=1e-6)
-    assert not last.warnings
-    assert not last.events
-
-
 def test_knots_follow_data_better_than_any_sensor_s(robot: MomentumKernel, servicer: Truth) -> None:
     finest = SensorNoise(*(1e-3 * np.array([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4])))
     history = follow(robot, until(observe(servicer, finest, 1), 15.0), finest)
@@ -95,51 +76,11 @@ def test_knots_follow_data_better_than_any_sensor_s(robot: MomentumKernel, servi
     assert np.all(np.abs(errors(history[-1], robot)) < 4.5 * history[-1].std)
 
 
-@pytest.mark.long
-def test_rows_full_of_noise(plane: Truth) -> None:
-    """Where joints move little more in a window than their noise, least squares prefers bodies that noise moves less.
-
-    By two standard deviations here; and before, quite other bodies fit as well, from which no start may go on.
-    """
-    robot = kernel('table1')
-    surprises = []
-    for seed in range(1, 5):
-        told = [each for each in follow(robot, observe(plane, HIGH, seed), HIGH, adapt=True) if each.std[0] > 0.0]
-        assert told
-        for estimate in told:
-            assert normalised(estimate, robot) < chi2.isf(1e-4, 4)
-        surprises.append(normalised(told[-1], robot))
-        assert abs(told[-1].time_offset) < 4.0 * told[-1].time_offset_std
-    assert covered(surprises, 4)
-
-
-@pytest.mark.long
-def test_a_mass_that_turns_negative_does_not_halt_the_start(plane: Truth) -> None:
-    # At this noise five seconds tell so little that the first estimates lie anywhere.
-    out = follow(kernel('table1'), until(observe(plane, MID, 1), 12.0), MID, adapt=True)
-    assert len(out) == 24
-    assert np.all(np.abs(errors(out[-1], kernel('table1'))) < 4.0 * out[-1].std[out[-1].identifiable])
-
-
 def test_a_guess_that_leads_astray_does_not_end_the_run(robot: MomentumKernel, servicer: Truth) -> None:
     # From the heaviest guess the passes over this draw lead to a robot that turns a thousand times a second.
     last = follow(robot, until(observe(servicer, HIGH, 3), 8.0), HIGH)[-1]
     assert last.status == 'estimating'
     assert normalised(last, robot) < chi2.isf(1e-3, 10)
-
-
-def test_poses_and_joint_positions_are_enough(robot: MomentumKernel, servicer: Truth) -> None:
-    surprises = []
-    for seed in (1, 2):
-        samples = until(observe(servicer, MID, seed), 10.0)
-        full, alone = (follow(robot, data, MID)[-1] for data in (samples, without_velocities(samples)))
-        surprises.append(normalised(alone, robot))
-        # Less is known then, but little less; joint rates are not read at all.
-        assert np.all(alone.std > full.std)
-        assert np.median(alone.std / full.std) < 3.0
-        rates_alone = follow(robot, replace(samples, joint_velocity=np.full_like(samples.joint_velocity, np.nan)), MID)
-        assert np.array_equal(rates_alone[-1].parameters, full.parameters)
-    assert covered(surprises, 10)
 
 
 def test_a_gap_of_several_seconds(robot: MomentumKernel, servicer: Truth) -> None:
@@ -156,15 +97,3 @@ def test_a_gap_of_several_seconds(robot: MomentumKernel, servicer: Truth) -> Non
 
 
 PUBLISHED = ('estimating', 'converged')
-
-
-@pytest.mark.long
-@pytest.mark.parametrize('seed', [1, 2, 4, 6, 9])
-def test_nothing_is_published_that_is_far_off(seed: int) -> None:
-    found = estimates(Variant('table1', 'out of its plane', AS_DECLARED, AS_DECLARED, spatial=True), seed)
-    published = [one for one in found if one.status in PUBLISHED]
-    errors = np.array(
-        [(one.parameters - physical(kernel_of('table1').target.parameters)) / one.std for one in published]
-    )
-    assert len(published) > 10
-    assert np.nanmax(np.abs(errors)) < 5.0

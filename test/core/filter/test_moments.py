@@ -10,10 +10,9 @@ import pytest
 from drawn_windows import prepare
 from drawn_windows import variables as drawn_variables
 from drawn_windows import window as drawn_window
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.joint_noise import InformationCorrection
 from mbaid_ros.core.filter.prior_scale import PriorComparison, PriorScaleFactors
-from mbaid_ros.core.filter.square_root import SquareRootInformation, update
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout
 from mbaid_ros.core.filter.time_update import UNDISTURBED, advance
 from mbaid_ros.core.filter.variables import Variables, variables
@@ -39,7 +38,7 @@ class Case:
         gaussian = SquareRootInformation.prior(self.space)
         for white in self.windows:
             gaussian = advance(update(gaussian, white), white, self.space, UNDISTURBED)
-        self.moments = MeanAndCovariance.of(gaussian, self.space)
+        self.distribution = MeanAndCovariance.of(gaussian, self.space)
 
     def _window(self, rng: np.random.Generator, unseen: slice) -> WhitenedWindow:
         size = self.layout.size
@@ -80,11 +79,11 @@ class Case:
 
 def test_the_shares_are_what_each_prior_contributes() -> None:
     case = Case()
-    moments, layout = case.moments, case.layout
+    distribution, layout = case.distribution, case.layout
     # Of numbers of momentum and body that are no coordinates of the state.
     rows = np.arange(6, BODY.stop)
     jacobian = np.random.default_rng(1).normal(size=(4, len(rows)))
-    parts = moments.contributions(jacobian @ moments.factor[rows], layout)
+    parts = distribution.contributions(jacobian @ distribution.factor[rows], layout)
     shares = dict(zip(layout.causes, (parts.T**2 @ layout.belongs).T, strict=True))
     names = layout.kernel.model.joint_names
     assert set(shares) == {*(f'{part}:{name}' for name in names for part in ('zero', 'axis')), 'mount', 'time offset'}
@@ -102,7 +101,7 @@ def test_the_shares_are_what_each_prior_contributes() -> None:
         ]
         assert share == pytest.approx(sum(priors[index] for index in own), rel=1e-6)
     # What is left of the whole is sensor noise, and the priors of pose, momentum and body.
-    whole = of(moments.factor @ moments.factor.T)
+    whole = of(distribution.factor @ distribution.factor.T)
     rest = noise + sum(priors[: BODY.stop])
     assert sum(shares.values()) + rest == pytest.approx(whole, rel=1e-8)
 
@@ -151,16 +150,16 @@ def test_causes_of_all_sizes_together_are_scaled_as_each_alone() -> None:
     root = rng.normal(size=(len(causes), len(causes)))
     covariance, values = np.linalg.inv(np.eye(len(causes)) + root @ root.T), 3.0 * rng.normal(size=len(causes))
     together = PriorScaleFactors.of(values, covariance, causes, ('',) * len(causes))
-    for cause, size in together.sizes.items():
+    for cause, size in together.scales.items():
         own = np.flatnonzero([each == cause or each.startswith(f'{cause}:') for each in causes])
         numbers = PriorComparison.of(values[own], covariance[np.ix_(own, own)])
         chances = (0.05, 0.05) if ':' not in cause else (0.01, 0.2)
-        assert size == pytest.approx([float(part) for part in numbers.likely_sizes(*chances)])
+        assert size == pytest.approx([float(part) for part in numbers.likely_scales(*chances)])
         if cause in together.distances:
             assert together.distances[cause] == pytest.approx([float(part) for part in numbers.distances])
         assert np.all(together.each[own] >= size.factor)
     nothing = PriorScaleFactors.of(np.zeros(0), np.zeros((0, 0)), (), ())
-    assert (nothing.as_declared, nothing.sure, nothing.sizes) == (True, (), {})
+    assert (nothing.as_declared, nothing.sure, nothing.scales) == (True, (), {})
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -184,9 +183,9 @@ def test_what_is_feigned_adds_up_and_widens_the_body_and_what_goes_with_it() -> 
     for each in white:
         gaussian = update(gaussian, each)
     assert gaussian.bias_information == pytest.approx(white[0].bias_information + white[1].bias_information)
-    moments = MeanAndCovariance.of(gaussian, space)
+    distribution = MeanAndCovariance.of(gaussian, space)
     rows = np.arange(6, BODY.stop)  # momentum and body
-    covariance = moments.covariance(rows)
+    covariance = distribution.covariance(rows)
     information = np.zeros((len(rows), len(rows)))
     gather = space.gather[BODY, BODY]
     # Of these drawn windows' information, what is left of a hundredth of the joints' noise.

@@ -10,9 +10,8 @@ from scipy.stats import multivariate_normal
 
 from drawn_windows import NUMBERS, STATE, UNKNOWNS, positive, prepare, variables, window
 from mbaid_ros.core.filter.chain import WindowModel
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.integrated_twist import IntegratedTwist
-from mbaid_ros.core.filter.square_root import SquareRootInformation, update
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR
 from mbaid_ros.core.filter.time_update import UNDISTURBED, Hypothesis, advance, momentum_inflation, pose_reset
 from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
@@ -78,14 +77,14 @@ def test_the_filter_is_least_squares(seed: int) -> None:
         white = prepare(model, space)
         gaussian = advance(update(gaussian, white), white, space, UNDISTURBED)
     mean, covariance, likelihood, shift = batch(models, space)
-    moments = MeanAndCovariance.of(gaussian, space)
+    distribution = MeanAndCovariance.of(gaussian, space)
     assert space.spread @ gaussian.least_squares == pytest.approx(mean, rel=1e-8, abs=1e-8)
     assert covariance_of(gaussian, space) == pytest.approx(covariance, rel=1e-8, abs=1e-8)
-    assert moments.variance == pytest.approx(np.diag(covariance), rel=1e-8, abs=1e-8)
+    assert distribution.variance == pytest.approx(np.diag(covariance), rel=1e-8, abs=1e-8)
     assert gaussian.log_likelihood == pytest.approx(likelihood, rel=1e-9)
     assert gaussian.measured == 48
-    assert moments.shift == pytest.approx(shift, rel=1e-8, abs=1e-8)
-    assert moments.mean == pytest.approx(mean + shift, rel=1e-8, abs=1e-8)
+    assert distribution.shift == pytest.approx(shift, rel=1e-8, abs=1e-8)
+    assert distribution.mean == pytest.approx(mean + shift, rel=1e-8, abs=1e-8)
 
 
 @pytest.mark.parametrize('force', [0, 6])
@@ -174,7 +173,7 @@ def test_the_momentum_changes_over_a_gap() -> None:
     still, after = (pose_reset(gaussian, space, each) for each in (None, brought))
     change = np.eye(len(space.scale))
     change[space.poses : space.head] += brought
-    assert after.moments()[0] == pytest.approx(change @ still.moments()[0], rel=1e-9, abs=1e-9)
+    assert after.mean_and_shift()[0] == pytest.approx(change @ still.mean_and_shift()[0], rel=1e-9, abs=1e-9)
     assert after.factor @ after.factor.T == pytest.approx(
         change @ still.factor @ still.factor.T @ change.T, rel=1e-8, abs=1e-8
     )
@@ -307,8 +306,8 @@ def test_the_linked_filter_is_least_squares() -> None:  # noqa: PLR0915
         whole, constant = step @ whole, step @ constant
         constant[:6] += model.drift
     solved = np.linalg.inv(information)
-    moments = MeanAndCovariance.of(gaussian, space)
+    distribution = MeanAndCovariance.of(gaussian, space)
     assert space.spread @ gaussian.least_squares == pytest.approx(
         whole @ (solved @ right) + constant, rel=1e-6, abs=1e-6
     )
-    assert moments.factor @ moments.factor.T == pytest.approx(whole @ solved @ whole.T, rel=1e-6, abs=1e-6)
+    assert distribution.factor @ distribution.factor.T == pytest.approx(whole @ solved @ whole.T, rel=1e-6, abs=1e-6)

@@ -12,9 +12,9 @@ from checked import some
 from floating import make
 from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.batch import BatchIteration, Work
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
 from mbaid_ros.core.filter.initialisation import BackgroundTask, Initialisation
 from mbaid_ros.core.filter.run import Phase
+from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.start import MultiStart, Start
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
 from mbaid_ros.core.filter.time_update import UNDISTURBED
@@ -121,9 +121,9 @@ class Young:
         (filtered,) = returned(self.passes.filter(passed, (self.passes.prior(UNDISTURBED),)))
         return filtered, MeanAndCovariance.of(filtered.gaussian, self.passes.variables)
 
-    def at(self, moments: MeanAndCovariance) -> Point:
-        """Return the point that moments lead to."""
-        return self.passes.layout.point(moments.mean, moments.deviation)
+    def at(self, distribution: MeanAndCovariance) -> Point:
+        """Return the point of a distribution."""
+        return self.passes.layout.point(distribution.mean, distribution.deviation)
 
     def far(self) -> Point:
         """Return a point of twice the moments of inertia."""
@@ -146,15 +146,15 @@ def taken_over(initialisation: Initialisation, filtered: HypothesisFilter, point
 
 
 def test_it_is_the_step_of_the_next_pass(young: Young) -> None:
-    filtered, moments = young.passed(young.far())
-    _, after = young.passed(young.at(moments))
+    filtered, distribution = young.passed(young.far())
+    _, after = young.passed(young.at(distribution))
     found = returned(young.passes.displacement(in_stacks(young.windows), filtered))
-    assert found.shifts[0] == pytest.approx(after.mean[BODY] - moments.mean[BODY], rel=1e-9, abs=1e-12)
+    assert found.shifts[0] == pytest.approx(after.mean[BODY] - distribution.mean[BODY], rel=1e-9, abs=1e-12)
 
 
 def test_it_is_asked_once_the_body_is_better_known_and_kept_until_windows_are_linearised_anew(young: Young) -> None:
-    filtered, moments = young.passed(young.far())
-    covariance = moments.covariance(BODY_PLACES)
+    filtered, distribution = young.passed(young.far())
+    covariance = distribution.covariance(BODY_PLACES)
     asked = []
     for before in (covariance, 3.0 * covariance):  # no better known than where they were linearised, or better
         initialisation = Initialisation(young.passes, (UNDISTURBED,), len(young.windows), ENOUGH)

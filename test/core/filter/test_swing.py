@@ -8,6 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from benchmarks.appendages import PANELS, SLOSH, with_fuel, with_panel_on_the_target, with_panels
 from mbaid_ros.core.filter.averaging import KnotAveraging
+from mbaid_ros.core.filter.exponential import steps_of
 from mbaid_ros.core.filter.knots import Midpoints
 from mbaid_ros.core.filter.state import BODY, LINEAR, Layout, Point
 from mbaid_ros.core.filter.swing import BESIDE, SwingCourse
@@ -130,6 +131,20 @@ def test_deflections_are_those_of_the_simulator(name: str) -> None:
     case = Case(name)
     found = case.predicted(case.state[case.layout.parameters])[2]
     assert found == pytest.approx(case.deflection(KNOT * (np.arange(len(found)) + 1.0)), abs=1e-6)
+
+
+def test_a_stiff_joint_that_is_pushed_slowly_stays_in_equilibrium() -> None:
+    """A spring of 5 Hz whose stiffness and load change over a minute, at the knots of a joint of 3 Hz."""
+    time, rate = 0.02 * np.arange(25) - 0.25, 2.0 * np.pi * 5.0
+    stiffness = rate**2 * (1.0 + time / 60.0)
+    by_state: Array = np.zeros((len(time), 2, 2))
+    by_state[:, 0, 1], by_state[:, 1, 0] = 1.0, -stiffness
+    force = np.zeros((len(time), 2, 1))
+    force[:, 1, 0] = stiffness * (1.0 + time / 60.0)
+    onward, gain = steps_of(by_state.mean(axis=0), by_state, force, 0.02)
+    deflections = np.column_stack((1.0 + time / 60.0, np.full(len(time), 1.0 / 60.0)))
+    found = (onward @ deflections[:-1, :, None] + gain)[..., 0]
+    assert found == pytest.approx(deflections[1:], abs=1e-8)
 
 
 def test_only_a_grasp_that_gives_warns_of_narrow_intervals() -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import wheels
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.planning.goal import BaseLimits, JointLimits, joint_limits
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.planning.goal import BaseLimits, JointLimits, joint_limits, keeping_speed
 from mbaid_ros.planning.motions import SIMPLE, simple_motion
 from mbaid_ros.planning.splines import Splines
 from mbaid_ros.simulation.steered import Followed
@@ -122,6 +126,40 @@ def test_a_joint_keeps_the_slower_of_its_own_limit_and_the_one_for_all() -> None
     limits = joint_limits(robot('servicer7'), np.zeros(7), np.inf, 0.1, ('joint4',))
     assert limits.velocity == pytest.approx(0.25)
     assert limits.moved.tolist() == [True] * 3 + [False] + [True] * 3
+
+
+@pytest.mark.parametrize(
+    ('velocity', 'held', 'kept'),
+    [
+        (np.inf, (), [True, True, True]),  # nothing limits them
+        (5.0, (), [True, False, False]),  # the first is faster than joints may be
+        (np.inf, ('wheel1_joint',), [False, True, False]),
+    ],
+)
+def test_wheels_keep_their_speed(velocity: float, held: tuple[str, ...], kept: list[bool]) -> None:
+    model = load_model(wheels.urdf())
+    names = ('wheel0_joint', 'wheel1_joint', 'wheel2_joint')
+    rate = np.array([90.0 if name == 'wheel0_joint' else 1.0 for name in model.independent_joints])
+    found = keeping_speed(model, rate, velocity, held)
+    assert [bool(found[model.independent_joints.index(name)]) for name in names] == kept
+    with pytest.raises(ParameterError, match=r"'plan\.held' names 'rotor'; accepted: "):
+        keeping_speed(model, rate, velocity, ('rotor',))
+
+
+def test_a_motion_moves_the_others_while_a_wheel_goes_on(identified: Begun) -> None:
+    """A joint that keeps its speed goes on along a trajectory as it does where no joint is moved."""
+    end = replace(identified.knowledge.end, joint_velocity=np.array([*np.zeros(6), 0.3]))
+    motions = planner(identified, replace(identified.knowledge, end=end), held=('joint7',)).motions
+    assert not motions.limits.moved[6]
+    times = np.linspace(0.0, motions.splines.duration, 9)
+    trajectory = motions.trajectory(0.01 * np.ones((motions.splines.count, 7)))
+    assert trajectory.joints == tuple(f'joint{k}' for k in range(1, 7))
+    position, rate = (each[:, 0] for each in motions.along(trajectory, times))
+    assert position[:, 6] == pytest.approx(end.joint_position[6] + 0.3 * times)
+    assert rate[:, 6] == pytest.approx(0.3)
+    still = np.zeros((1, motions.splines.count, 7))
+    assert motions.excursions(still)[0] == pytest.approx(0.0, abs=1e-12)
+    assert motions.joints(still, times)[0][:, 0, 6] == pytest.approx(position[:, 6])
 
 
 TURN = np.radians(0.5)

@@ -18,7 +18,7 @@ from mbaid_ros.core.results.published_inertia import (
     is_complete,
     is_usable,
 )
-from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
+from mbaid_ros.core.results.reporting import Curvature, Instant, Reporting, Solution
 from mbaid_ros.core.robot.kinematics import Plane
 from mbaid_ros.core.robot.momentum import physical_jacobian, standard
 from mbaid_ros.core.two_stage import IntervalConsistency
@@ -91,6 +91,32 @@ def test_sizes() -> None:
     assert sizes[5] == pytest.approx(np.sqrt(28.0 * 37.0))
     assert sizes[8] == pytest.approx(np.sqrt(37.0 * 30.0))
     assert (REPORTING.sizes(np.zeros(10)) > 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ('shift', 'alike', 'published'),
+    [(0.4, 1.0, True), (0.7, 1.0, True), (0.7, 1.5, True), (0.7, 3.0, False), (1.2, 1.0, False)],
+)
+def test_a_mass_observed_at_first_order_is_published_with_the_remainder(
+    shift: float, alike: float, published: bool
+) -> None:
+    """Of a mass that depends on where the equations were linearised, but is about as well known anywhere."""
+    made = solution(0.01)
+    own, along = made.covariance[:10, :10], np.linalg.inv(physical_jacobian(standard(BODY)))[:, 0]
+    std = 0.01 * BODY[0]
+    bent = Curvature(shift * std * along[None], own, elsewhere=alike * own[None])
+    estimate, before = report(replace(made, curvatures=(bent,))), report(made)
+    assert bool(estimate.identifiable[0]) is published
+    assert estimate.std[1:] == pytest.approx(before.std[1:])
+    if published:
+        assert estimate.std[0] == pytest.approx(std * np.hypot(1.0, shift if shift > 0.5 else 0.0))
+    else:
+        assert (
+            'observable only at second order: mass; known_links.total_mass helps: weigh the robot' in estimate.warnings
+        )
+    assert report(replace(made, curvatures=(replace(bent, elsewhere=bent.elsewhere[:0]),))).identifiable[0] == (
+        shift < 0.5
+    )
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mbaid_ros.core.robot.kernel import MomentumKernel, momentum_rows
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import express, load_model
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
+from mbaid_ros.core.robot.momentum_rows import momentum_rows
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from mbaid_ros.core.samples import Samples
 from peer import Motion, Peer

@@ -14,11 +14,12 @@ from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion, skew
-from mbaid_ros.core.robot.kernel import MomentumKernel, momentum_rows
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum_rows import momentum_rows
 from mbaid_ros.core.robot.orbit import Orbit, Turning, about, brought, of_bodies, of_link
 from mbaid_ros.core.samples import BaseStream
-from mbaid_ros.core.sensors.external_momentum import FallingFrame
+from mbaid_ros.core.sensors.falling_frame import FallingFrame
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.simulation import Truth, seen_from_orbit, total_momentum

@@ -9,7 +9,7 @@ from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.orbit import Orbit, of_bodies
 from mbaid_ros.core.sensors.base import orientation_only
-from mbaid_ros.core.sensors.external_momentum import FallingFrame, bodies_of
+from mbaid_ros.core.sensors.falling_frame import FallingFrame, bodies_of
 from observed import MID, observe
 from simulated import robot
 from thrusting import pushed

@@ -8,7 +8,8 @@ import pytest
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import JointStream
 from mbaid_ros.core.sensors.joints import JointMerge
-from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, JOINTS_HELD, HeldJoints, Outliers, joint_channels
+from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, Outliers, joint_channels
+from mbaid_ros.core.sensors.repeats import JOINTS_HELD, HeldJoints
 
 RATE, COUNT, JOINTS = 50, 600, 4
 

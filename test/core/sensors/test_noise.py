@@ -92,18 +92,6 @@ def test_what_is_found_does_not_depend_on_the_calls() -> None:
             np.testing.assert_array_equal(one.times, other.times)
 
 
-@pytest.mark.parametrize('constant', [0.1, 0.3, 1.0])
-def test_a_time_of_correlation_is_found_where_the_size_is_declared(constant: float) -> None:
-    joints, base = streams(20.0, 100.0, keep=float(np.exp(-0.01 / constant)))
-    base = replace(
-        base, pose_covariance=np.broadcast_to(np.diag(np.repeat(TRUE[2:4], 3) ** 2), (len(base.stamp), 6, 6))
-    )
-    for seconds in (0.5, 1.0, 20.0):
-        part = round(100 * seconds)
-        levels = found(joints[:part], base[:part], 0.01, free=False)
-        assert levels.times[0] == pytest.approx(constant, rel=0.5)
-
-
 def drifting(constant: float, wrong: float, seed: int) -> tuple[JointStream, BaseStream]:
     """Return 10 s of a base at rest with errors of a time constant (s), so many times as large as MID declares."""
     joints, base = streams(10.0, 100.0)

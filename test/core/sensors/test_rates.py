@@ -11,9 +11,8 @@ import pytest
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, TWIST_DERIVED, Identifier
+from mbaid_ros.core.identifier import Identifier
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples
 from mbaid_ros.core.sensors.rates import fit, with_rates
 from mbaid_ros.session.methods import make_estimator
@@ -86,23 +85,3 @@ def test_measured_rates_are_left_alone() -> None:
     assert np.all(np.isnan(derived.joint_rate_gain[:, others]))
     assert np.all(derived.joint_rate_gain[:, 2] > 0.0)
     assert np.array_equal(derived.base_linear_velocity, window.base_linear_velocity)
-
-
-@pytest.mark.parametrize(
-    ('present', 'notes'),
-    [
-        ({'rates': False}, [JOINT_RATES_DERIVED]),
-        ({'twist': False}, [TWIST_DERIVED]),
-        ({'rates': False, 'twist': False}, [JOINT_RATES_DERIVED, TWIST_DERIVED]),
-    ],
-)
-def test_difference_identifies_without_velocities_and_says_so(present: dict[str, bool], notes: list[str]) -> None:
-    samples = observe(motion('servicer7', 20.0), MID, 3)
-    last = estimates(samples, 'difference', **present)[-1]
-    truth = physical(kernel('servicer7').target.parameters)
-    assert np.all(last.identifiable)
-    # The mean of ten squared normalised errors: 1 is expected, 3 is beyond the 99.9 % quantile.
-    assert np.mean(((last.parameters - truth) / last.std) ** 2) < 3.0
-    assert list(last.warnings[-len(notes) :]) == notes
-    whole = estimates(samples, 'difference')[-1]
-    assert np.all(last.std >= 0.9 * whole.std)

@@ -18,7 +18,7 @@ from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.simulation.environment import Surroundings, Wheels
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
-from observed import MID, estimator, identify, observe, windows
+from observed import MID, estimator, observe, windows
 from simulated import state
 from wheels import AXES, spinning, unaware, wheeled
 
@@ -31,22 +31,6 @@ LIMIT = float(chi2.isf(1e-3, 10))
 def run(joints: Sinusoids) -> Truth:
     momentum = np.array([16.0, -8.0, 24.0, 30.0, -35.0, 60.0])
     return float_freely(wheeled(), spinning(joints), momentum, SECONDS)
-
-
-@pytest.mark.parametrize('method', ['difference', 'trajectory'])
-def test_wheels_that_nobody_tells_of_are_noticed(run: Truth, method: str) -> None:
-    arm = [index for index, name in enumerate(wheeled().model.joint_names) if not name.startswith('wheel')]
-    robot = MomentumKernel(load_model(unaware()), 'link7')
-    assert robot.model.joint_names == tuple(wheeled().model.joint_names[index] for index in arm)
-    told = replace(
-        run,
-        joint_position=run.joint_position[:, arm],
-        joint_velocity=run.joint_velocity[:, arm],
-        joint_effort=run.joint_effort[:, arm],
-    )
-    last = identify(robot, told, MID, 3, method=method)[-1]
-    assert last.status == 'inconsistent' or last.events
-    assert method == 'difference' or last.causes
 
 
 SPIN = 0.05  # kg m^2, as the description of the wheels has it
@@ -86,16 +70,6 @@ def test_the_momentum_is_that_of_wheels_that_are_joints(run: Truth) -> None:
     # Each stores up to 5 N m s: without them the momentum is nowhere near constant.
     without = true_momentum(bare(), replace(inside(run), stored=np.zeros((len(run), 0))))
     assert np.ptp(without[:, 3:], axis=0).max() > 5.0
-
-
-def test_a_momentum_that_is_told_serves_as_well(run: Truth) -> None:
-    kernel = bare().storing(Storage.published(bare().model.link('base_link'), 0.0))
-    samples = inside(run, 2)
-    told = replace(samples, stored=SPIN * samples.stored @ UNIT)
-    found = follow(kernel, told, MID)[-1]
-    expected = follow(reading(), samples, MID)[-1]
-    assert found.parameters == pytest.approx(expected.parameters, rel=1e-9)
-    assert found.covariance == pytest.approx(expected.covariance, rel=1e-6, abs=1e-18)
 
 
 @pytest.mark.parametrize('method', ['difference', pytest.param('trajectory', marks=pytest.mark.long)])

@@ -9,8 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from floating import DEFAULT, RATE, make, normalised
-from mbaid_ros.core.filter.gaussian import MeanAndCovariance
-from mbaid_ros.core.filter.square_root import SquareRootInformation
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.variables import variables
 from mbaid_ros.core.geometry import Array
@@ -32,9 +31,9 @@ LIMIT = float(chi2.isf(1e-3, 4))
 def prior(robot: MomentumKernel, target: TargetPrior) -> tuple[Array, Array]:
     """Return mean (10,) and covariance (10, 10) that the filter starts with."""
     space = variables(Layout.of(robot, ()), PlaneDetector(robot.model), Uncertainty(target=target))
-    moments = MeanAndCovariance.of(SquareRootInformation.prior(space), space)
-    factor = moments.factor[BODY]
-    return moments.mean[BODY], factor @ factor.T
+    distribution = MeanAndCovariance.of(SquareRootInformation.prior(space), space)
+    factor = distribution.factor[BODY]
+    return distribution.mean[BODY], factor @ factor.T
 
 
 @pytest.mark.parametrize('given', [TargetPrior(mass=MASS, com=COM), TargetPrior(com=COM, com_std=COM_STD)])
@@ -64,10 +63,10 @@ def test_a_mass_that_is_held_takes_the_centre_of_mass_along(servicer7: MomentumK
     space = variables(Layout.of(servicer7, ()), PlaneDetector(servicer7.model), uncertainty)
     held = 100.0
     gaussian = SquareRootInformation.prior(space, mass=held)
-    moments = MeanAndCovariance.of(gaussian, space)
-    assert moments.mean[BODY][:4] == pytest.approx([held, *(held * np.array(COM))])
+    distribution = MeanAndCovariance.of(gaussian, space)
+    assert distribution.mean[BODY][:4] == pytest.approx([held, *(held * np.array(COM))])
     # Nearer than it would be held is what is known of it.
-    assert moments.deviation[BODY.start] == pytest.approx(MASS_STD)
+    assert distribution.deviation[BODY.start] == pytest.approx(MASS_STD)
     assert gaussian.log_likelihood == 0.0
 
 

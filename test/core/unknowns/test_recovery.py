@@ -86,9 +86,9 @@ def _run(case: Case, seed: int) -> Run:
     estimator = make(robot, MID, known_std=LINKS, uncertainty=case.uncertainty)
     last = estimator.update(windows(samples), 0)[-1]
     assert estimator._runs.run is not None
-    moments = estimator._runs.run.moments()
+    distribution = estimator._runs.run.distribution()
     # The catalogue's order is that of the state: what is only read comes last in both.
-    found, factor = moments.mean[BODY.stop :], moments.factor[BODY.stop :]
+    found, factor = distribution.mean[BODY.stop :], distribution.factor[BODY.stop :]
     return Run(case, samples, last, found - np.concatenate(numbers), factor @ factor.T)
 
 

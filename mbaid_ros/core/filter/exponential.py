@@ -1,0 +1,58 @@
+"""Steps of linear equations whose coefficients change slowly: an exponential Runge-Kutta method (appendages.md)."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import expm
+
+from mbaid_ros.core.geometry import Array
+
+
+def steps_of(mean: Array, by_state: Array, driven: Array, spacing: float) -> tuple[Array, Array]:
+    """Return, from each instant to the next, (2 f, 2 f) and (2 f, c) of x' = onward x + gain.
+
+    Exponential Runge-Kutta method of order 4 (Cox and Matthews 2002): the mean (2 f, 2 f) of the derivatives exactly,
+    and slow forces by polynomials. A joint that is pushed slowly stays in equilibrium however stiff its spring.
+    """
+    rest, size, count = by_state - mean, len(mean), driven.shape[-1]
+    between, pushed = _midway(rest), _midway(driven)
+    halfway = _exponential(0.5 * spacing, mean)
+    half, within, _, _ = np.split(halfway[:size], 4, axis=1)
+    whole, once, twice, thrice = np.split((halfway @ halfway)[:size], 4, axis=1)
+    twice, thrice = twice / spacing, thrice / spacing**2
+    identity: Array = np.zeros((*between.shape[:-2], size, size + count))
+    identity[..., :size] = np.eye(size)
+
+    def rate(jacobian: Array, push: Array, at: Array) -> Array:
+        slope = jacobian @ at
+        slope[..., size:] += push
+        return np.asarray(slope)
+
+    first = rate(rest[:-1], driven[:-1], identity)
+    early = half @ identity + within @ first
+    second = rate(between, pushed, early)
+    third = rate(between, pushed, half @ identity + within @ second)
+    last = rate(rest[1:], driven[1:], half @ early + within @ (2.0 * third - first))
+    forces = (once - 3.0 * twice + 4.0 * thrice) @ first + (2.0 * twice - 4.0 * thrice) @ (second + third)
+    after = whole @ identity + forces + (4.0 * thrice - twice) @ last
+    return after[..., :size], after[..., size:]
+
+
+def _midway(values: Array) -> Array:
+    """Return the values between neighbours along the first axis, cubic; at the ends quadratic."""
+    middle = np.empty((len(values) - 1, *values.shape[1:]))
+    middle[1:-1] = (9.0 * (values[1:-2] + values[2:-1]) - values[:-3] - values[3:]) / 16.0
+    middle[0] = (3.0 * values[0] + 6.0 * values[1] - values[2]) / 8.0
+    middle[-1] = (3.0 * values[-1] + 6.0 * values[-2] - values[-3]) / 8.0
+    return middle
+
+
+def _exponential(time: float, matrix: Array) -> Array:
+    """Return a matrix (4 n, 4 n) whose first rows are exp(t A), t phi_1(t A), t^2 phi_2(t A), t^3 phi_3(t A), A (n, n).
+
+    phi_k (z) = (phi_(k-1) (z) - 1 / (k - 1)!) / z, and phi_0 the exponential.
+    """
+    size = len(matrix)
+    blocks: Array = np.eye(4 * size, k=size)
+    blocks[:size, :size] = matrix
+    return np.asarray(expm(time * blocks))

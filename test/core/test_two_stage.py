@@ -1,0 +1,33 @@
+"""What the first stage publishes before the second one has started."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from made_runs import estimate
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.two_stage import FIRST_STAGE, LATE, TwoStageEstimator
+
+
+def published(*statuses: str) -> list[Estimate]:
+    """Return the estimates of a second stage that never starts beside a first one of some statuses, a second each."""
+    second: Any = SimpleNamespace(method='trajectory', changed=False, settled=False, offer=lambda _: None)
+    second.update = lambda _windows, _origin: [estimate(status='not_identifiable')]
+    made = iter(estimate(status=status, time=float(time)) for time, status in enumerate(statuses))
+    first: Any = SimpleNamespace(method='difference', update=lambda _windows, _origin: [next(made)])
+    window: Any = SimpleNamespace(missing_rates=(False, False))
+    return TwoStageEstimator(first, second).update([window] * len(statuses), 0)
+
+
+def test_a_first_stage_that_contradicts_the_data_publishes_nothing_for_ten_seconds() -> None:
+    found = published('estimating', 'inconsistent', 'estimating', *['inconsistent'] * 8)
+    assert LATE in found[0].warnings
+    assert [each.status for each in found] == ['estimating', *['not_identifiable'] * 9, 'inconsistent']
+    for each in found[1:10]:
+        assert FIRST_STAGE in each.warnings
+        assert not each.identifiable.any()
+        assert np.isnan(each.parameters).all()
+    assert found[10].identifiable.any()
