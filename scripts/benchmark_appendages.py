@@ -191,7 +191,8 @@ def main() -> None:
     lines: list[tuple[str, ...]] = []
     rigid: dict[tuple[float, bool], Outcome] = {}
     chosen = frame.chosen(ROWS, lambda each: each.name)
-    for row in (each for each in ROWS if each in chosen or not each.joints):
+    needed = {each.conditions for each in chosen}
+    for row in (each for each in ROWS if each in chosen or (not each.joints and each.conditions in needed)):
         for _, own in frame.outcomes(Outcome, partial(run, row), {row: (f'appendages-{row.name}', work)}):
             lines.append(cells(row, own, rigid.setdefault(row.conditions, own)))
             print(' | '.join(lines[-1]), flush=True)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.bags import deserialize, serialize
-from mbaid_ros.core.results.estimate import Estimate, Event
+from mbaid_ros.core.results.estimate import Estimate, Event, PassiveJoint
 from mbaid_ros.core.results.parameters import ErrorBudget
 from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message
 from mbaid_ros.replay.run import BAG_TYPES
 
 FRAMES = Frames(target_link='link7', odometry='odom')
+PANEL = PassiveJoint('panel', 0.3, 0.001, 0.01, 0.002, deflection=0.02, resolved=True)
 
 
 def example() -> Estimate:
@@ -34,6 +35,7 @@ def example() -> Estimate:
         ),
         events=(Event(1.0, 'step', np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0]), 'a thruster'),),
         warnings=('of the estimate',),
+        flexible=(PANEL,),
     )
 
 
@@ -65,7 +67,7 @@ def test_an_estimate_survives_the_wire_in_full() -> None:
     # A quarter of a second before the last sample.
     assert (event.stamp.sec, event.stamp.nanosec) == (1_699_999_999, 873_456_789)
     assert np.isnan(read.time_offset)
-    assert read.warnings == ['of the estimate', 'of the run']
+    assert read.warnings == ['of the estimate', 'of the run', str(PANEL)]
 
 
 def test_an_estimate_of_nothing_is_nan() -> None:

@@ -110,9 +110,9 @@ class LiveEstimator:
             self._state.session = Session(self._config, read_robot_description(path))
             self._log.robot(self._state.session.model_summary(), self._config.method)
             return
-        # Names of links can only be checked with the robot.
+        # Names of links, and files of a robot, can only be checked with the robot.
         config = replace(self._config, base_link='', target_link='', debris=DebrisConfig())
-        Session(replace(config, known_links=KnownLinksConfig()), _ANY_ROBOT)
+        Session(replace(config, known_links=KnownLinksConfig(), continue_from=''), _ANY_ROBOT)
 
     def _on_description(self, message: String) -> None:
         state = self._state

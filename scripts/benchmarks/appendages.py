@@ -72,3 +72,10 @@ def with_grasp() -> str:
     end = text.rindex('<joint name="grasp"')
     first, last = text.rindex('<inertial>', 0, end), text.rindex('</inertial>', 0, end)
     return text[:first] + _HAND + text[last:]
+
+
+def with_free_panels() -> str:
+    """Return the servicer with two panels and an empty hand of 7 kg."""
+    text = with_panels()
+    link = text.index('<link name="link7"')
+    return text[: text.index('<inertial>', link)] + _HAND + text[text.index('</inertial>', link) :]

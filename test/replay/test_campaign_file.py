@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from campaigns import TEXT, refused, written
 from mbaid_ros.config.campaign import load_campaign
 from mbaid_ros.core.errors import ParameterError
-from simulated import CONFIG
+from mbaid_ros.simulated_robot import make_springs
+from simulated import CONFIG, robot
 
 
 def test_motions_and_seeds_multiply(tmp_path: Path) -> None:
@@ -35,6 +37,15 @@ def test_every_seed_has_a_robot_of_its_own_or_all_have_those_named(tmp_path: Pat
 
     assert seeds(TEXT) == [(0, 0), (1, 1), (2, 2), (3, 3)]
     assert seeds(TEXT.replace('seeds: 4', 'seeds: [5, 6]\nrobots: [8, 9]')) == [(8, 5), (8, 6), (9, 5), (9, 6)]
+
+
+def test_every_robot_has_frequencies_of_its_own(tmp_path: Path) -> None:
+    drawn = 'flexible.joints: [joint2], flexible.joint2.frequency: 0.3, model_errors.frequency_relative_std: 0.05'
+    runs = load_campaign(written(tmp_path, TEXT.replace('simulator: {', f'simulator: {{{drawn}, '))).runs()
+    springs = [make_springs(run.case.simulator, robot('table1')) for run in list(runs)[:4]]
+    ratio = np.sqrt([each.stiffness[0] / springs[0].stiffness[0] for each in springs if each is not None])
+    assert len(set(ratio.tolist())) == 4
+    assert np.all(np.abs(ratio - 1.0) < 0.3)
 
 
 @pytest.mark.parametrize(

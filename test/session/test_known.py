@@ -16,9 +16,12 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.filter.state import layout_of
+from mbaid_ros.core.filter.variables import variables
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.base import TwistBias
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
@@ -203,6 +206,26 @@ def test_a_robot_is_declared_exact_if_no_parameter_leaves_it_uncertain(
     parameters: dict[str, object], exact: bool
 ) -> None:
     assert declared_exact(build(EstimatorConfig, parameters)) is exact
+
+
+def test_the_mass_of_the_whole_robot_is_known_as_well_as_it_was_weighed() -> None:
+    """Without the target, whose own part is as uncertain as declared: 1 % twice, of a common factor and of the mass."""
+    own, nominal = float(ROBOT.target.parameters[0]), float(np.sum(ROBOT.known[:, 0]))
+    given = {'known_links.total_mass': nominal + own + 2.0, 'known_links.total_mass_std': 0.3}
+    config = build(EstimatorConfig, given)
+    kernel, _ = with_known_errors(ROBOT, config.known_links)
+    known, detector = nominal_model(config, kernel), PlaneDetector(kernel.model)
+    layout = layout_of(known.kernel, known.uncertainty, detector)
+    filtered = variables(layout, detector, known.uncertainty)
+    mean, root, _ = filtered.prior()
+    total = np.zeros(layout.size)
+    total[layout.places[0]] = layout.unknowns[0].factor[::10].sum(axis=0)
+    before, weighed = float(np.sum(total**2)), 0.3**2 + 2.0 * (0.01 * own) ** 2
+    after = total @ filtered.spread @ np.linalg.inv(root)
+    assert after @ after == pytest.approx(before * weighed / (before + weighed))
+    assert total @ filtered.spread @ mean == pytest.approx(2.0 * before / (before + weighed))
+    with pytest.raises(ParameterError, match='accepted: both above 0, or none'):
+        nominal_model(build(EstimatorConfig, {'known_links.total_mass': 3.0}), kernel)
 
 
 class Contradicted:

@@ -274,11 +274,11 @@ def implausible(distribution: MeanAndCovariance, layout: Layout, joints: Sequenc
 
 
 def soft_grasps(kernel: MomentumKernel) -> list[str]:
-    """Return a warning of each passive joint between base and target: its intervals have been seen too narrow."""
+    """Return a warning of each passive joint between base and target: its damping has been 3.5 deviations off."""
     names, carried = kernel.model.joint_names, kernel.kinematics.ancestors[kernel.target.body]
     return [
-        f'{names[joint]} is passive and carries the target: errors of five standard deviations have been seen, so '
-        'take the intervals as too narrow'
+        f'{names[joint]} is passive and carries the target: encoder noise drives its swing, so its damping may be '
+        'further off than its interval'
         for joint in kernel.springs.joints
         if carried[joint]
     ]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from scipy.stats import multivariate_normal
 
 from checked import some
 from mbaid_ros.core.diagnosis.ranking import ranked
-from mbaid_ros.core.diagnosis.readings import CHANNELS, Roughness, roughness, vibration_frequencies
+from mbaid_ros.core.diagnosis.readings import CHANNELS, Roughness, roughness, swinging_text, vibration_frequencies
 from mbaid_ros.core.filter.prior_scale import PriorComparison
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.results.status import Innovations
@@ -25,6 +27,19 @@ QUIET = Roughness(np.ones(len(CHANNELS)), 0.0)
 
 def test_what_is_as_certain_as_declared_gains_nothing_by_less() -> None:
     assert PriorComparison.of(np.array([0.5]), np.array([[1e-4]])).gain(1000.0)[0] < 0.0
+
+
+@pytest.mark.parametrize(
+    ('reading', 'text'),
+    [
+        (0.0, 'rigid; set flexible.joints: [boom], flexible.boom.frequency: 0.31'),
+        (1e-9, 'add to the URDF <joint name="panel"'),
+    ],
+)
+def test_what_swings_is_a_joint_that_nobody_reports_or_one_to_add(reading: float, text: str) -> None:
+    positions = np.column_stack((np.linspace(0.0, 1.0, 5), np.full(5, reading)))
+    windows: Any = [SimpleNamespace(knots=SimpleNamespace(joint_position=positions))]
+    assert text in swinging_text(0.312, windows, ['elbow', 'boom'])
 
 
 def samples(joint: float, orientation: float, position: float, seed: int) -> Samples:
