@@ -43,6 +43,12 @@ class Motion:
     windows: list[Window]  # of knots, in order
     origin: Array  # (3,) m, which positions and angular momentum are relative to
     variables: Variables  # of the filter
+    course: Array | None = None  # (K, 6) momentum in each window that these are linearised at; None: that of the point
+
+    @property
+    def pushed(self) -> bool:
+        """Whether a torque or force is declared that varies: the momentum is then another one in every window."""
+        return any(each.pushes and np.isfinite(each.times).any() for each in self.layout.unknowns)
 
     @staticmethod
     def of(
@@ -87,6 +93,7 @@ class CalibrationIteration:
     factor: Array
     momenta: Array  # (R, 6) of each motion, about its origin
     momentum_factors: list[Array]  # R factors of their covariances, (6, w) each
+    courses: list[Array | None]  # of each motion, as of `Motion`
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +162,8 @@ def _iterate(motions: Sequence[Motion], common: Array, momenta: Array) -> Conver
         part = min(_massive(layout, common, step), near)
         sizes = np.array([np.sqrt(np.sum(factor**2, axis=1)) for factor in passed.momentum_factors])
         stays = is_converged(step, deviation) and is_converged(passed.momenta - momenta, sizes) and part == 1.0
+        stays = stays and all(motion.course is not None or not motion.pushed for motion in motions)
+        motions = [replace(motion, course=each) for motion, each in zip(motions, passed.courses, strict=True)]
         pace = 0.5 * pace if turns_back(step, before, deviation) else min(1.0, 1.5 * pace)
         part *= pace
         common, momenta, before = common + part * step, momenta + part * (passed.momenta - momenta), step
@@ -201,25 +210,46 @@ def _pass(motions: Sequence[Motion], points: Sequence[Point]) -> CalibrationIter
     for motion, point in zip(motions, points, strict=True):
         own = motion.variables
         gaussian = SquareRootInformation.prior(own) if gaussian is None else new_motion(gaussian, own)
-        for window, white in _linearised(motion, point):
-            gaussian = update(entered(gaussian, window, white, own), white)
-            if window is not motion.windows[-1]:
+        course = []
+        for number, (window, white) in enumerate(_linearised(motion, point), start=1):
+            before = entered(gaussian, window, white, own)
+            gaussian = update(before, white)
+            if motion.pushed:
+                # Before the window's readings: rows must not depend on the noise of these.
+                course.append(_of_momentum(before if number > 1 else gaussian, own))
+            if number < len(motion.windows):
                 gaussian = advance(gaussian, white, own, UNDISTURBED)
-        heads.append(_of_momentum(gaussian, own))
+        heads.append((_of_momentum(gaussian, own), course))
     assert gaussian is not None, 'there is a motion'
     head = motions[0].variables.head
     rest = gaussian.with_root(gaussian.root[head:, head:])
     mean, factor = rest.mean_and_shift()[0], rest.factor
-    found = [_momentum(rows, motion.variables, mean, factor) for rows, motion in zip(heads, motions, strict=True)]
+    found = [_momentum(rows, motion.variables, mean, factor) for (rows, _), motion in zip(heads, motions, strict=True)]
+    courses = [
+        np.array([_momentum(rows, motion.variables, mean, factor)[0] for rows in course]) if course else None
+        for (_, course), motion in zip(heads, motions, strict=True)
+    ]
     momenta = np.array([momentum for momentum, _ in found])
-    return CalibrationIteration(gaussian, mean, factor, momenta, [each for _, each in found])
+    return CalibrationIteration(gaussian, mean, factor, momenta, [each for _, each in found], courses)
 
 
 def _linearised(motion: Motion, point: Point) -> Iterator[tuple[Window, WhitenedWindow]]:
     """Yield windows, as they are and linearised, some at a time."""
     linearised = LinearisationCache(motion.layout, motion.variables)
-    for part in in_stacks(motion.windows, _TOGETHER):
-        yield from linearised.all_whitened(part, point)
+    if motion.course is None:
+        for part in in_stacks(motion.windows, _TOGETHER):
+            yield from linearised.all_whitened(part, point)
+        return
+    # With the momentum of the point for all of them, the rows of the bodies would err as the torque's own effect does.
+    away = motion.course - point.parameters[:6]
+    windows = [
+        replace(window, knots=replace(window.knots, impulse=window.knots.impulse + each))
+        for window, each in zip(motion.windows, away, strict=True)
+    ]
+    changes = iter(away @ motion.variables.gather[motion.variables.poses : motion.variables.head, MOMENTUM].T)
+    for part in in_stacks(windows, _TOGETHER):
+        for window, white in linearised.all_whitened(part, point):
+            yield window, white.about(next(changes))
 
 
 def _of_momentum(gaussian: SquareRootInformation, own: Variables) -> Array:

@@ -26,7 +26,7 @@ NAME = 'player'
 _CLOCK_PERIOD = 0.01  # s, of /clock
 _DEPTH = 1000  # messages kept for a subscriber that is behind
 _UNCONFIRMED = _DEPTH // 2  # messages that may be on their way to reliable subscribers
-_PATIENCE = 10.0  # s, for subscribers that are behind
+_PATIENCE = 60.0  # s, for subscribers that are behind
 
 
 class PlayerNode(Node):

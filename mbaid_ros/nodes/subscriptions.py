@@ -12,7 +12,14 @@ from rclpy.event_handler import PublisherEventCallbacks, QoSRequestedIncompatibl
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSPolicyKind,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_policy_name_from_kind,
+)
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
@@ -128,6 +135,7 @@ class Subscriptions:
         self._to_be_timed = True
         self.best_effort = False
         self._profile = qos(DEPTH)
+        self._profile.history = HistoryPolicy.KEEP_ALL  # where that is full, a reliable publisher keeps them
         self._subscription = self._subscribe(QoSOverridingOptions(_OVERRIDABLE))  # overrides go into the profile
         self._overridden = self._profile.reliability == ReliabilityPolicy.BEST_EFFORT
         self.best_effort = self._overridden

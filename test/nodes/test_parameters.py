@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -23,6 +24,7 @@ from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import HistoryPolicy
 from sensor_msgs.msg import JointState
 
 from graph import Graph, free_domain
@@ -249,6 +251,7 @@ def test_a_life(graph: Graph) -> None:
 
 def test_messages_that_are_lost_between_others_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subscriptions, 'DEPTH', 10)
+    monkeypatch.setattr(subscriptions, 'HistoryPolicy', SimpleNamespace(KEEP_ALL=HistoryPolicy.KEEP_LAST))
     with node() as made:
         publisher = made.create_publisher(JointState, 'joint_states', subscriptions.qos(1000))
         subscription = subscriptions.Subscriptions(made, JointState, 'joint_states', lambda _: None)

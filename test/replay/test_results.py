@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from made_runs import BODY, STD, run
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Event, PassiveJoint, Status
+from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.replay.campaigns.make import SecondMotion
 from mbaid_ros.replay.campaigns.statistics import SecondMotionStatistics
 from mbaid_ros.replay.command import exit_code
@@ -156,3 +158,10 @@ def test_passive_joints_are_found_by_name() -> None:
     numbers = {'frequency': 0.3, 'frequency_std': 0.001, 'damping': 0.01, 'damping_std': 0.002}
     assert passive_joints([panel]) == {'panel': {**numbers, 'deflection': None, 'resolved': True}}
     assert passive_joints([]) is None
+
+
+def test_the_captured_body_alone_is_on_the_terminal() -> None:
+    told = summary(run(debris=Debris(BODY, np.diag(STD**2))))
+    assert "  captured body alone, in the frame of link7, less that link's <inertial>:\n  mass" in told
+    assert 'captured body alone: not determined' in summary(run(settings={'debris.report': True}))
+    assert 'captured body' not in summary(run())

@@ -28,6 +28,7 @@ _LATEST = 3  # readings that are kept: a spike shows with those around it, and t
 _STEP = 20.0  # standard deviations of a step after repeats: those of a coarse encoder are smaller
 _QUARTER = 0.5 * np.pi  # rad between two readings: of a half turn the direction is not known
 _AGREE = 1.0  # rad, that a wheel's step may differ from its velocity times the interval
+_ROUND, _TURNING = 6.2, 0.05  # rad, a turn but for a reading's step, and the least step of a wheel that turns on and on
 _WRAPPED = 2.1 * np.pi  # rad, range of wrapped angles at most
 _FAR = 1000.0  # rad, that no arm turns by, in degrees neither
 _MOST_STEPS = 0.5  # share of steps of a quarter turn: outliers and turns of wrapped angles are fewer
@@ -229,6 +230,12 @@ def _fast(view: _View) -> Flags:
     return np.asarray(np.where(np.isnan(expected), turns & ~view.slides, differs))
 
 
+def _turning(view: _View) -> Flags:
+    """Return steps of wheels without a velocity: by whole turns more or less they would look the same."""
+    unknown = view.wheels & np.isnan(view.velocity[1:]) & ((view.highest - view.lowest)[1:] > _ROUND)
+    return np.asarray(unknown & (np.abs(view.step) > _TURNING))
+
+
 def _shorter(angle: Array) -> Array:
     """Return angles without whole turns."""
     return np.asarray(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)))
@@ -289,6 +296,15 @@ CHECKS: Mapping[str, tuple[Severity, float, Shows, Words]] = {
         _MOST_STEPS,
         _fast,
         _why_fast,
+    ),
+    'no velocity': (
+        'note',
+        _MOST_STEPS,
+        _turning,
+        lambda *_: (
+            '{name} turns on and on without a velocity, and may turn faster than its positions show: publish its '
+            'velocity'
+        ),
     ),
     'limits': (
         'conflict',

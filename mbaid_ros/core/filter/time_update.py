@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg.lapack import dgeqrf
 
 from mbaid_ros.core.filter.integrated_twist import TwistLink
+from mbaid_ros.core.filter.pushing import MomentumChange, momentum_change
 from mbaid_ros.core.filter.square_root import SquareRootInformation, identity, upper_ones
 from mbaid_ros.core.filter.state import MOMENTUM, POSE
 from mbaid_ros.core.filter.variables import Variables
@@ -111,20 +112,23 @@ def advance(
     """Return the Gaussian at the next window's first knot, under a hypothesis of forces and drifts."""
     if window.carried is not None and gaussian.carried is not None:
         return _advanced_with_link(gaussian, gaussian.carried, window, window.carried, variables, hypothesis)
-    root = gaussian.root
-    advanced = gaussian.with_root(_eliminated(root, *_stepped(root[: variables.head], window, variables, hypothesis)))
+    root, change = gaussian.root, momentum_change(window.brought, window.length, window.length, variables)
+    steps = _stepped(root[: variables.head], window, change, variables, hypothesis)
+    advanced = gaussian.with_root(_eliminated(root, *steps))
     if variables.walks.shape[1]:
         walk = np.sqrt(window.length) * variables.walks
         advanced = advanced.with_root(_walked(advanced.root, walk, len(variables.scale)))
     if variables.times.size:
-        steps = window.stepped, window.gained
-        after = _wandered(advanced.root, variables.wandering, variables.kept(window.length), *steps)
+        stepped = change.stepped
+        stepped[: variables.poses] += window.stepped
+        kept = variables.kept(window.length)
+        after = _wandered(advanced.root, variables.wandering, kept, stepped, window.gained)
         return advanced.with_root(after)
     return advanced
 
 
 def _stepped(
-    rows: Array, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis
+    rows: Array, window: WhitenedWindow, change: MomentumChange, variables: Variables, hypothesis: Hypothesis
 ) -> tuple[Array, Array, Array]:
     """Return rows (r, v + 2) at the next window's first knot, as `_eliminated` takes them: back, noise and rest."""
     head, poses, columns = variables.head, variables.poses, len(variables.scale)
@@ -132,11 +136,13 @@ def _stepped(
     back = rows[:, :head] @ window.back
     of_poses = back[:, :poses]
     rest = rows[:, head:].copy()
-    rest[:, : columns - head] -= of_poses @ window.transition[:, head:] + back[:, poses:] @ window.brought[:, head:]
+    rest[:, : columns - head] -= of_poses @ window.transition[:, head:] + back[:, poses:] @ change.brought[:, head:]
     if hypothesis.force != 'none':
         rest[:, columns - head : -2] -= back[:, poses:] @ window.push(hypothesis.force)
     rest[:, -1] += of_poses @ window.drift
     noise = of_poses @ window.process
+    if change.noise.any():
+        noise = np.concatenate((noise, back[:, poses:] @ change.noise), axis=1)
     if hypothesis.walking.size:
         walk = variables.gather[:head, hypothesis.walking] * hypothesis.intensities
         noise = np.concatenate((noise, np.sqrt(window.length) * (back @ walk)), axis=1)
@@ -161,7 +167,8 @@ def _advanced_with_link(
     state = np.concatenate((rows[:, 2 * count :], root[:head]))
     state[: len(rows), :columns] -= gain @ carried.way_rows
     state[: len(rows), -1] -= gain @ carried.way_value
-    back, noise, rest = _stepped(state, window, variables, hypothesis)
+    change = momentum_change(window.brought, window.length, window.length, variables)
+    back, noise, rest = _stepped(state, window, change, variables, hypothesis)
     noise[: len(rows), : carried.process.shape[1]] += gain @ carried.process
     walks = noise.shape[1]
     wide = np.zeros((walks + len(state), walks + 2 * count + head + rest.shape[1]), order='F')
@@ -184,25 +191,31 @@ def entered(
     gaussian: SquareRootInformation, window: Window, white: WhitenedWindow, variables: Variables
 ) -> SquareRootInformation:
     """Return the Gaussian at the start of a window; with an unknown pose error where the chain was broken before it."""
-    return pose_reset(gaussian, variables, white.brought_in(window.gap)) if window.fresh else gaussian
+    if not window.fresh:
+        return gaussian
+    if not window.gap or not white.brought.any():
+        return pose_reset(gaussian, variables)
+    return pose_reset(gaussian, variables, momentum_change(white.brought, white.length, window.gap, variables))
 
 
 def pose_reset(
-    gaussian: SquareRootInformation, variables: Variables, brought: Array | None = None
+    gaussian: SquareRootInformation, variables: Variables, change: MomentumChange | None = None
 ) -> SquareRootInformation:
     """Return the Gaussian with an unknown pose error: the chain was broken. The rows below its own are the marginal.
 
-    `brought` (p, v) is the change of the momentum by the variables since, as of `WhitenedWindow`.
+    `change` is that of the momentum since. Gauss-Markov processes that bring none of it are drawn anew.
     """
     root, poses = gaussian.root.copy(), variables.poses
     root[:poses] = 0.0
     root[:poses, :poses] = variables.prior()[1][:poses, :poses]
-    if brought is not None:
-        own = slice(variables.head, len(variables.scale))
-        root[:, own] -= root[:, poses : variables.head] @ brought[:, own]
+    if change is not None:
+        head, own = variables.head, slice(variables.head, len(variables.scale))
+        root[:, own] -= root[:, poses:head] @ change.brought[:, own]
+        if change.noise.any():
+            root = _eliminated(root, root[:head, :head], root[:head, poses:head] @ change.noise, root[:head, head:])
     if variables.broken.shape[1]:
         root = _walked(root, variables.broken, len(variables.scale))
-    return gaussian.with_root(_forgotten(root, variables))
+    return gaussian.with_root(_forgotten(root, variables, change))
 
 
 def new_motion(gaussian: SquareRootInformation, variables: Variables) -> SquareRootInformation:
@@ -268,12 +281,13 @@ def _walked(root: Array, noise: Array, stop: int) -> Array:
     return triangle
 
 
-def _forgotten(root: Array, variables: Variables) -> Array:
-    """Return the triangle with the Gauss-Markov processes drawn anew."""
+def _forgotten(root: Array, variables: Variables, change: MomentumChange | None = None) -> Array:
+    """Return the triangle with the Gauss-Markov processes drawn anew, but for those that have brought momentum."""
     if not variables.times.size:
         return root
-    count = len(variables.wandering)
-    return _wandered(root, variables.wandering, np.zeros(count), np.zeros((variables.poses, count)), np.zeros(count))
+    nothing = np.zeros(len(variables.wandering))
+    kept, stepped = (nothing, np.zeros((0, len(nothing)))) if change is None else (change.kept, change.stepped)
+    return _wandered(root, variables.wandering, kept, stepped, nothing)
 
 
 def _wandered(root: Array, places: Integers, kept: Array, stepped: Array, gained: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -46,9 +46,11 @@ class WhitenedWindow:
     places: Integers  # (k,) of the values among the numbers that a window may measure, as of `Innovations`
     carried: TwistLink | None = None  # for an integrated twist, the links to the windows before and after
 
-    def brought_in(self, seconds: float) -> Array | None:
-        """Return the change of the momentum by the variables in so many seconds, (p, v); None where nothing does."""
-        return self.brought * (seconds / self.length) if seconds and self.brought.any() else None
+    def about(self, change: Array) -> WhitenedWindow:
+        """Return the window linearised at a momentum that is further by `change` (p,): absolute, as all windows are."""
+        own = slice(len(change), 2 * len(change))
+        value, drift = self.value + self.rows[:, own] @ change, self.drift - self.transition[:, own] @ change
+        return replace(self, value=value, drift=drift)
 
     def push(self, axes: Axes) -> Array:
         """Return the change of the momentum by a constant force and torque in these axes, (p, f)."""

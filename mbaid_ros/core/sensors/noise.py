@@ -140,7 +140,7 @@ class Differences:
         place = np.clip(octave * _PARTS + np.floor((2.0 * mantissa - 1.0) * _PARTS).astype(np.int64), 0, _BINS - 1)
         known = np.isfinite(square) & (square > _SAME)
         when = np.repeat(stamp[:, -1:], square.shape[1], axis=1)
-        return when[known], (np.array(rows) * _BINS + place)[known]
+        return when[known], (np.array(rows, dtype=int) * _BINS + place)[known]
 
 
 def median(values: Array) -> Array:

@@ -11,6 +11,7 @@ from scipy.stats import multivariate_normal
 from drawn_windows import NUMBERS, STATE, UNKNOWNS, positive, prepare, variables, window
 from mbaid_ros.core.filter.chain import WindowModel
 from mbaid_ros.core.filter.integrated_twist import IntegratedTwist
+from mbaid_ros.core.filter.pushing import momentum_change
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR
 from mbaid_ros.core.filter.time_update import UNDISTURBED, Hypothesis, advance, momentum_inflation, pose_reset
@@ -170,13 +171,41 @@ def test_the_momentum_changes_over_a_gap() -> None:
     gaussian = update(SquareRootInformation.prior(space), white)
     rest = len(space.scale) - space.head
     brought = np.concatenate((np.zeros((6, space.head)), rng.normal(size=(6, rest))), axis=1)
-    still, after = (pose_reset(gaussian, space, each) for each in (None, brought))
-    change = np.eye(len(space.scale))
-    change[space.poses : space.head] += brought
-    assert after.mean_and_shift()[0] == pytest.approx(change @ still.mean_and_shift()[0], rel=1e-9, abs=1e-9)
+    change = momentum_change(brought, 1.0, 1.0, space)
+    still, after = (pose_reset(gaussian, space, each) for each in (None, change))
+    expected = np.eye(len(space.scale))
+    expected[space.poses : space.head] += brought
+    assert after.mean_and_shift()[0] == pytest.approx(expected @ still.mean_and_shift()[0], rel=1e-9, abs=1e-9)
     assert after.factor @ after.factor.T == pytest.approx(
-        change @ still.factor @ still.factor.T @ change.T, rel=1e-8, abs=1e-8
+        expected @ still.factor @ still.factor.T @ expected.T, rel=1e-8, abs=1e-8
     )
+
+
+@pytest.mark.parametrize('seconds', [2.0, 50.0])
+def test_a_process_pushes_over_a_gap_as_its_course_does(seconds: float) -> None:
+    rng = np.random.default_rng(5)
+    time = 20.0  # s, of the last of the unknowns
+    space = replace(variables(rng), times=np.append(np.full(UNKNOWNS - 1, np.inf), time))
+    white = prepare(window(rng), space)
+    gaussian = update(SquareRootInformation.prior(space), white)
+    brought = np.zeros((space.poses, len(space.scale)))
+    brought[:, -1] = rng.normal(size=space.poses)  # a second
+    after = pose_reset(gaussian, space, momentum_change(brought, 1.0, seconds, space))
+    # In many small steps, each of a constant and of noise at its end.
+    count, own = 4000, space.poses
+    step = seconds / count
+    kept = np.exp(-step / time)
+    through = np.eye(len(space.scale))
+    through[own : space.head, -1] = step * brought[:, -1]
+    through[-1, -1] = kept
+    still = pose_reset(gaussian, replace(space, times=np.zeros(0))).factor
+    still = still @ still.T
+    covariance = still
+    for _ in range(count):
+        covariance = through @ covariance @ through.T
+        covariance[-1, -1] += 1.0 - kept**2
+    added = covariance - still
+    assert after.factor @ after.factor.T - still == pytest.approx(added, abs=2e-3 * np.max(np.abs(added)))
 
 
 def test_a_jump_loosens_the_momentum_and_the_pose_it_moved() -> None:

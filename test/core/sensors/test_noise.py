@@ -13,7 +13,7 @@ from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
 from mbaid_ros.core.sensors.base import usable_covariance
 from mbaid_ros.core.sensors.levels import FoundNoise
-from mbaid_ros.core.sensors.noise import Levels, NoiseLevels
+from mbaid_ros.core.sensors.noise import Differences, Levels, NoiseLevels
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from measured import base_stream, joint_stream
 from observed import MID
@@ -307,3 +307,11 @@ def test_what_is_used_of_a_covariance(matrix: Array, own: tuple[bool, bool], *, 
     assert np.all(np.linalg.eigvalsh(found.matrix) > 0.0)
     for block, kept in zip((slice(0, 3), slice(3, 6)), own, strict=True):
         assert np.array_equal(found.matrix[block, block], (matrix if kept else DEFAULT)[block, block])
+
+
+def test_a_robot_without_joints_has_no_differences_of_theirs() -> None:
+    differences = Differences((slice(0, 0),), (1,))
+    stamps = np.arange(100, dtype=np.int64) * 50_000_000
+    differences.add(stamps, np.zeros((100, 0)), np.ones((100, 1)))
+    differences.count(int(stamps[-1]))
+    assert not differences.counts.any()
