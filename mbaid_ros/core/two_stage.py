@@ -16,7 +16,7 @@ import numpy as np
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Estimator
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.results.status import Reason, with_reasons
 from mbaid_ros.core.samples import Samples
@@ -209,7 +209,7 @@ class TwoStageEstimator:
             parameters=np.full(10, np.nan),
             covariance=np.full((10, 10), np.nan),
             identifiable=np.zeros(10, dtype=bool),
-            warnings=(FIRST_STAGE, *early.warnings),
+            warnings=(FIRST_STAGE, *([WITHHELD] if early.status == 'inconsistent' else []), *early.warnings),
         )
 
     @property

@@ -30,4 +30,5 @@ def test_a_first_stage_that_contradicts_the_data_publishes_nothing_for_ten_secon
         assert FIRST_STAGE in each.warnings
         assert not each.identifiable.any()
         assert np.isnan(each.parameters).all()
+    assert [each.contradicted for each in found[1:4]] == [True, False, True]  # a run that ends here has an exit code
     assert found[10].identifiable.any()
