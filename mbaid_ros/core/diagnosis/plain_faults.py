@@ -83,6 +83,11 @@ class _View:
         wheel = self.wheels & (np.abs(expected) > _QUARTER)
         return np.where(wheel, _shorter(step - expected), np.where(goes_on, step, _shorter(step)))
 
+    @cached_property
+    def spikes(self) -> tuple[Flags, Flags]:
+        """As of `_spikes`, (N - 3, k) each."""
+        return _spikes(self)
+
 
 class PlainFaults:
     """Follows joint readings as they arrive, and names faults that need no model.
@@ -261,7 +266,7 @@ CHECKS: Mapping[str, tuple[Severity, float, Shows, Words]] = {
     'two sources': (
         'conflict',
         _SOURCES,
-        lambda view: _spikes(view)[0],
+        lambda view: view.spikes[0],
         lambda *at: (
             f'joint states come from two sources that contradict each other, {{name}} by {_by(*at)} {{unit}}: stop one '
             'of the publishers, or give each a topic of its own'
@@ -270,7 +275,7 @@ CHECKS: Mapping[str, tuple[Severity, float, Shows, Words]] = {
     'wrong values': (
         'note',
         _SOURCES,
-        lambda view: _spikes(view)[1],
+        lambda view: view.spikes[1],
         lambda *at: (
             f'joint states hold wrong values now and then, {{name}} by {_by(*at)} {{unit}}, which are left out: look '
             'at the driver'

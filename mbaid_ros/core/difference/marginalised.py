@@ -1,4 +1,4 @@
-"""The windows that have left the sliding window, as a prior; and what all windows tell of the consider parameters."""
+"""The windows that have left the sliding window, as a prior, and what all windows imply for the consider parameters."""
 
 from __future__ import annotations
 

@@ -255,10 +255,12 @@ class ConsiderParameters:
         kernel = self._kernel.corrected(change)
         few, kept = _thinned(samples, counts)
         states = kernel.states(few)
+        # What a force or torque adds up to takes every sample.
+        thinned = few is not samples and any(unknown.pushes for unknown in self._unknowns)
+        whole = np.sum((kernel.states(samples) if thinned else states).known, axis=1)
         means = []
         for unknown in self._unknowns:
-            if unknown.pushes:  # what it adds up to takes every sample
-                whole = np.sum(kernel.states(samples).known, axis=1)
+            if unknown.pushes:
                 means.append(mean_of_each(self._momentum_changes(unknown, samples, whole), counts) @ unknown.factor)
             else:
                 means.append(mean_of_each(unknown.equation_columns(kernel, states), kept) @ unknown.factor)

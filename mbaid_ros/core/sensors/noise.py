@@ -17,8 +17,7 @@ from mbaid_ros.core.geometry import Array, Flags, Integers, log
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise, Stamps
 from mbaid_ros.core.sensors.correlation import FEWEST, Variances, candidates, chosen
 
-# Of the differences: they cancel polynomials of fifth degree, which motion resembles over seven readings
-# readings.
+# Of the differences: they cancel polynomials of fifth degree, which motion resembles over seven readings.
 ORDER = 6
 _AT_ONCE = 300  # readings that are looked at together, unless a window ends before: few cost as much as many
 _ALL = 2048  # readings, of which all differences are used: later on, a quarter suffices
