@@ -137,11 +137,6 @@ class SimulatedRun:
         self._motion.follow(trajectory, self.model, begin)
         return begin
 
-    def come_to_rest(self, seconds: float) -> None:
-        """Let joints that are driven come to rest within some seconds, from just after the samples read."""
-        if isinstance(self._motion, Steered):
-            self._motion.come_to_rest(self.model, self._read + LONGEST_STEP, seconds)
-
     def read(self, until: float) -> list[TimedMessage]:
         """Return the messages due up to and including a time (s) that were not returned before, in order of time.
 
