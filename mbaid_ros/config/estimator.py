@@ -77,14 +77,14 @@ class MarkerConfig:
 
 @dataclass(frozen=True)
 class ConvergenceConfig:
-    """Thresholds of published estimates; changes at run time count from the next window on."""
+    """Thresholds of published estimates."""
 
-    relative_std: float = parameter(0.01, minimum=0.0, exclusive_minimum=True, read_only=False)
+    relative_std: float = parameter(0.01, minimum=0.0, exclusive_minimum=True)
     """An estimate is converged when its standard deviations, relative to its size, are below this; that of the centre
     of mass is relative to twice the radius of gyration, at most 1 m."""
-    identifiable_std: float = parameter(0.5, minimum=0.0, exclusive_minimum=True, read_only=False)
+    identifiable_std: float = parameter(0.5, minimum=0.0, exclusive_minimum=True)
     """A parameter is identifiable when its relative standard deviation is below this."""
-    largest_residual: float = parameter(2.0, minimum=1.0, read_only=False)
+    largest_residual: float = parameter(2.0, minimum=1.0)
     """A run is inconsistent when its residuals exceed this multiple of the noise."""
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal, cast
 
-from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
+from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.capture.estimator import CaptureEstimator
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
 from mbaid_ros.core.errors import ParameterError
@@ -34,7 +34,6 @@ def make_estimator(
     known: KnownRobot | None = None,
     *,
     before: Continuation | None = None,
-    judge: Callable[[EstimatorConfig, MomentumKernel], Reporting] | None = None,
 ) -> Estimator:
     """Return the method that the parameters name.
 
@@ -45,7 +44,6 @@ def make_estimator(
     kernel : of the robot, with the errors of its known bodies
     known : nominal model with its uncertainty; None for the one that the parameters declare
     before : the run that this one continues
-    judge : makes the thresholds of publication; `make_reporting` where not given
     """
     _check_imu(config)
     if not kernel.errors.count:
@@ -55,7 +53,7 @@ def make_estimator(
             f"parameter 'continue_from' goes on with a run; method is {config.method}, capture.phase "
             f'{config.capture.phase}; accepted: trajectory, and no capture'
         )
-    reporting = (judge or make_reporting)(config, kernel)
+    reporting = make_reporting(config, kernel)
     if config.method == 'difference':
         return _difference(config, known or nominal_model(config, kernel), reporting)
     if config.method == 'trajectory':
@@ -77,16 +75,8 @@ def _varies(config: EstimatorConfig) -> bool:
 
 def make_reporting(config: EstimatorConfig, kernel: MomentumKernel) -> Reporting:
     """Return the thresholds of publication of a method."""
-    reporting = Reporting(unknown_scale(kernel)[:10], 0.0, 0.0, 0.0)
-    set_thresholds(reporting, config.convergence)
-    return reporting
-
-
-def set_thresholds(reporting: Reporting, convergence: ConvergenceConfig) -> None:
-    """Change the thresholds of publication, from the next window on."""
-    reporting.identifiable_std = convergence.identifiable_std
-    reporting.converged_std = convergence.relative_std
-    reporting.largest_residual = convergence.largest_residual
+    given = config.convergence
+    return Reporting(unknown_scale(kernel)[:10], given.identifiable_std, given.relative_std, given.largest_residual)
 
 
 def _trajectory(
