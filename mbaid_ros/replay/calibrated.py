@@ -19,6 +19,7 @@ from mbaid_ros.core.results.reporting import LENGTH
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.words import underestimated_text
 from mbaid_ros.replay.run import BagMotions
+from mbaid_ros.session.methods import IDENTIFIABLE_STD, LARGEST_RESIDUAL
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
 
 _FIRST, _SECOND = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
@@ -39,7 +40,7 @@ class Calibrated:
     @property
     def contradicted(self) -> bool:
         """Whether the data contradict the model: the result must not be trusted."""
-        return self.calibration.residual > self.parameters.estimator.convergence.largest_residual
+        return self.calibration.residual > LARGEST_RESIDUAL
 
     @cached_property
     def base_parameters(self) -> tuple[BaseParameter, ...]:
@@ -73,11 +74,10 @@ def why_not(result: Calibrated) -> str:
     if not calibration.settled:
         remedy = result.unmoved or 'correct its large errors, or declare priors as wide as they are'
         return f'the iteration does not converge near the robot description; {remedy}'
-    limit = result.parameters.estimator.convergence.identifiable_std
     left_open: dict[str, list[str]] = {}
     for link in calibration.links:
         size = _sizes(link)
-        for index in np.flatnonzero(np.isinf(link.prior_std) & ~(link.std < limit * size)):
+        for index in np.flatnonzero(np.isinf(link.prior_std) & ~(link.std < IDENTIFIABLE_STD * size)):
             left_open.setdefault(_PRIORS[index], []).append(f'{link.name}.{PARAMETERS[index]}')
     if left_open:
         names = listing((name for group in left_open.values() for name in group), limit=6)

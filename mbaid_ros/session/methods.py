@@ -25,6 +25,8 @@ START_WINDOWS = 10  # before the first estimate of trajectory: 5 s of motion, fr
 _RELINEARISED_WINDOWS = 120  # at most, before the linearisation of trajectory freezes: bounds the time of an update
 _DESCRIBED_WINDOWS = 600  # the same where the target has a prior: hours of a station, of which minutes lead nowhere
 _ADAPT = True  # whether trajectory tries hypotheses of disturbances that walk
+IDENTIFIABLE_STD = 0.5  # relative standard deviation below which a parameter counts as identifiable
+LARGEST_RESIDUAL = 2.0  # times the noise: noise that is declared half as large as it is, or a wrong model
 _SOLVED_WINDOWS = 40  # that difference solves again at each update; older ones are marginalised
 
 
@@ -75,8 +77,8 @@ def _varies(config: EstimatorConfig) -> bool:
 
 def make_reporting(config: EstimatorConfig, kernel: MomentumKernel) -> Reporting:
     """Return the thresholds of publication of a method."""
-    given = config.convergence
-    return Reporting(unknown_scale(kernel)[:10], given.identifiable_std, given.relative_std, given.largest_residual)
+    relative = config.convergence.relative_std
+    return Reporting(unknown_scale(kernel)[:10], IDENTIFIABLE_STD, relative, LARGEST_RESIDUAL)
 
 
 def _trajectory(
@@ -197,7 +199,7 @@ def make_capture(
         kernel,
         make,
         config.noise.declared,
-        config.convergence.largest_residual,
+        LARGEST_RESIDUAL,
         detect=config.capture.detect,
     )
     capture.time = config.capture.time or None
