@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import gc
-import sys
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from time import monotonic
 from typing import Any
@@ -21,7 +20,6 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from mbaid_ros.cli import run
 from mbaid_ros.config.capture import DebrisConfig
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import read_robot_description
@@ -287,17 +285,9 @@ class EstimatorNode(Node):
         gc.collect()  # delays no estimate here: one has just been published, or none is due in a moment
 
 
-def _main(argv: list[str]) -> int:
+def main(argv: list[str]) -> int:
+    """Run the node on its arguments and return the exit code; `mbaid_ros.cli.run` catches its errors."""
     estimator_arguments().parse(own_arguments(argv))
     with ros(argv) as interrupt:
         spin(EstimatorNode(), lambda: interrupt.requested)
     return 0
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node and return the exit code."""
-    return run(_main, argv, name=NAME)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

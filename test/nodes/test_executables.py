@@ -19,6 +19,7 @@ from mbaid_msgs.msg import InertiaEstimate
 from rclpy.node import Node
 
 from graph import LOCAL, Graph, executable, free_domain
+from mbaid_ros.cli import run
 from mbaid_ros.nodes import estimator, player, recorder, simulator, watch
 from mbaid_ros.nodes.estimator import EstimatorNode
 from mbaid_ros.nodes.simulator import SimulatorNode
@@ -109,7 +110,7 @@ def test_a_parameter_file_without_a_section_for_the_node_is_refused(
 
 
 def refused(node: Any, arguments: list[str], text: str, capfd: pytest.CaptureFixture[str]) -> None:
-    assert node.main(arguments) == 2
+    assert run(node.main, arguments) == 2
     captured = capfd.readouterr()
     assert not captured.out
     assert captured.err.startswith(f'mbaid_ros {node.NAME}: ')
