@@ -168,8 +168,9 @@ class SimulatedRun:
             add(TimedMessage(t, 'odom', made.odometry(base, i, stamp(t))))
         for i, t in enumerate(joints.time.tolist()):
             add(TimedMessage(t, 'joint_states', made.joint_state(joints, i, stamp(t))))
-        for i, t in enumerate(() if imu is None else imu.time.tolist()):
-            add(TimedMessage(t, 'imu', made.imu(imu, i, stamp(t + self.config.imu.delay))))
+        if imu is not None:
+            for i, t in enumerate(imu.time.tolist()):
+                add(TimedMessage(t, 'imu', made.imu(imu, i, stamp(t + self.config.imu.delay))))
         return sorted(messages, key=lambda message: message.time)
 
 
