@@ -102,31 +102,22 @@ def _trajectory(
 
 def _difference(config: EstimatorConfig, known: KnownRobot, reporting: Reporting) -> DifferenceEstimator:
     """Return the weighted difference form: a method by itself, and the first stage of trajectory."""
-    if config.disturbance.constant != 'none':
-        raise ParameterError(
-            f"parameter 'disturbance.constant' is '{config.disturbance.constant}' with method difference, which "
-            'assumes constant momentum; accepted: none, or method trajectory'
-        )
-    if _varies(config):
-        raise ParameterError(
-            "parameters 'disturbance.torque_time' and '.force_time' are set with method difference, which assumes both "
-            'constant in a motion; accepted: 0, or method trajectory'
-        )
-    if config.method == 'difference' and isinstance(known.uncertainty.target, KnownTarget):
-        raise ParameterError(
-            f"parameter 'known_links.{known.kernel.target.name[:60]}' is of the link that is identified, with method "
-            'difference, which uses no prior of the target; accepted: none, or method trajectory'
-        )
-    if config.method == 'difference' and known.uncertainty.weighed is not None:
-        raise ParameterError(
-            f"parameter 'known_links.total_mass' is {config.known_links.total_mass:g} kg with method difference, which "
-            'does not use it; accepted: 0, or method trajectory'
-        )
-    if config.method == 'difference' and config.target_prior.mass_std > 0.0:
-        raise ParameterError(
-            f"parameter 'target_prior.mass_std' is {config.target_prior.mass_std:g} kg with method difference, which "
-            'uses no prior of the target; accepted: 0, or method trajectory'
-        )
+    disturbance, target = config.disturbance, known.uncertainty.target
+    unused = {
+        f"'disturbance.constant' is '{disturbance.constant}'": disturbance.constant != 'none',
+        "'disturbance.torque_time' or '.force_time' is above 0": _varies(config),
+        f"'known_links.{known.kernel.target.name[:60]}' is of the link that is identified": isinstance(
+            target, KnownTarget
+        ),
+        f"'known_links.total_mass' is {config.known_links.total_mass:g} kg": known.uncertainty.weighed is not None,
+        f"'target_prior.mass_std' is {config.target_prior.mass_std:g} kg": config.target_prior.mass_std > 0.0,
+    }
+    for given, present in unused.items():
+        if present and config.method == 'difference':
+            raise ParameterError(
+                f'parameter {given} with method difference, which assumes constant momentum and has no prior of the '
+                'target; accepted: none, or method trajectory'
+            )
     settings = DifferenceSettings(
         noise=config.noise.declared,
         kept_windows=_SOLVED_WINDOWS,

@@ -257,20 +257,16 @@ def joint_values(config: KnownJointsConfig, part: str, model: RobotModel) -> tup
 
 def _target_prior(config: TargetPriorConfig) -> TargetPrior:
     """Return the prior of the target; a value without its deviation, or the reverse, is refused."""
-    mass, com = f'{config.mass:g} kg', f'{[*config.com]} m'
-    mass_std, com_std = f'{config.mass_std:g} kg', f'{config.com_std:g} m'
-    both = 'both'
-    together = 'with the centre of mass, and the mass that it is the centre of'
-    missing = [
-        (config.mass_std > 0.0 and config.mass == 0.0, 'mass_std', mass_std, 'mass', both),
-        (config.mass > 0.0 and config.mass_std == 0.0, 'mass', mass, 'mass_std', both),
-        (bool(config.com) and config.com_std == 0.0, 'com', com, 'com_std', both),
-        (config.com_std > 0.0 and not config.com, 'com_std', com_std, 'com', together),
-        (config.com_std > 0.0 and not config.mass_std, 'com_std', com_std, 'mass_std', together),
-    ]
-    for refused, name, value, other, accepted in missing:
-        if refused:
+    given = {
+        'mass': f'{config.mass:g} kg' if config.mass else '',
+        'mass_std': f'{config.mass_std:g} kg' if config.mass_std else '',
+        'com': f'{[*config.com]} m' if config.com else '',
+        'com_std': f'{config.com_std:g} m' if config.com_std else '',
+    }
+    needs = ('mass', 'mass_std'), ('mass_std', 'mass'), ('com', 'com_std'), ('com_std', 'com'), ('com_std', 'mass_std')
+    for name, other in needs:
+        if given[name] and not given[other]:
             raise ParameterError(
-                f"parameter 'target_prior.{name}' is {value} without 'target_prior.{other}'; accepted: {accepted}"
+                f"parameter 'target_prior.{name}' is {given[name]} without 'target_prior.{other}'; accepted: both"
             )
     return TargetPrior(config.mass, config.mass_std, config.com, config.com_std)
