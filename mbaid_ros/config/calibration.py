@@ -9,8 +9,7 @@ from math import isnan
 import numpy as np
 
 from mbaid_ros import limits
-from mbaid_ros.config.capture import CaptureConfig
-from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.estimator import CaptureConfig, EstimatorConfig
 from mbaid_ros.config.model_errors import LinkPriorConfig, TargetPriorConfig
 from mbaid_ros.config.parameters import NOT_GIVEN, build, by_name, parameter
 from mbaid_ros.core.errors import ParameterError

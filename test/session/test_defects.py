@@ -30,8 +30,7 @@ from mbaid_ros.core.sensors.streams import (
     ZERO_STAMP,
 )
 from mbaid_ros.core.two_stage import YOUNG
-from mbaid_ros.messages.fields import stamp_of
-from mbaid_ros.messages.poses import (
+from mbaid_ros.messages.fields import (
     BAD_QUATERNION,
     JOINT_MISSING,
     LOST_TRACKING,
@@ -39,6 +38,7 @@ from mbaid_ros.messages.poses import (
     POSE_COVARIANCE,
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
+    stamp_of,
 )
 from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles
 from mbaid_ros.session.session import Session
