@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from dataclasses import replace
-from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from mbaid_ros.calibration.structure import BaseParameter, formula, parameter
 from mbaid_ros.calibration.unknowns import OF_A_JOINT, OF_THE_MOUNT, LinkPrior
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line
 from mbaid_ros.config.calibration import NODE, CalibrationParameters, calibration_parameters
+from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file, parse_assignment, read_robot_description
 from mbaid_ros.core.errors import DataError, ModelError, ParameterError, listing
 from mbaid_ros.core.results.parameters import PARAMETERS
@@ -32,7 +32,7 @@ from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import check_outputs, passive_joints, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.replay.run import read_motions
 from mbaid_ros.session.known_robot import link_deviations, weighed
-from mbaid_ros.session.settings import joint_values, springs, storage, with_surroundings
+from mbaid_ros.session.settings import springs, storage, surroundings
 
 CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
 _INERTIA = PARAMETERS[4:]
@@ -112,7 +112,7 @@ def _settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> Cali
     return CalibrationSettings(
         noise=estimator.noise.declared,
         priors=tuple(_link_prior(link, parameters) for link in kernel.unknown),
-        uncertainty=_uncertainty(kernel.model, parameters),
+        uncertainty=_uncertainty(kernel.model, estimator),
         window=estimator.window,
         gyro=estimator.imu.noise_density,
         orientation_measured=not estimator.imu.alone or estimator.imu.orientation,
@@ -140,21 +140,10 @@ def _link_prior(link: Link, parameters: CalibrationParameters) -> LinkPrior:
     return LinkPrior(stds.mass, stds.com, stds.inertia, factor)
 
 
-def _uncertainty(model: RobotModel, parameters: CalibrationParameters) -> Uncertainty:
+def _uncertainty(model: RobotModel, estimator: EstimatorConfig) -> Uncertainty:
     """Return the uncertainty of joints, mount, wheels, thrusters, stamps and momentum."""
-    prior, estimator = vars(parameters.calibration.prior), parameters.estimator
-    given = {name: value for name, value in prior.items() if isinstance(value, float) and not isnan(value)}
-    zeros, origins, axes = (
-        [given[part]] * model.joints if part in given else joint_values(estimator.known_joints, part, model)
-        for part in ('zero_std', 'origin_std', 'axis_std')
-    )
-    mount, total = estimator.odometry_mount, weighed(estimator.known_links)
-    position = given.get('mount_position_std', mount.position_std)
-    orientation = given.get('mount_orientation_std', mount.orientation_std)
-    return replace(
-        with_surroundings(estimator, model, (zeros, origins, axes), (position, orientation)),
-        weighed=None if total is None else replace(total, with_target=True),
-    )
+    total = weighed(estimator.known_links)
+    return replace(surroundings(estimator, model), weighed=None if total is None else replace(total, with_target=True))
 
 
 def _calibrated_urdf(urdf: str, calibration: Calibration) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -156,35 +155,29 @@ def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertai
 
     Raises ParameterError: A name is not that of a joint, or half of a prior is missing.
     """
-    mount = config.odometry_mount
-    zeros, origins, axes = (
-        joint_values(config.known_joints, part, model) for part in ('zero_std', 'origin_std', 'axis_std')
-    )
-    uncertainty = with_surroundings(config, model, (zeros, origins, axes), (mount.position_std, mount.orientation_std))
+    uncertainty = surroundings(config, model)
     orbit = 0.0 if config.imu.alone or config.orbit.mean_motion > 0.0 else config.orbit.undeclared_rate
     return replace(
         uncertainty, target=_target_prior(config.target_prior), orbit=orbit, circle=_uncertain_circle(config.orbit)
     )
 
 
-def with_surroundings(
-    config: EstimatorConfig,
-    model: RobotModel,
-    joints: tuple[Sequence[float], Sequence[float], Sequence[float]],
-    mount: tuple[float, float],
-) -> Uncertainty:
-    """Return a given uncertainty of joints and mount with the declared one of wheels, thrusters, stamps and momentum.
+def surroundings(config: EstimatorConfig, model: RobotModel) -> Uncertainty:
+    """Return the declared uncertainty of joints, mount, wheels, thrusters, stamps and momentum.
 
-    `joints` has (n,) standard deviations of zeros, origins and axes, `mount` the odometry's, m and rad.
+    Raises ParameterError: A name is not that of a joint.
     """
-    position, orientation = mount
+    parts = ('zero_std', 'origin_std', 'axis_std', 'tracking_std')
+    zeros, origins, axes, tracking = (joint_values(config.known_joints, part, model) for part in parts)
+    mount = config.odometry_mount
     alone = config.imu.alone  # without odometry there is no mount, and the frame has no momentum
-    tracking = joint_values(config.known_joints, 'tracking_std', model)
     passive = config.flexible.passive(model.joint_names).values()
     return Uncertainty(
-        *joints,
-        mount_position=0.0 if alone else position,
-        mount_orientation=0.0 if alone else orientation,
+        zeros,
+        origins,
+        axes,
+        mount_position=0.0 if alone else mount.position_std,
+        mount_orientation=0.0 if alone else mount.orientation_std,
         marker=marker_frame(config),
         spin_inertias=_spin_deviations(config.wheels),
         thrusters=uncertain_thrusters(config.thrust, model),
