@@ -104,7 +104,7 @@ def _theta(robot: RobotModel) -> Array:
 
 def _placed(cad: RobotModel, errors: ModelErrors) -> Array:
     """Return the true errors of joints and mount in the order of a calibration."""
-    across = Kinematics(cad).axial[1:, :, :2]
+    across = Kinematics(cad).across
     tilts = (np.swapaxes(across, -1, -2) @ errors.tilts[..., None])[..., 0]
     return np.concatenate((np.column_stack((errors.zeros, errors.origins, tilts)).ravel(), errors.mount))
 

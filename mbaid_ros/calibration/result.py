@@ -126,7 +126,7 @@ class Calibration:
     @property
     def displacements(self) -> tuple[Array, Array]:
         """(n, 3) m and (n, 3) rad: displacement and turn of each joint's frame, in that frame."""
-        across = Kinematics(self.mechanism.kernel.model).axial[1:, :, :2]
+        across = Kinematics(self.mechanism.kernel.model).across
         return self.joints[:, 1:4], (across @ self.joints[:, 4:, None])[..., 0]
 
     @property

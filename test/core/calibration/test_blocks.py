@@ -66,7 +66,7 @@ def data(robot_seed: int, seed: int, seconds: float = 40.0, sizes: ErrorSizes = 
 
 def wrong(model: RobotModel, errors: ModelErrors) -> Array:
     """Return the true values of joints and mount, as a calibration has them, (6 n + 6,)."""
-    across = Kinematics(model).axial[1:, :, :2]
+    across = Kinematics(model).across
     tilts = (np.swapaxes(across, -1, -2) @ errors.tilts[..., None])[..., 0]
     return np.concatenate((np.column_stack((errors.zeros, errors.origins, tilts)).ravel(), errors.mount))
 
