@@ -49,7 +49,7 @@ def test_mass_on_a_line_is_told() -> None:
     bodies = kinematics.configure(rotation, position)
     point = np.zeros_like(model.body_parameters())
     point[0, 0] = 1.0  # all of it in the base's origin
-    with pytest.raises(np.linalg.LinAlgError, match='no inertia'):
+    with pytest.raises(np.linalg.LinAlgError, match='Singular'):
         mobility_and_momentum(point, bodies, kinematics.body_twists(bodies, velocity, twist))
 
 
