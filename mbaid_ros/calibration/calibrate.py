@@ -13,8 +13,7 @@ from mbaid_ros.calibration.iteration import (
     Motion,
     converge,
 )
-from mbaid_ros.calibration.result import Calibration, Scale
-from mbaid_ros.calibration.structure import Mechanism, structure
+from mbaid_ros.calibration.result import Calibration, Mechanism, Scale
 from mbaid_ros.calibration.unknowns import LinkPrior, Normals, Prior, make_prior
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.filter.state import MOMENTUM
@@ -78,7 +77,6 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         momentum=momentum,
         momentum_covariance=momentum_covariance,
         mechanism=mechanism,
-        structure=structure(mechanism),
         gains=np.linalg.eigvalsh(_gained(normals.of_the_robot))[::-1],
         further_off=normals.prior_scales.sure,
         scale=_scale(values[:size], covariance[:size, :size], prior, gained, settings.uncertainty.weighed),
@@ -131,17 +129,17 @@ def _mechanism(
     if spatial is not None:
         detectors = [spatial] * len(runs)
     plane = detectors[0].plane(kernel.model.links[0])
-    posture, moving = _moving([window for run in runs for window in run], noise)
+    moving = _moving([window for run in runs for window in run], noise)
     moving[list(kernel.springs.joints)] = True
-    return detectors, Mechanism(kernel, moving, posture, None if plane is None else plane.normal)
+    return detectors, Mechanism(kernel, moving, None if plane is None else plane.normal)
 
 
-def _moving(windows: list[Samples], noise: SensorNoise) -> tuple[Array, Flags]:
-    """Return where the joints are on average and which of them move."""
+def _moving(windows: list[Samples], noise: SensorNoise) -> Flags:
+    """Return which of the joints move, (n,)."""
     means = np.array([np.mean(window.joint_position, axis=0) for window in windows])
     count = float(np.median([len(window) for window in windows]))
     position = float(np.median([noise.found_in(window).joint_position for window in windows]))
-    return np.mean(means, axis=0), np.ptp(means, axis=0) > _MOVES * position / np.sqrt(count)
+    return np.asarray(np.ptp(means, axis=0) > _MOVES * position / np.sqrt(count))
 
 
 def _physical(x: Array, covariance: Array, kernel: MomentumKernel) -> tuple[Array, Array]:

@@ -34,6 +34,7 @@ from mbaid_ros.core.unknowns.flexible import SpringErrors, resolved
 from mbaid_ros.core.unknowns.joints import JointPlacements
 from mbaid_ros.core.unknowns.priors import UnknownsPrior, in_plane_map
 
+OF_A_LINK = ('m', 'hx', 'hy', 'hz', 'Ixx', 'Ixy', 'Ixz', 'Iyy', 'Iyz', 'Izz')
 OF_A_JOINT = ('zero', 'origin_x', 'origin_y', 'origin_z', 'tilt_1', 'tilt_2')
 OF_THE_MOUNT = ('turn_x', 'turn_y', 'turn_z', 'x', 'y', 'z')
 

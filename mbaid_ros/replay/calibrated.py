@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from mbaid_ros.calibration.result import Calibration, LinkResult
-from mbaid_ros.calibration.structure import BaseParameter
 from mbaid_ros.cli import one_line
 from mbaid_ros.config.calibration import CalibrationParameters
 from mbaid_ros.core.errors import listing
@@ -40,11 +39,6 @@ class Calibrated:
     def contradicted(self) -> bool:
         """Whether the data contradict the model: the result must not be trusted."""
         return self.calibration.residual > self.parameters.estimator.convergence.largest_residual
-
-    @cached_property
-    def base_parameters(self) -> tuple[BaseParameter, ...]:
-        """The combinations of parameters that momentum determines."""
-        return self.calibration.structure.base_parameters()
 
     @cached_property
     def survey(self) -> ModelSummary:
@@ -151,11 +145,7 @@ def sentences(result: Calibrated) -> list[str]:
     """Return sentences on identifiability, scale, mount, thrusters and inertia ratios."""
     calibration = result.calibration
     shares = ', '.join(f'{name} ({100.0 * share:.0f} %)' for name, share in calibration.scale.fixed_by[:3])
-    structure = calibration.structure
-    determined = (
-        f'momentum can determine {structure.rank} combinations of {structure.unknowns} parameters; the data improve '
-        f'{calibration.determined} over the prior, joints and mount included'
-    )
+    determined = f'the data improve {calibration.determined} combinations of links, joints and mount over the prior'
     std = f'{100.0 * calibration.scale.relative_std:.2g} %'
     lines = [determined, f'scale: total mass known to {std} (one standard deviation), fixed by {shares or "nothing"}']
     if np.any(calibration.stds[-6:]):

@@ -9,13 +9,10 @@ from math import isnan
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from mbaid_ros.calibration.calibrate import CalibrationSettings
 from mbaid_ros.calibration.calibrate import calibrate as estimate_bodies
 from mbaid_ros.calibration.result import Calibration, LinkResult
-from mbaid_ros.calibration.structure import BaseParameter, formula, parameter
-from mbaid_ros.calibration.unknowns import OF_A_JOINT, OF_THE_MOUNT, LinkPrior
+from mbaid_ros.calibration.unknowns import OF_A_JOINT, OF_A_LINK, OF_THE_MOUNT, LinkPrior
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line
 from mbaid_ros.config.calibration import NODE, CalibrationParameters, calibration_parameters
 from mbaid_ros.config.files import load_parameter_file, parse_assignment, read_robot_description
@@ -168,7 +165,7 @@ def _calibrated_urdf(urdf: str, calibration: Calibration) -> str:
 
 def _as_json(result: Calibrated) -> dict[str, Any]:
     """Return the result as scripts read it; None for unknown values."""
-    calibration, structure = result.calibration, result.calibration.structure
+    calibration = result.calibration
     model, links = result.kernel.model, result.kernel.unknown
     bags = [motion.bag for motion in result.motions for _ in motion.runs]
     return {
@@ -186,19 +183,14 @@ def _as_json(result: Calibrated) -> dict[str, Any]:
         'flexible': passive_joints(calibration.flexible),
         'covariance': {
             'order': [
-                *(parameter(links, index) for index in range(len(calibration.theta))),
+                *(f'{link.name}.{number}' for link in links for number in OF_A_LINK),
                 *(f'{name}.{number}' for name in model.joint_names for number in OF_A_JOINT),
                 *(f'odometry_mount.{number}' for number in OF_THE_MOUNT),
             ],
             'values': calibration.values.tolist(),
             'matrix': calibration.block_covariance.tolist(),
         },
-        'identifiability': {
-            'unknowns': structure.unknowns,
-            'rank': structure.rank,
-            'determined': calibration.determined,
-            'base_parameters': [_base_parameter(result, each) for each in result.base_parameters],
-        },
+        'identifiability': {'determined': calibration.determined},
         'scale': {
             'relative_std': calibration.scale.relative_std,
             'fixed_by': [{'name': name, 'share': share} for name, share in calibration.scale.fixed_by],
@@ -245,17 +237,4 @@ def _joints(calibration: Calibration) -> dict[str, Any]:
     rows = zip(*columns, after.positions, after.rotations, strict=True)
     return {
         joint: plain(dict(zip(names, row, strict=True))) for joint, row in zip(before.joint_names, rows, strict=True)
-    }
-
-
-def _base_parameter(result: Calibrated, combination: BaseParameter) -> dict[str, Any]:
-    calibration, links = result.calibration, result.kernel.unknown
-    factors = combination.factors
-    return {
-        'formula': formula(links, factors),
-        'factors': {parameter(links, int(index)): float(factors[index]) for index in np.flatnonzero(factors)},
-        'cad': float(factors @ calibration.prior.mean),
-        'value': float(factors @ calibration.theta),
-        'std': float(np.sqrt(factors @ calibration.covariance @ factors)),
-        'prior_std': float(np.sqrt(factors @ calibration.prior.covariance @ factors)),
     }

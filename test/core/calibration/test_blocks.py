@@ -11,8 +11,7 @@ from scipy.stats import chi2
 
 from benchmarks.precapture import free_model, perturbed
 from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
-from mbaid_ros.calibration.result import Calibration
-from mbaid_ros.calibration.structure import Mechanism
+from mbaid_ros.calibration.result import Calibration, Mechanism
 from mbaid_ros.calibration.unknowns import LinkPrior
 from mbaid_ros.core.geometry import Array, vec
 from mbaid_ros.core.robot.kernel import MomentumKernel
