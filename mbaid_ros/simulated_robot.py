@@ -283,4 +283,4 @@ def make_wheels(config: SimulatorConfig, model: RobotModel) -> Wheels | None:
     if not count:
         return None
     speeds = np.array(wheels.speeds or (0.0,) * count), np.array(wheels.accelerations or (0.0,) * count)
-    return Wheels.drawn(wheels.names, stored.axes, stored.inertias, speeds, (wheels.wander, wheels.seed))
+    return Wheels(wheels.names, stored.axes, stored.inertias, *speeds)

@@ -126,7 +126,7 @@ class Dynamics:
         forces = (self._forces,) if self._effects else ()
         # Nothing else drives the base, nor springs their joints: their rows of the inverse dynamics give how they
         # accelerate.
-        free, wanted = np.arange(6), np.zeros(6)
+        free, wanted = np.arange(6), np.zeros(6, dtype=float)
         if self._springs is not None:
             free = np.concatenate((free, 6 + self._springs.joints))
             wanted = np.concatenate((wanted, self._springs.torque(state.joint_position, state.joint_velocity)))
