@@ -23,7 +23,6 @@ from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joi
 _FIRST, _SECOND = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
 # Thresholds of warnings: relative standard deviation of the scale; standard deviations of the prior; of the estimate.
 _LOOSE_SCALE, _UNLIKELY, _LARGE_CORRECTION = 0.01, 4.0, 3.0
-_PRIORS = ('prior.mass_relative_std', *('prior.com_std',) * 3, *('prior.inertia_relative_std',) * 6)
 
 
 @dataclass(frozen=True)
@@ -68,14 +67,16 @@ def why_not(result: Calibrated) -> str:
         remedy = result.unmoved or 'correct its large errors, or declare priors as wide as they are'
         return f'the iteration does not converge near the robot description; {remedy}'
     limit = result.parameters.estimator.convergence.identifiable_std
-    left_open: dict[str, list[str]] = {}
-    for link in calibration.links:
-        size = _sizes(link)
-        for index in np.flatnonzero(np.isinf(link.prior_std) & ~(link.std < limit * size)):
-            left_open.setdefault(_PRIORS[index], []).append(f'{link.name}.{PARAMETERS[index]}')
+    left_open = [
+        f'{link.name}.{PARAMETERS[index]}'
+        for link in calibration.links
+        for index in np.flatnonzero(np.isinf(link.prior_std) & ~(link.std < limit * _sizes(link)))
+    ]
     if left_open:
-        names = listing((name for group in left_open.values() for name in group), limit=6)
-        return f'data and prior do not determine {names}; add {listing(left_open)}, or move more joints'
+        return (
+            f'the data do not determine {listing(left_open, limit=6)}; give these links an <inertial>, or move more '
+            'joints'
+        )
     if calibration.determined == 0:
         return 'the data add nothing to the prior: move all joints while the base floats freely'
     return ''
