@@ -122,17 +122,12 @@ class CandidateCauses:
             )
         times = [time for time in jumps if time >= windows[0].start] or [jump.time for jump in filtered.jumps]
         found += yield from self._target_changes(windows, point or at, times[:_PARTS], base)
-        if base.misfit > WORTH:
-            text, noisier = readings.noisier_poses(windows, base.innovations)
-            if noisier:
-                filtered = yield from self.extended().once(noisier, at, quiet)
-                found += [gained(text, filtered, base)] if explains(filtered) else []
         # A loose joint explains anything that its encoder may hide: it comes after all causes with a mechanism.
         left = base.misfit - max((each.gain for each in found if each.physical), default=0.0)
         if left > max(WORTH, _LEFT * base.misfit):
             found += yield from self._swinging(windows, at, base)
         found.sort(key=lambda each: -each.gain)
-        yield IsolationResult(tuple(each for each in found if each.gain > WORTH), base.innovations, base.misfit)
+        yield IsolationResult(tuple(each for each in found if each.gain > WORTH), base.innovations)
 
     def _limit(self, fit: Fit) -> float:
         """Return the part of the misfit that a convention may leave to be tried."""

@@ -13,7 +13,7 @@ from mbaid_ros.core.diagnosis.candidates import FEWEST, CandidateCauses
 from mbaid_ros.core.diagnosis.filter_passes import SLIPPING
 from mbaid_ros.core.diagnosis.ranking import CandidateCause, Change, IsolationResult, ranked
 from mbaid_ros.core.diagnosis.rate_checks import twist_check
-from mbaid_ros.core.diagnosis.readings import roughness
+from mbaid_ros.core.diagnosis.readings import joint_noise_factor
 from mbaid_ros.core.filter.initialisation import BackgroundTask
 from mbaid_ros.core.filter.run import FilterRun
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
@@ -149,8 +149,7 @@ class FaultIsolation:
             lead = run.lead if leading.physical else min(run.lead, least)
             inquired.setdefault(leading.cause, (lead, leading.physical))
         latest = self._noise.found_in(self._samples[-1])
-        rough = roughness(self._samples, latest.joint_position)
-        return ranked(inquired, found.innovations, found.misfit, rough)
+        return ranked(inquired, found.innovations, joint_noise_factor(self._samples, latest.joint_position))
 
 
 _FALSE_ALARM = 1e-9  # chance that noise looks like a gravity gradient as large: each window asks once, for days

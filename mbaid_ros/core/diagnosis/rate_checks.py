@@ -16,7 +16,7 @@ from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array, Flags, log, rotate, rotate_back, skew
 from mbaid_ros.core.results.status import Reason, Severity
 from mbaid_ros.core.samples import ArrayRecord, Samples
-from mbaid_ros.core.sensors.noise import median
+from mbaid_ros.core.sensors.noise import white_noise
 
 _FEWEST_SAMPLES = 5  # samples of a window
 _FEWEST, _KEPT = 8, 80  # windows, of at least three numbers each: a wrong reading is no accident; and the latest ones
@@ -242,7 +242,6 @@ _MOVES = 5e-4  # rad or m, from which the motion in a window counts: less are st
 _FAR = 7.0  # standard deviations of the difference, from which it is no noise
 _SURE_OF_JOINTS = 3  # windows, from which the velocities are wrong all along
 _MOST = 0.25  # share of the windows with motion, that contradict at least then
-_OF_SECOND = 0.6745 * np.sqrt(6.0)  # median size of a second difference of white noise, in standard deviations
 
 
 class JointRates:
@@ -268,7 +267,7 @@ class JointRates:
         step, turned = np.diff(time), _path(time, velocity)
         position = window.joint_position
         size = np.maximum(np.std(position, axis=0), np.std(turned, axis=0))
-        noise = np.hypot(_noise(position), np.mean(step) * np.sqrt(len(window)) * _noise(velocity))
+        noise = np.hypot(white_noise(position, 2), np.mean(step) * np.sqrt(len(window)) * white_noise(velocity, 2))
         moves = size > np.maximum(_FAR * noise, _MOVES)
         wrong = moves & (np.std(position - turned, axis=0) > np.maximum(_FAR * noise, _PART * size))
         self._wrong += wrong
@@ -289,8 +288,3 @@ class JointRates:
         return Reason(
             f'the velocities of {names} are {how}: velocities are taken from the positions; correct the driver'
         )
-
-
-def _noise(values: Array) -> Array:
-    """Return the standard deviation of white noise in the columns of (N, n), by second differences."""
-    return np.asarray(median(np.abs(np.diff(values, 2, axis=0))) / _OF_SECOND)
