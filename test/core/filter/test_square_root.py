@@ -11,10 +11,16 @@ from scipy.stats import multivariate_normal
 from drawn_windows import NUMBERS, STATE, UNKNOWNS, positive, prepare, variables, window
 from mbaid_ros.core.filter.chain import WindowModel
 from mbaid_ros.core.filter.integrated_twist import IntegratedTwist
-from mbaid_ros.core.filter.pushing import momentum_change
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR
-from mbaid_ros.core.filter.time_update import UNDISTURBED, Hypothesis, advance, momentum_inflation, pose_reset
+from mbaid_ros.core.filter.time_update import (
+    UNDISTURBED,
+    Hypothesis,
+    advance,
+    momentum_change,
+    momentum_inflation,
+    pose_reset,
+)
 from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
 from mbaid_ros.core.filter.whitened import Axes
 from mbaid_ros.core.geometry import Array
