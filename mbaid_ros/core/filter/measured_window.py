@@ -152,25 +152,26 @@ def integrated_twist(
     errors: Array,
     point: Point,
     *,
-    slope: Array,
-    stored: Array,
+    rates: tuple[Array, Array],
 ) -> IntegratedTwist:
-    """Return the integrated twist of a stack's windows; arguments as of `readings` and `twist_measurement`."""
-    (around, inside), spacing = motion, stack.windows[0].spacing
+    """Return the integrated twist of a stack's windows; arguments as of `readings` and `twist_measurement`.
+
+    `rates` are the slope of the predicted twist, and the noise in it by stored momentum.
+    """
+    (around, inside), spacing, (slope, stored) = motion, stack.windows[0].spacing, rates
     middle, count = around[inside], inside.stop - inside.start
     of_way, of_mean = weights_of_ways(count)
-    parts: list[Array] = []
+    parts: list[tuple[Array, Array]] = []
     share = 0.5 * (count - 1.0) / count
     for weights, size in ((of_way, count * spacing), (of_mean, share * count * spacing)):
-        rates = readings(layout, stack, predicted, motion, slope, weights)[1]
-        value, rows = twist_measurement(errors, predicted[inside], middle, point, rates, weights)
-        parts += [size * value, size * rows]
+        by_readings = readings(layout, stack, predicted, motion, slope, weights)[1]
+        value, rows = twist_measurement(errors, predicted[inside], middle, point, by_readings, weights)
+        parts.append((size * value, size * rows))
+    way, mean = parts
     white = (count * spacing) ** 2 / stack.samples * _white(stack, middle.base_rotation[count // 2], stored)
     nothing = np.ones(len(stack.windows))
     left = count * np.sum((share * of_mean) ** 2) - share**2
-    return IntegratedTwist(
-        parts[0], parts[1], parts[2], parts[3], white, share * nothing, left * nothing, stack.whitening[:, 0]
-    )
+    return IntegratedTwist(nothing > 0.0, *way, *mean, white, share * nothing, left * nothing, stack.whitening[:, 0])
 
 
 def _white(stack: Stack, rotation: Array, stored: Array) -> Array:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from mbaid_ros.core.filter.chain import WindowModel, window_models
-from mbaid_ros.core.filter.integrated_twist import IntegratedTwist, TwistLink, linked
+from mbaid_ros.core.filter.integrated_twist import TwistLink, linked
 from mbaid_ros.core.filter.joint_noise import errors_in_variables_bias
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, POSE, Layout, Point
 from mbaid_ros.core.filter.swing import SwingCourse
@@ -68,21 +68,16 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
     precision = pose.precision
     weighed = pose.weighed(windows.joints, windows.joints_of_gyro)
     places = np.arange(len(select))
-    measured = [(pose.value[index], pose.rows[index], pose.log_noise[index], places) for index in range(len(weighed))]
-    integrated = np.array([each is not None for each in windows.integrated])
-    carried: list[TwistLink | None] = [None] * len(measured)
+    measured = [(*each, places) for each in zip(pose.value, pose.rows, pose.log_noise, strict=True)]
+    links: list[TwistLink | None] = [None] * len(measured)
+    integrated = windows.integrated.counts
     if integrated.any():
-        which = np.flatnonzero(integrated)
-        chosen = windows[which]
+        chosen = windows[integrated]
         parts = chosen.pose_value, chosen.pose_rows, chosen.pose_covariance
-        joined = linked(
-            IntegratedTwist.stack(list(chosen.integrated)), parts, (chosen.joints, chosen.process), variables
-        )
-        precision[which], weighed[which] = joined.precision, joined.precision @ chosen.joints
-        all_places = np.arange(joined.value.shape[1])
-        for place, index in enumerate(which.tolist()):
-            measured[index] = (joined.value[place], joined.rows[place], joined.log_noise[place], all_places)
-            carried[index] = joined.carried[place]
+        joined, precision[integrated] = linked(chosen.integrated, parts, (chosen.joints, chosen.process), variables)
+        weighed[integrated] = precision[integrated] @ chosen.joints
+        for index, (value, rows, log_noise, link) in zip(np.flatnonzero(integrated).tolist(), joined, strict=True):
+            measured[index], links[index] = (value, rows, log_noise, np.arange(len(value))), link
     alone = np.where(integrated[:, None], np.nan, windows.twist_value)
     for moving, select, of_rates in _rates(alone, variables):
         parts = (windows.twist_value, windows.twist_rows, windows.twist_covariance)
@@ -119,7 +114,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
             windows.gained,
             windows.length.tolist(),
             (each[3] for each in measured),
-            carried,
+            links,
             strict=True,
         )
     ]
