@@ -20,13 +20,12 @@ from mbaid_ros.core.results.estimate import (
     Estimate,
     Event,
     PassiveJoint,
-    Status,
     Thruster,
     constant_force,
 )
 from mbaid_ros.core.results.parameters import SENSOR_NOISE, DeferredBudget, ErrorBudget
-from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
-from mbaid_ros.core.results.status import MOST_JUMPS, Reason, Verdict
+from mbaid_ros.core.results.reporting import Reporting, Solution
+from mbaid_ros.core.results.status import MOST_JUMPS, Reason
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import physical_jacobian
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
@@ -135,76 +134,38 @@ class Solved:
     """Solution of the best hypothesis after a window, and the history of its run."""
 
     solution: Solution  # body and momentum
-    instant: Instant  # when
-    verdict: Verdict  # on the model
-    events: tuple[Event, ...]  # forces and changes
+    history: Estimate  # all else that is known of the run by then
     budget: Callable[[Flags], ErrorBudget]  # returns the parts of the variance
-    thrusters: tuple[Thruster, ...]  # how far they are off their commands
-    flexible: tuple[PassiveJoint, ...]  # passive joints as estimated
-    delay: tuple[float, float]  # value and standard deviation of the joints' delay, s; NaN where it is no unknown
     impulse: Array  # (6,) by which thrust and orbit have changed the momentum since the first sample
-    innovations: Array  # as of `Estimate`
 
-    def completed(self, estimate: Estimate) -> Estimate:
-        """Return the estimate of this solution with the history."""
+    def completed(self, estimate: Estimate, *, located: bool) -> Estimate:
+        """Return the estimate of this solution with the budget, after all that has acted.
+
+        Where nothing locates the base, the frame moves with the common centre of mass.
+        """
         known = estimate.identifiable
-        return replace(
-            estimate,
-            stage='trajectory',
-            budget=self.budget(known) if known.any() else None,
-            causes=tuple((cause.text, cause.gain) for cause in self.verdict.causes),
-            events=self.events,
-            thrusters=self.thrusters,
-            flexible=self.flexible,
-            time_offset=self.delay[0],
-            time_offset_std=self.delay[1],
-        )
+        budget = self.budget(known) if known.any() else None
+        estimate = replace(estimate, budget=budget, causes=self.history.causes)
+        if not located:
+            momentum, covariance = estimate.momentum.copy(), estimate.momentum_covariance.copy()
+            momentum[:3] = covariance[:3] = covariance[:, :3] = np.nan
+            estimate = replace(estimate, momentum=momentum, momentum_covariance=covariance)
+        return estimate.after_thrust(self.impulse)
 
 
-@dataclass(frozen=True)
-class NoSolution:
-    """Why there is no solution after a window; attributes as of `Solved`."""
-
-    status: Status
-    instant: Instant
-    causes: tuple[tuple[str, float], ...]
-    events: tuple[Event, ...]
-    warnings: tuple[str, ...]
-    impulse: Array
-    innovations: Array
-
-
-def estimates(
-    outcomes: Sequence[Solved | NoSolution], reporting: Reporting, method: str, *, located: bool
-) -> list[Estimate]:
+def estimates(outcomes: Sequence[Solved | Estimate], reporting: Reporting, *, located: bool) -> list[Estimate]:
     """Return an estimate of each outcome; those of solutions are made together.
 
     Parameters
     ----------
-    outcomes, reporting, method : Solved or NoSolution, Reporting, name of the method
-    located : whether anything locates the base: else the frame moves with the common centre of mass
+    outcomes : solutions, and estimates where there is none
+    reporting : makes estimates of solutions
+    located : whether anything locates the base
     """
     solved = [each for each in outcomes if isinstance(each, Solved)]
-    solutions, instants = [each.solution for each in solved], [each.instant for each in solved]
-    reported = iter(reporting.estimates(method, solutions, instants) if solved else [])
-    made: list[Estimate] = []
-    for each in outcomes:
-        if isinstance(each, Solved):
-            estimate = each.completed(next(reported))
-            estimate = estimate if located else _with_linear_momentum_unknown(estimate)
-        else:
-            estimate = Estimate(
-                method,
-                each.status,
-                each.instant.time,
-                each.instant.stamp,
-                samples=each.instant.samples,
-                causes=each.causes,
-                events=each.events,
-                warnings=each.warnings,
-            )
-        made.append(replace(estimate.after_thrust(each.impulse), innovations=each.innovations))
-    return made
+    made = reporting.estimates([each.solution for each in solved], [each.history for each in solved]) if solved else []
+    reported = iter(made)
+    return [each.completed(next(reported), located=located) if isinstance(each, Solved) else each for each in outcomes]
 
 
 def joint_delay(distribution: MeanAndCovariance, layout: Layout) -> tuple[float, float]:
@@ -282,13 +243,6 @@ def soft_grasps(kernel: MomentumKernel) -> list[str]:
         for joint in kernel.springs.joints
         if carried[joint]
     ]
-
-
-def _with_linear_momentum_unknown(estimate: Estimate) -> Estimate:
-    """Return an estimate of a base that nothing locates: the frame moves with the common centre of mass."""
-    momentum, covariance = estimate.momentum.copy(), estimate.momentum_covariance.copy()
-    momentum[:3] = covariance[:3] = covariance[:, :3] = np.nan
-    return replace(estimate, momentum=momentum, momentum_covariance=covariance)
 
 
 def _deviation(distribution: MeanAndCovariance, place: slice) -> Array:
