@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.core.filter.chain import WindowModel
-from mbaid_ros.core.filter.integrated_twist import IntegratedTwist
+from mbaid_ros.core.filter.measured_window import IntegratedTwist
 from mbaid_ros.core.filter.state import BODY
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow, prepared

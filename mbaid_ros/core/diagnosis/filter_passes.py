@@ -152,7 +152,7 @@ class FilterPasses:
         found = []
         for _, white in reversed(passed):
             if hypothesis.force != 'none':
-                mean[own.poses : own.head] -= white.push(hypothesis.force) @ force
+                mean[own.poses : own.head] -= white.pushes[hypothesis.force] @ force
             mean[own.poses : own.head] -= white.brought @ mean
             found.append(white.drift + white.transition @ mean)
         return np.array(found[::-1])

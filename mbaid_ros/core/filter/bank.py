@@ -109,7 +109,7 @@ class HypothesisFilter:
         after = replace(self, gaussian=advance(self.gaussian, white, variables, self.hypothesis))
         if self.hypothesis.force == 'none':
             return after
-        return replace(after, pushed=self.pushed + white.push(self.hypothesis.force))
+        return replace(after, pushed=self.pushed + white.pushes[self.hypothesis.force])
 
     @property
     def misfit(self) -> float:

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.filter.integrated_twist import IntegratedTwist
 from mbaid_ros.core.filter.joint_noise import JointNoise, joint_noise
 from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.measured_window import (
+    IntegratedTwist,
     integrated_twist,
     pose_measurement,
     readings,

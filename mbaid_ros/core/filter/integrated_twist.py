@@ -11,41 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
+from mbaid_ros.core.filter.measured_window import IntegratedTwist
 from mbaid_ros.core.filter.variables import Variables
-from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.samples import ArrayRecord
-
-
-@dataclass(frozen=True)
-class IntegratedTwist(ArrayRecord):
-    """Integral of a window's twist from its first knot on; of several windows with these along a first axis."""
-
-    counts: Flags  # () whether it takes the place of the twist; all else is zero where that is measured by itself
-    # way_value, way_rows: (6,), (6, s): value - rows x = c - c' + noise, to the next window's first knot, with its c'
-    way_value: Array
-    way_rows: Array
-    # mean_value, mean_rows: (6,), (6, s): value - rows x = c - joint noise in the mean pose + noise, mean over the
-    # knots
-    mean_value: Array
-    mean_rows: Array
-    white: Array  # (6, 6) covariance of the noise in the way
-    # share, left: () share of that noise in the mean, and variance of the rest of the mean's noise, over `white`
-    share: Array
-    left: Array
-    change: Array  # () as `Stack.whitening`
-
-    @staticmethod
-    def none(count: int, size: int) -> IntegratedTwist:
-        """Return those of windows, a count, whose twist is measured by itself; for a state of this size."""
-        value, rows, nothing = np.zeros((count, 6)), np.zeros((count, 6, size)), np.zeros(count)
-        counts = np.zeros(count, dtype=bool)
-        return IntegratedTwist(counts, value, rows, value, rows, rows[..., :6], nothing, nothing, nothing)
-
-
-def weights_of_ways(count: int) -> tuple[Array, Array]:
-    """Return the weights (m,) of a window's twists in its way, and in the mean of the ways to its knots; sums 1."""
-    remaining = count - 1.0 - np.arange(count)
-    return np.full(count, 1.0 / count), remaining / np.sum(remaining)
+from mbaid_ros.core.geometry import Array
 
 
 @dataclass(frozen=True)

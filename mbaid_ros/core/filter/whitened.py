@@ -52,10 +52,6 @@ class WhitenedWindow:
         value, drift = self.value + self.rows[:, own] @ change, self.drift - self.transition[:, own] @ change
         return replace(self, value=value, drift=drift)
 
-    def push(self, axes: Axes) -> Array:
-        """Return the change of the momentum by a constant force and torque in these axes, (p, f)."""
-        return self.pushes[axes]
-
 
 def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
     """Return B windows in the filter's variables."""

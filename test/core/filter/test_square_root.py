@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 
 from drawn_windows import NUMBERS, STATE, UNKNOWNS, positive, prepare, variables, window
 from mbaid_ros.core.filter.chain import WindowModel
-from mbaid_ros.core.filter.integrated_twist import IntegratedTwist
+from mbaid_ros.core.filter.measured_window import IntegratedTwist
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR
 from mbaid_ros.core.filter.time_update import (
