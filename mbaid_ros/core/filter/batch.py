@@ -167,19 +167,13 @@ class BatchIteration:
                 step = point.parameters - relinearised.point.parameters
                 back = before.size > 0 and turns_back(step, before, result.deviation)
                 pace, before = 0.5 * pace if back else min(1.0, 1.5 * pace), step
-                point = self._on_the_way(relinearised.point, point, pace, result.distribution)
+                held = relinearised.point.state
+                point = self.layout.point(held + pace * (point.state - held))
             misfit = result.filtered.misfit / max(result.filtered.gaussian.measured, 1)
             least, idle = min(misfit, least), 0 if misfit < least else idle + 1
             if result.converged or (least > HOPELESS and idle >= _IDLE):
                 break
         return result
-
-    def _on_the_way(self, first: Point, second: Point, part: float, distribution: MeanAndCovariance) -> Point:
-        """Return the point that lies a part of the way from one to another."""
-        state = distribution.mean.copy()
-        state[self.layout.parameters] = first.parameters + part * (second.parameters - first.parameters)
-        state[self.layout.readings] = first.readings + part * (second.readings - first.readings)
-        return self.layout.point(state)
 
     def _step(self, relinearised: Relinearised, filtered: HypothesisFilter, *, mass_held: bool) -> BatchResult:
         """Return the Gauss-Newton step from the point of linearisation, cut short where it leads far."""
