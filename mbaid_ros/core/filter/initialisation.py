@@ -11,14 +11,14 @@ from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.batch import HOPELESS, BatchIteration, Outcome
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.start import MultiStart, Start
-from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
-from mbaid_ros.core.filter.swing_start import resolved_frequencies
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout, Point
 from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.window import Window, in_stacks
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.robot.momentum import body_sizes
+from mbaid_ros.core.unknowns.flexible import SpringErrors, resolved
 
 # Growth of the windows until the next search, so that all searches together cost three times the last; where the target
 # has a prior, at which it is linear until the data move it, five times.
@@ -286,3 +286,13 @@ class Initialisation:
             return int(np.ceil(_GROWTH_DESCRIBED * windows))
         soon = not (self.accepted or gaussian.nis > HOPELESS * gaussian.measured)
         return int(np.ceil(windows + max(_RETRY, _RETRY_PART * windows) if soon else _GROWTH * windows))
+
+
+def resolved_frequencies(layout: Layout, distribution: MeanAndCovariance, seconds: float) -> Flags:
+    """Return which passive joints' frequencies (f,) the data of some seconds resolve."""
+    springs = layout.kernel.springs
+    relative: Array = np.zeros(springs.count)
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        if isinstance(unknown, SpringErrors):
+            relative = np.abs(unknown.factor @ distribution.deviation[place])[::2]
+    return resolved(springs.rate, springs.ratio, relative, seconds)

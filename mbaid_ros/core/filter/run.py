@@ -9,12 +9,11 @@ import numpy as np
 
 from mbaid_ros.core.filter.bank import Bank, HypothesisFilter, best, update_bank, update_hypothesis
 from mbaid_ros.core.filter.batch import BatchIteration
-from mbaid_ros.core.filter.initialisation import Initialisation
+from mbaid_ros.core.filter.initialisation import Initialisation, resolved_frequencies
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.start import Start
 from mbaid_ros.core.filter.state import BODY, Layout, Point, near_part
-from mbaid_ros.core.filter.swing_start import resolved_frequencies
 from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import LinearisationCache
