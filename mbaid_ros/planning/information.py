@@ -14,7 +14,6 @@ import numpy as np
 from scipy.linalg.lapack import dtrtrs
 
 from mbaid_ros.core.filter.chain import window_models
-from mbaid_ros.core.filter.joint_noise import no_bias
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY, Point
@@ -219,7 +218,7 @@ class Information:
         triangle = np.linalg.qr(factor.T, mode='r')
         root[poses:count, poses:count] = np.linalg.qr(np.linalg.inv(triangle).T, mode='r')
         root[count:, count:size] = np.eye(extra)
-        return SquareRootInformation(root, Innovations.none(poses), no_bias(variables))
+        return SquareRootInformation(root, Innovations.none(poses), variables.bias)
 
     def _covariance(self, gaussian: SquareRootInformation) -> Array:
         """Return the (10, 10) covariance of the body's standard parameters."""

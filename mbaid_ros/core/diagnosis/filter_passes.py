@@ -12,7 +12,7 @@ import numpy as np
 from mbaid_ros.core.filter.bank import HypothesisFilter, as_usual
 from mbaid_ros.core.filter.batch import BatchIteration, WhitenedWindows, Work
 from mbaid_ros.core.filter.prior_scale import PriorComparison
-from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, Point
 from mbaid_ros.core.filter.time_update import Hypothesis, inflated, pose_reset
 from mbaid_ros.core.filter.variables import Variables, variables
@@ -114,7 +114,7 @@ class FilterPasses:
             filtered = yield from self.passed(passed[:place], hypothesis)
             gaussian = filtered.gaussian
             before = self._point(gaussian)
-            skipped = sum(as_usual(gaussian, white) - gaussian.log_likelihood for _, white in passed[place:])
+            skipped = sum(as_usual(update(gaussian, white)) - gaussian.log_likelihood for _, white in passed[place:])
             changed = another_body(gaussian, self.variables, exchanged=exchanged)
             filtered = replace(filtered, gaussian=replace(changed, log_likelihood=gaussian.log_likelihood + skipped))
             passed = yield from self.linearised(windows[end:], after)
@@ -143,7 +143,7 @@ class FilterPasses:
         found = []
         for _, white in reversed(passed):
             if hypothesis.force != 'none':
-                mean[own.poses : own.head] -= white.pushes[hypothesis.force] @ force
+                mean[own.poses : own.head] -= white.push(hypothesis.force) @ force
             mean[own.poses : own.head] -= white.brought @ mean
             found.append(white.drift + white.transition @ mean)
         return np.array(found[::-1])

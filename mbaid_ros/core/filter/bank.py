@@ -109,7 +109,7 @@ class HypothesisFilter:
         after = replace(self, gaussian=advance(self.gaussian, white, variables, self.hypothesis))
         if self.hypothesis.force == 'none':
             return after
-        return replace(after, pushed=self.pushed + white.pushes[self.hypothesis.force])
+        return replace(after, pushed=self.pushed + white.push(self.hypothesis.force))
 
     @property
     def misfit(self) -> float:
@@ -140,7 +140,7 @@ def update_hypothesis(
     unlikely = after.last_nis > _limit(after.last_measured) and after.measured > after.last_measured
     if not unlikely or filtered.jumped == filtered.longest:
         return replace(filtered, gaussian=after, jumped=0, previous=before)
-    likelihood = _as_usual(after)
+    likelihood = as_usual(after)
     loose = momentum_inflation(before, white, variables, _JUMP * variables.typical_momentum)
     gaussian = update(loose, white)
     if gaussian.last_nis > _limit(gaussian.last_measured):
@@ -161,13 +161,8 @@ def update_hypothesis(
     )
 
 
-def as_usual(gaussian: SquareRootInformation, white: WhitenedWindow) -> float:
-    """Return the log-likelihood after a window that a rare event explains."""
-    return _as_usual(update(gaussian, white))
-
-
-def _as_usual(after: SquareRootInformation) -> float:
-    # A rare event explains its window as well as expected, at the price of its improbability.
+def as_usual(after: SquareRootInformation) -> float:
+    """Return the log-likelihood after a window that a rare event explains: as well as expected, but improbably."""
     return after.log_likelihood + 0.5 * (after.last_nis - after.last_measured) + float(np.log(_FALSE_ALARM))
 
 

@@ -127,7 +127,7 @@ def _stepped(
     rest = rows[:, head:].copy()
     rest[:, : columns - head] -= of_poses @ window.transition[:, head:] + back[:, poses:] @ change.brought[:, head:]
     if hypothesis.force != 'none':
-        rest[:, columns - head : -2] -= back[:, poses:] @ window.pushes[hypothesis.force]
+        rest[:, columns - head : -2] -= back[:, poses:] @ window.push(hypothesis.force)
     rest[:, -1] += of_poses @ window.drift
     noise = of_poses @ window.process
     if change.noise.any():

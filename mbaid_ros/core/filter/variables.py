@@ -47,7 +47,7 @@ class Variables:
     broken: Array = field(default_factory=lambda: np.zeros((0, 0)))
     # (v, v + 1) square-root information left by the run before the target changed, and z; else None
     left: Array | None = None
-    bias: Array | None = None  # (b, b + 1) bias information that the run before has left; None without one
+    left_bias: Array | None = None  # (b, b + 1) bias information that the run before has left; None without one
     weighed: Array | None = None  # (v + 1,) the row of the robot's mass, where it was weighed, of unit variance
 
     @property
@@ -74,6 +74,12 @@ class Variables:
     def body(self) -> slice:
         """Slice of the b variables of the body."""
         return slice(self.head, self.own)
+
+    @property
+    def bias(self) -> Array:
+        """The (b, b + 1) information of the body by noise in the rows, before the first window."""
+        count = self.own - self.head
+        return np.zeros((count, count + 1)) if self.left_bias is None else self.left_bias
 
     @cached_property
     def wandering(self) -> Integers:
@@ -169,7 +175,7 @@ class Variables:
         left[self.head :, self.head :] = root
         expected = self.spread[:, self.head :] @ mean
         expected[BODY.start + 1 : BODY.stop] = 0.0
-        return replace(self, mean=expected, left=left, bias=bias)
+        return replace(self, mean=expected, left=left, left_bias=bias)
 
     def prior(self, mass: float | None = None) -> tuple[Array, Array, float]:
         """Return the prior's mean (v,) and square-root information (v, v), near a mass in kg if given.

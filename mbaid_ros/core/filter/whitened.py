@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -19,6 +19,7 @@ from mbaid_ros.core.geometry import Array, Integers, skew
 
 # Where a constant force and torque acts, and in which axes.
 Axes = Literal['none', 'inertial', 'inertial on the base', 'body']
+_ACTING: tuple[Axes, ...] = ('inertial', 'inertial on the base', 'body')
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class WhitenedWindow:
     bias_information: Array  # (b, b + 1) information M of the body by noise in the rows, and M times the body
     moved: Array  # (6, 6) derivative of the next pose error by the momentum, SI units
     brought: Array  # (p, v) change of the momentum until the next window by the variables
-    pushes: Mapping[Axes, Array]  # (p, f) change of the momentum by a constant force and torque, by where it acts
+    pushes: Array  # (3, p, f) change of the momentum by a constant force and torque, acting as in `_ACTING`
     stepped: Array  # (p, f) as of `WindowModel`
     gained: Array  # (f,) the same
     length: float  # s
@@ -51,6 +52,10 @@ class WhitenedWindow:
         own = slice(len(change), 2 * len(change))
         value, drift = self.value + self.rows[:, own] @ change, self.drift - self.transition[:, own] @ change
         return replace(self, value=value, drift=drift)
+
+    def push(self, axes: Axes) -> Array:
+        """Return the change of the momentum by a constant force and torque in these axes, (p, f)."""
+        return self.pushes[_ACTING.index(axes)]
 
 
 def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
@@ -190,28 +195,20 @@ def _shared(weighed: Array, slope: Array, variables: Variables) -> Array:
     return variables.rows(score)[:, 0]
 
 
-def _pushes(windows: WindowModel, variables: Variables) -> list[dict[Axes, Array]]:
-    """Return for B windows the (p, f) change of the momentum by a constant force and torque, where and as it acts.
+def _pushes(windows: WindowModel, variables: Variables) -> Array:
+    """Return the (B, 3, p, f) change of the momentum by a constant force and torque, as in `_ACTING`.
 
     A window's momentum is that of its middle. The force acts from there to the middle of the next window, on a robot
     that is between the two.
     """
     upright = np.broadcast_to(np.eye(3), windows.rotation.shape)
-    to_momentum = variables.gather[variables.poses : variables.head, MOMENTUM]
-    force = windows.length[:, None, None] * variables.force
-    acting: dict[Axes, tuple[Array, Array]] = {
-        'inertial': (upright, windows.centre),
-        'inertial on the base': (upright, windows.position),
-        'body': (windows.rotation, windows.position),
-    }
-    pushes: list[dict[Axes, Array]] = [{} for _ in windows.length]
-    for axes, (rotation, point) in acting.items():
-        push = np.zeros((len(windows.length), 6, 6))
-        push[:, :3, :3] = push[:, 3:, 3:] = rotation
-        push[:, 3:, :3] = skew(point) @ rotation
-        for own, change in zip(pushes, to_momentum @ (push @ force), strict=True):
-            own[axes] = change
-    return pushes
+    rotation = np.stack((upright, upright, windows.rotation), axis=1)
+    point = np.stack((windows.centre, windows.position, windows.position), axis=1)
+    push = np.zeros((*point.shape[:2], 6, 6))
+    push[..., :3, :3] = push[..., 3:, 3:] = rotation
+    push[..., 3:, :3] = skew(point) @ rotation
+    force = windows.length[:, None, None, None] * variables.force
+    return np.asarray(variables.gather[variables.poses : variables.head, MOMENTUM] @ (push @ force))
 
 
 LINEARISED = 5  # work of linearising a window, in steps of the filter

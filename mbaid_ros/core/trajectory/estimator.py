@@ -94,7 +94,7 @@ class TrajectoryEstimator:
         run = self._runs.present(self._averaging.origin)  # a new one if motion or target have changed
         ready, still_open = (each and self._runs.used(each) for each in (knots.ready, knots.still_open))
         # Predict the twist, linearise, update every hypothesis, choose.
-        moved = knots.moved or self._runs.variables.described or self._runs.variables.bias is not None
+        moved = knots.moved or self._runs.variables.described or self._runs.variables.left_bias is not None
         run.take(ready, still_open, moved=moved)
         self._runs.isolation.take(ready, window)
         time = float(window.time[-1])

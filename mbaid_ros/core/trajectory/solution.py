@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -29,9 +30,12 @@ from mbaid_ros.core.results.status import MOST_JUMPS, Reason
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import physical_jacobian
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.environment import Thrusters
 from mbaid_ros.core.unknowns.flexible import FREQUENCY, SpringErrors
 from mbaid_ros.core.unknowns.sensors import TimeOffset
+
+U = TypeVar('U', bound=Unknown)
 
 _NOTHING = 1e-6  # chance that noise looks like a constant force as large: one less sure is not reported
 
@@ -170,22 +174,15 @@ def estimates(outcomes: Sequence[Solved | Estimate], reporting: Reporting, *, lo
 
 def joint_delay(distribution: MeanAndCovariance, layout: Layout) -> tuple[float, float]:
     """Return the joints' delay and its standard deviation, s; NaN where it is no unknown."""
-    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
-        if isinstance(unknown, TimeOffset):
-            value = unknown.factor @ distribution.mean[place]
-            deviation = np.abs(unknown.factor @ _deviation(distribution, place))
-            return float(value[0]), float(deviation[0])
-    return np.nan, np.nan
+    found = ((float(value[0]), float(std[0])) for _, value, std in _of_kind(distribution, layout, TimeOffset))
+    return next(found, (np.nan, np.nan))
 
 
 def thrusters(distribution: MeanAndCovariance, layout: Layout) -> tuple[Thruster, ...]:
     """Return the estimated deviations of thrusters from their commands."""
     estimated: list[Thruster] = []
-    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
-        if isinstance(unknown, Thrusters):
-            # Each number of the state is one of these, in units of its prior.
-            stds = np.abs(unknown.factor @ _deviation(distribution, place))
-            estimated += Thruster.all_of(unknown.frames, unknown.factor @ distribution.mean[place], stds)
+    for unknown, value, std in _of_kind(distribution, layout, Thrusters):
+        estimated += Thruster.all_of(unknown.frames, value, std)
     return tuple(estimated)
 
 
@@ -194,12 +191,11 @@ def passive_joints(
 ) -> tuple[PassiveJoint, ...]:
     """Return the passive joints as estimated; `largest`, `resolved` (f,) as of `PassiveJoint.all_of`."""
     springs, model = layout.kernel.springs, layout.kernel.model
-    value, std, prior = np.zeros((3, springs.count, 2))
-    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
-        if isinstance(unknown, SpringErrors):
-            value = (unknown.factor @ distribution.mean[place]).reshape(-1, 2)
-            std = np.abs(unknown.factor @ _deviation(distribution, place)).reshape(-1, 2)
-            prior = np.linalg.norm(unknown.factor, axis=1).reshape(-1, 2)
+    value: Array = np.zeros((springs.count, 2))
+    std = prior = value
+    for unknown, numbers, stds in _of_kind(distribution, layout, SpringErrors):
+        value, std = numbers.reshape(-1, 2), stds.reshape(-1, 2)
+        prior = np.linalg.norm(unknown.factor, axis=1).reshape(-1, 2)
     names = [model.joint_names[joint] for joint in springs.joints]
     return PassiveJoint.all_of(names, (springs.rate, springs.ratio, prior), value, std, largest, resolved)
 
@@ -245,6 +241,13 @@ def soft_grasps(kernel: MomentumKernel) -> list[str]:
     ]
 
 
-def _deviation(distribution: MeanAndCovariance, place: slice) -> Array:
-    """Return the standard deviations of some unknowns of the state."""
-    return np.sqrt(distribution.of_unknowns.diagonal()[place.start - BODY.stop : place.stop - BODY.stop])
+def _of_kind(distribution: MeanAndCovariance, layout: Layout, kind: type[U]) -> Iterator[tuple[U, Array, Array]]:
+    """Yield the unknowns of a kind with their values and standard deviations, SI units.
+
+    Each number of the state is one of these, in units of its prior.
+    """
+    variances = distribution.of_unknowns.diagonal()
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        if isinstance(unknown, kind):
+            deviation = np.sqrt(variances[place.start - BODY.stop : place.stop - BODY.stop])
+            yield unknown, unknown.factor @ distribution.mean[place], np.abs(unknown.factor @ deviation)

@@ -155,7 +155,7 @@ class TargetRuns:
             if before is not None and before.planar == self._plane.planar:
                 self.variables = self.variables.continued(before.root, before.bias)
             self.run = self._new_run([])
-            if self.variables.bias is not None:  # of the run that this one continues
+            if self.variables.left_bias is not None:  # of the run that this one continues
                 self.run.offer(partial(self.layout.point, self.variables.spread @ self.variables.prior()[0]))
         elif (change := self.isolation.change) is not None:
             self.run = self._run_after(self.run, change, origin)
