@@ -34,10 +34,7 @@ _YOUNG = 6.0
 # s since the first stage's first number, in which stage 2 starts where the model is right.
 _ALONE = 10.0
 
-FIRST_STAGE = (
-    'first stage: its numbers contradict the data, and are withheld until the trajectory filter starts, which knows '
-    'late stamps, too'
-)
+FIRST_STAGE = 'first stage: its numbers are withheld until the trajectory filter starts, which knows late stamps, too'
 YOUNG = 'first estimate: a wrong URDF cannot be detected from so short a motion'
 LATE = 'first stage: stamps that are late by some 10 ms, or velocities that lag, are not known yet'
 DISAGREE = Reason(
@@ -133,7 +130,7 @@ class TwoStageEstimator:
         self._agreed = 0  # windows in a row
         self._began = np.inf  # s, of the first published number
         self._alone_since = np.inf  # s, of the first stage's first number
-        self._doubted = False  # whether that stage's numbers have contradicted the data
+        self._doubted = False  # whether that stage's numbers have contradicted the data, or lack a twist
         self._restarted = False
         self._consistency = IntervalConsistency()
 
@@ -185,22 +182,23 @@ class TwoStageEstimator:
             innovations=late.innovations,
         )
         if not self._second.settled:
-            return with_reasons(early, [DISAGREE]) if self._contradicts else self._alone(early)
+            return with_reasons(early, [DISAGREE]) if self._contradicts else self._alone(early, window)
         if not early.identifiable[0] or early.status == 'inconsistent' or self._second.disturbed:
             return late
         if not np.any(early.identifiable & late.identifiable):
             return late  # nothing in which they could agree or contradict each other
         return self._compared(early, late)
 
-    def _alone(self, early: Estimate) -> Estimate:
-        """Return the first stage's estimate, at first without numbers once they have contradicted the data.
+    def _alone(self, early: Estimate, window: Samples) -> Estimate:
+        """Return the first stage's estimate, at first without numbers if they contradict the data or lack a twist.
 
         Neither stamps that are late nor velocities that lag are among its unknowns: ten milliseconds of either move its
-        numbers by many standard deviations.
+        numbers by many standard deviations. Poses alone come from a camera with a clock of its own.
         """
-        if early.identifiable.any():
-            self._alone_since = min(self._alone_since, early.time)
-        self._doubted |= early.status == 'inconsistent'
+        self._doubted |= early.status == 'inconsistent' or window.missing_rates[1]
+        if not early.identifiable.any():
+            return early
+        self._alone_since = min(self._alone_since, early.time)
         if not self._doubted or early.time >= self._alone_since + _ALONE:
             return early
         return replace(
