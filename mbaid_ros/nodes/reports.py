@@ -209,7 +209,6 @@ class RunLog:
         if not warned:
             self._warned.clear()
         self._since = monotonic()
-        self._logged_waiting = False
         self._status = ''
         self._logged_joints = False
         self._advised: set[str] = {''}
@@ -228,11 +227,10 @@ class RunLog:
         self._logged_joints = True
 
     def waiting(self, awaited: Sequence[str]) -> None:
-        """Log awaited messages, once, after a while; call it regularly."""
-        if awaited and not self._logged_waiting and monotonic() - self._since > PATIENCE:
-            self._logged_waiting = True
+        """Log awaited messages after a while, once for each likely reason; call it regularly."""
+        if monotonic() - self._since > PATIENCE:
             for each in awaited:
-                self._log.warning(one_line(f'waiting for {each}'))
+                self.warn_once(f'waiting for {each}')
 
     def estimate(self, estimate: Estimate) -> None:
         """Log the first estimate, and each whose status differs from the last one's."""

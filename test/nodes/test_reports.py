@@ -11,7 +11,7 @@ import pytest
 
 from made_runs import budget, estimate
 from mbaid_ros.core.sensors.levels import SensorLevels
-from mbaid_ros.nodes import diagnostics
+from mbaid_ros.nodes import diagnostics, reports
 from mbaid_ros.nodes.diagnostics import Diagnostics
 from mbaid_ros.nodes.reports import ERROR, OK, RunLog, RunState, estimate_report, headline
 from mbaid_ros.session.model_summary import summarise
@@ -114,6 +114,14 @@ def test_the_noise_that_counts_is_told_first() -> None:
     assert told['noise of base position (m)'] == '0.001 declared'
     assert told['noise of base orientation (rad)'] == '0.0001 assumed'
     assert told['noise of base linear velocity (m/s)'] == '0.001 found, 0.001 declared'
+
+
+def test_a_wait_is_logged_once_for_each_reason(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    narrator = RunLog(log)
+    monkeypatch.setattr(reports, 'monotonic', lambda: np.inf)
+    for reason in ('nothing publishes it', 'nothing publishes it', 'remap by -r pose:=/mocap/pose'):
+        narrator.waiting([reason])
+    assert log.at('warning') == ['waiting for nothing publishes it', 'waiting for remap by -r pose:=/mocap/pose']
 
 
 def test_a_node_that_was_held_up_does_not_call_its_data_stale(monkeypatch: pytest.MonkeyPatch) -> None:
