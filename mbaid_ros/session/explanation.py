@@ -25,7 +25,7 @@ from mbaid_ros.messages.poses import (
 from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, OTHER_SOURCE, SPOKEN
 from mbaid_ros.session.session import Session
 
-_APART = 1_000_000_000  # ns between the newest stamps of the two topics: more is no delay
+_APART = 2_000_000_000  # ns between the newest stamps of the two topics: more is no delay, also on a busy machine
 _MANY_OUTLIERS = 0.01  # share of the odometry
 _LISTED = 3  # fields with NaN that are named
 _NO_COVARIANCE = (
