@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock, patch
 
 import numpy as np
 
-from made_runs import estimate
+from made_runs import BODY, estimate
+from mbaid_ros.core import two_stage
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.two_stage import FIRST_STAGE, LATE, TwoStageEstimator
+from mbaid_ros.core.two_stage import DISAGREE, FIRST_STAGE, LATE, TwoStageEstimator
 
 
 def published(*statuses: str, twist: bool = True) -> list[Estimate]:
@@ -18,10 +20,10 @@ def published(*statuses: str, twist: bool = True) -> list[Estimate]:
     second.update = lambda _windows, _origin: [estimate(status='not_identifiable')]
     made = iter(estimate(status=status, time=float(time)) for time, status in enumerate(statuses))
     first: Any = SimpleNamespace(method='difference', update=lambda _windows, _origin: [next(made)])
-    window: Any = SimpleNamespace(missing_rates=(False, not twist))
-    method = TwoStageEstimator(first, second)
-    method._early = lambda first, window, origin: first.update([window], origin)[-1]  # type: ignore[method-assign]
-    return method.update([window] * len(statuses), 0)
+    window: Any = MagicMock(missing_rates=(False, not twist))
+    window.__len__.return_value = 50
+    with patch.object(two_stage, 'with_rates', lambda window: window):
+        return TwoStageEstimator(first, second).update([window] * len(statuses), 0)
 
 
 def test_a_first_stage_that_contradicts_the_data_publishes_nothing_for_ten_seconds() -> None:
@@ -41,3 +43,34 @@ def test_a_first_stage_of_poses_alone_publishes_nothing_for_ten_seconds() -> Non
     found = published(*['estimating'] * 11, twist=False)
     assert [each.identifiable.any() for each in found] == [*[False] * 10, True]
     assert all(FIRST_STAGE in each.warnings and not each.contradicted for each in found[:10])
+
+
+def test_a_second_stage_that_leads_publishes_before_the_first_one_works() -> None:
+    calls: list[str] = []
+    sizes = iter((1.0, 1.0, 2.0, 2.0))
+    restarts: list[int] = []
+
+    def take_first(_windows: Any, _origin: int) -> list[Estimate]:
+        calls.append('first')
+        return [estimate(parameters=next(sizes) * BODY)]
+
+    def take_second(_windows: Any, _origin: int) -> list[Estimate]:
+        calls.append('second')
+        return [estimate()]
+
+    first: Any = SimpleNamespace(method='difference', update=take_first)
+    second: Any = SimpleNamespace(method='trajectory', changed=False, settled=True, disturbed=False, update=take_second)
+    second.offer, second.run_slice = lambda _: None, lambda: False
+    second.restart = lambda: restarts.append(len(calls))
+    stages = TwoStageEstimator(first, second)
+    window: Any = SimpleNamespace(missing_rates=(False, False))
+    found = []
+    for _ in range(4):
+        calls.clear()
+        found += stages.update([window], 0)
+        before, _ = list(calls), stages.run_slice()
+        assert before == (['first', 'second'] if len(found) in {1, 4} else ['second'])
+        assert sorted(calls) == ['first', 'second']
+    # The contradiction that the third window holds is found once its estimate is out, and said with the fourth.
+    assert restarts == [2]
+    assert [DISAGREE.text in each.warnings for each in found] == [False, False, False, True]
