@@ -92,6 +92,11 @@ class Diagnostics:
             for key, (level, text, values) in reports.items()
         ]
 
+    @property
+    def stuck(self) -> bool:
+        """Whether no sample has been used between the last two reports."""
+        return self._used_at < self._time
+
     def missing(self, state: RunState) -> tuple[str, ...]:
         """Return the obstacles to an estimate, one sentence each."""
         missing = [state.problem] if state.problem else []

@@ -18,7 +18,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
 from mbaid_ros.nodes.subscriptions import LOST
 from mbaid_ros.nodes.watch import NEXT
-from mbaid_ros.session.explanation import doubts, explain, obstacles
+from mbaid_ros.session.explanation import apart, doubts, explain, obstacles
 from mbaid_ros.session.model_summary import ModelSummary
 from mbaid_ros.session.session import Session
 
@@ -101,7 +101,7 @@ class SampleReport:
             ('used', session.used),
             *((f'dropped, {cause}', count) for cause, count in sorted(session.dropped.items())),
             *((f'partly used, {cause}', count) for cause, count in sorted(session.replaced.items())),
-            *((f'reason {index + 1}', reason) for index, reason in enumerate(remarks(session))),
+            *((f'reason {index + 1}', reason) for index, reason in enumerate(remarks(session, stuck=not used))),
         ]
         if state.halted:
             return WARN, state.halted, values
@@ -138,10 +138,14 @@ def complaints(session: Session) -> list[str]:
     return [*(f'messages dropped: {reason}' for reason in explain(session, session.dropped)), *obstacles(session)]
 
 
-def remarks(session: Session) -> list[str]:
-    """Return the complaints, and the unusable parts of used messages, one sentence each."""
+def remarks(session: Session, *, stuck: bool) -> list[str]:
+    """Return the complaints, and the unusable parts of used messages, one sentence each.
+
+    Stamps that are apart count if no sample has been used lately (`stuck`).
+    """
     partly = (f'messages partly used: {reason}' for reason in explain(session, session.replaced))
-    return [*complaints(session), *partly]
+    passing = [] if stuck else apart(session)
+    return [*(each for each in complaints(session) if each not in passing), *partly]
 
 
 def estimate_report(state: RunState) -> Report:
