@@ -155,7 +155,7 @@ class Motions:
         """Return how far a trajectory from the start on moves the base of a robot at most, (3,): rad, m, rad/s."""
         step = trajectory.duration / _FINE
         times = np.arange(2 * _FINE + 1) * 0.5 * step
-        coasting = floating.moved(*self._at_rest(times), step)
+        coasting = floating.moved(*self.at_rest(times), step)
         return np.asarray(floating.moved(*self.along(trajectory, times), step).away_from(coasting).max(axis=(0, 1)))
 
     def excursions_of(self, robots: Sequence[Floating], speeds: Array) -> Array:
@@ -163,7 +163,7 @@ class Motions:
         step, times = self._instants
         moved, still = (
             as_they_may_be(robots, position[:, 0], rate[:, 0], step)
-            for position, rate in (self.joints(speeds[None], times), self._at_rest(times))
+            for position, rate in (self.joints(speeds[None], times), self.at_rest(times))
         )
         return np.asarray(moved.away_from(still).max(axis=0))
 
@@ -184,9 +184,9 @@ class Motions:
     def _coasting(self) -> BaseMotion:
         """How the base moves while no joint is moved."""
         step, times = self._instants
-        return self.floating.moved(*self._at_rest(times), step)
+        return self.floating.moved(*self.at_rest(times), step)
 
-    def _at_rest(self, times: Array) -> tuple[Array, Array]:
+    def at_rest(self, times: Array) -> tuple[Array, Array]:
         """Return positions and rates (T, 1, n) of all joints at instants, none of them moved."""
         return self.joints(np.zeros((1, self.splines.count, len(self.start))), times)
 

@@ -35,7 +35,7 @@ def passive_columns(
     `right` (N, 6, u + 6) is minus the change of the momentum at fixed twists; deflections (N, f).
     """
     kernel, inertias = point.side.kernel, motion.inertias
-    springs, count = kernel.springs, len(point.parameters)
+    springs, count = kernel.springs, right.shape[-1] - 6
     along, force = np.zeros((2, len(right), springs.count, right.shape[-1]))
     for place, columns, at_zero in _carried_columns(layout, kernel, states):
         along[..., place] = -np.einsum('nia,niak->nik', inertias.axes, columns)
@@ -63,6 +63,18 @@ def starting_columns(layout: Layout, point: Point) -> Array:
             columns[..., begin : begin + unknown.count] = own
         begin += unknown.count
     return columns
+
+
+def started(first: Array, by_state: Array, driven: Array) -> Array:
+    """Return x (..., 2 f, c) where deflections and rates are given, `first` (2, f, c).
+
+    The rates of x there are by_state x + driven, (..., 2 f, 2 f) and (..., 2 f, c).
+    """
+    size = by_state.shape[-1] // 2
+    deflection, rate = first
+    left = rate - driven[..., :size, :] - by_state[..., :size, :size] @ deflection
+    along = np.linalg.solve(by_state[..., :size, size:], left)
+    return np.concatenate((np.broadcast_to(deflection, along.shape), along), axis=-2)
 
 
 def _carried_columns(

@@ -16,7 +16,7 @@ import numpy as np
 
 from mbaid_ros.core.filter.exponential import composed, steps_of
 from mbaid_ros.core.filter.knots import Midpoints
-from mbaid_ros.core.filter.passive_prediction import PassiveColumns, starting_columns
+from mbaid_ros.core.filter.passive_prediction import PassiveColumns, started, starting_columns
 from mbaid_ros.core.filter.state import Layout, Point
 from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, predict
 from mbaid_ros.core.filter.window import Stack, Window
@@ -148,7 +148,7 @@ class SwingCourse:
             before = None if window.fresh else self._before(window, ends, point)
             if before is None:
                 instant = part.instants.start + begin * len(part.ends) + index
-                start = result[:begin] = _started(first, by_state[instant], driven[instant])
+                start = result[:begin] = started(first, by_state[instant], driven[instant])
             else:
                 start, result[:begin] = before[1], before[:begin]
             result[begin:] = step[..., :size] @ start + step[..., size:]
@@ -193,20 +193,6 @@ def _parts(stacks: Sequence[Stack], motions: Motions) -> list[_Part]:
         )
         for stack, (_, inside), shape, own in zip(stacks, motions, shapes, pairwise(bounds), strict=True)
     ]
-
-
-def _started(first: Array, by_state: Array, driven: Array) -> Array:
-    """Return x and its derivatives (2 f, 1 + u) at an instant whose deflections and rates are given (2, f, 1 + u).
-
-    Parameters
-    ----------
-    first : these
-    by_state, driven : (2 f, 2 f), (2 f, 1 + u) the rates of x there: by_state x + driven
-    """
-    size = len(by_state) // 2
-    deflection, rate = first
-    left = rate - driven[:size] - by_state[:size, :size] @ deflection
-    return np.concatenate((deflection, np.linalg.solve(by_state[:size, size:], left)))
 
 
 def _moved(columns: Array, before: Point, point: Point) -> Array:
