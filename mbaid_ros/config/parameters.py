@@ -17,7 +17,6 @@ from typing import Any, Literal, TypeVar, cast, get_type_hints
 from mbaid_ros import limits
 from mbaid_ros.core.errors import ParameterError, listing
 
-NOT_GIVEN = math.nan  # default of a number that another parameter stands for
 METHODS = ('trajectory', 'difference', 'paper_difference', 'paper_main')
 
 
