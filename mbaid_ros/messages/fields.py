@@ -14,6 +14,7 @@ import numpy as np
 
 from mbaid_ros.cdr import JointStateLayout, OdometryLayout, Packet, Packets
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.samples import Stamps
 
 # Causes for which messages, or parts of them, are unusable.
@@ -138,6 +139,14 @@ def vector_of(message: Any) -> tuple[str, int, Array]:
     vector = message.vector
     values = np.array([vector.x, vector.y, vector.z], dtype=float)
     return message.header.frame_id.lstrip('/'), stamp_of(message), values
+
+
+def parameters_of(message: Any) -> Array:
+    """Return mass, centre of mass and inertia, (10,), of an InertiaEstimate; NaN where not identifiable."""
+    inertia = message.inertia
+    tensor = (getattr(inertia, name) for name in PARAMETERS[4:])
+    values = np.array([inertia.m, inertia.com.x, inertia.com.y, inertia.com.z, *tensor], dtype=float)
+    return np.where(np.asarray(message.identifiable, dtype=bool), values, np.nan)
 
 
 def numbers_of(message: Any) -> tuple[float, ...]:
