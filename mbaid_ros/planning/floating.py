@@ -55,11 +55,6 @@ class Floating:
         momentum = np.tile(self.point.parameters[:6], (joint_position.shape[1], 1))
         return _integrated(*parts, momentum, (self.rotation, self.position), step)
 
-    def coasting(self, joint_position: Array, instants: int, step: float) -> BaseMotion:
-        """Return how the base moves while joints (n,) rest: one motion."""
-        still = np.broadcast_to(joint_position, (2 * instants - 1, 1, len(joint_position)))
-        return self.moved(still, np.zeros(still.shape), step)
-
     def bodies(self, joint_position: Array, joint_velocity: Array) -> tuple[Array, Array]:
         """Return M^-1 (..., 6, 6) and the momentum (..., 6) of the joints' motion at a resting base, base axes."""
         side = self.point.side
