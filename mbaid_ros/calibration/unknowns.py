@@ -100,12 +100,6 @@ class Normals:
         )
 
     @property
-    def links(self) -> UnknownsPrior:
-        """Mean and covariance of the links' numbers, ten each."""
-        count = len(self.prior.mean)
-        return UnknownsPrior(self.gaussian.mean[:count], self.gaussian.factor[:count])
-
-    @property
     def of_the_robot(self) -> UnknownsPrior:
         """Mean and covariance of links, joints, mount, wheels and thrusters: all but the sensors."""
         of_the_run = (unknown for unknown in self.unknowns if unknown.read and not isinstance(unknown, OdometryMount))
