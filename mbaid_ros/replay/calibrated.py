@@ -18,6 +18,7 @@ from mbaid_ros.core.results.reporting import LENGTH
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.words import underestimated_text
 from mbaid_ros.replay.run import BagMotions
+from mbaid_ros.session.methods import IDENTIFIABLE_STD, LARGEST_RESIDUAL
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
 
 _FIRST, _SECOND = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
@@ -37,7 +38,7 @@ class Calibrated:
     @property
     def contradicted(self) -> bool:
         """Whether the data contradict the model: the result must not be trusted."""
-        return self.calibration.residual > self.parameters.estimator.convergence.largest_residual
+        return self.calibration.residual > LARGEST_RESIDUAL
 
     @cached_property
     def survey(self) -> ModelSummary:
@@ -66,11 +67,10 @@ def why_not(result: Calibrated) -> str:
     if not calibration.settled:
         remedy = result.unmoved or 'correct its large errors, or declare priors as wide as they are'
         return f'the iteration does not converge near the robot description; {remedy}'
-    limit = result.parameters.estimator.convergence.identifiable_std
     left_open = [
         f'{link.name}.{PARAMETERS[index]}'
         for link in calibration.links
-        for index in np.flatnonzero(np.isinf(link.prior_std) & ~(link.std < limit * _sizes(link)))
+        for index in np.flatnonzero(np.isinf(link.prior_std) & ~(link.std < IDENTIFIABLE_STD * _sizes(link)))
     ]
     if left_open:
         return (

@@ -63,13 +63,6 @@ class Steered(Driven):
         joined = _joined(every, place[places], rate[places], bend[places])
         self._orders.append(Followed(joined, place, places, begin + self._offset))
 
-    def come_to_rest(self, model: RobotModel, begin: float, seconds: float) -> None:
-        """Come to rest within some seconds from a time (s) on that is still to come."""
-        place, rate, _ = self.reference(begin)
-        end = (place + 0.5 * seconds * rate)[model.transmission.independent][None]
-        still = np.zeros(end.shape)
-        self.follow(JointTrajectory(model.independent_joints, np.array([seconds]), end, still, still), model, begin)
-
     def reference(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration of the joints at a time, (n,) each."""
         now = time + self._offset
