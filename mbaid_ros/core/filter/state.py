@@ -159,6 +159,10 @@ class Layout:
         known = known.beside(sum(each.count for each in read), before=len(known.mean))
         return replace(self, unknowns=unknowns, known=known)
 
+    def state(self, body: Array, momentum: Array) -> Array:
+        """Return the state (s,) with a body (10,), a momentum (6,), and the unknowns as declared."""
+        return np.concatenate((np.zeros(POSE.stop), momentum, body, self.known.mean))
+
     def point(self, state: Array, deviation: Array | None = None) -> Point:
         """Return the linearisation point of a state (s,) with standard deviations (s,)."""
         values = self.settled(state, deviation)

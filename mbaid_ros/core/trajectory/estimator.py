@@ -205,8 +205,8 @@ class TrajectoryEstimator:
         if run is None or last is None or not self.settled or not self._settings.located:
             return None
         distribution = run.distribution()
-        end = End.of(last, self._settings.noise, self._settings.window, self._averaging.origin, self._plane.normal)
-        end = end.after(self._momentum_change(last, distribution.mean))
+        settings, brought = self._settings, self._momentum_change(last, distribution.mean)
+        end = End.of(last, settings.noise, settings.window, self._averaging.origin, brought)
         return posterior(self._runs.layout, run.best.hypothesis, distribution, run.prior_scales(distribution), end)
 
     @property
@@ -249,6 +249,4 @@ def _point_of(estimate: Estimate, layout: Layout, origin: Array) -> Point:
     body[diagonal] = np.where(estimate.identifiable[diagonal], body[diagonal], body[diagonal].max())
     momentum = np.nan_to_num(estimate.momentum - estimate.impulse)
     momentum[3:] -= cross(origin, momentum[:3])
-    state = np.concatenate((np.zeros(BODY.stop), layout.known.mean))
-    state[MOMENTUM], state[BODY] = momentum, standard(body)
-    return layout.point(state)
+    return layout.point(layout.state(standard(body), momentum))
