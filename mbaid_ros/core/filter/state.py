@@ -145,11 +145,6 @@ class Layout:
             len(self.cause_of), len(self.causes)
         )
 
-    @cached_property
-    def alike(self) -> Array:
-        """Numbers of the same cause, as (e, e) zeros and ones."""
-        return np.asarray(self.belongs @ self.belongs.T)
-
     def extended(self, more: Sequence[Unknown]) -> Layout:
         """Return the layout with more unknowns, independent of the others."""
         before = len(self.predicted)

@@ -9,8 +9,7 @@ from typing import Literal
 import numpy as np
 
 from mbaid_ros.core.filter.chain import WindowModel, window_models
-from mbaid_ros.core.filter.integrated_twist import TwistLink, linked
-from mbaid_ros.core.filter.joint_noise import errors_in_variables_bias
+from mbaid_ros.core.filter.joint_noise import TwistLink, errors_in_variables_bias, linked
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, POSE, Layout, Point
 from mbaid_ros.core.filter.swing import SwingCourse
 from mbaid_ros.core.filter.variables import Variables
