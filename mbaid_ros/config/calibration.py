@@ -12,7 +12,7 @@ from mbaid_ros import limits
 from mbaid_ros.config.capture import CaptureConfig
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import LinkPriorConfig, TargetPriorConfig
-from mbaid_ros.config.parameters import NOT_GIVEN, build, by_name, parameter
+from mbaid_ros.config.parameters import build, by_name, parameter
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.files import parse_json, read_text
@@ -106,21 +106,8 @@ class LinkPriorsConfig:
 
 @dataclass(frozen=True)
 class PriorConfig(LinkPriorConfig):
-    """How far links, joints and the odometry's mount may be off, where it is another than the estimator's parameters.
+    """How far links may be off, where it is another than known_links declares; one standard deviation each."""
 
-    One standard deviation each.
-    """
-
-    zero_std: float = parameter(NOT_GIVEN, 'rad', minimum=0.0)
-    """The same of every joint as known_joints.zero_std."""
-    origin_std: float = parameter(NOT_GIVEN, 'm', minimum=0.0)
-    """The same of every joint as known_joints.origin_std."""
-    axis_std: float = parameter(NOT_GIVEN, 'rad', minimum=0.0)
-    """The same of every joint as known_joints.axis_std."""
-    mount_position_std: float = parameter(NOT_GIVEN, 'm', minimum=0.0)
-    """The same as odometry_mount.position_std."""
-    mount_orientation_std: float = parameter(NOT_GIVEN, 'rad', minimum=0.0)
-    """The same as odometry_mount.orientation_std."""
     links: LinkPriorsConfig = field(default_factory=LinkPriorsConfig)
 
 

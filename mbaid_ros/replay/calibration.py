@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from dataclasses import replace
-from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +24,13 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import Link, RobotModel, displaced, load_model
 from mbaid_ros.core.robot.model_errors import relative_factor
 from mbaid_ros.core.robot.urdf_edit import displace_joint, replace_inertial
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.files import write_text
 from mbaid_ros.replay.calibrated import Calibrated, summary, why_not
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import check_outputs, passive_joints, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.replay.run import read_motions
 from mbaid_ros.session.known_robot import link_deviations, weighed
-from mbaid_ros.session.settings import joint_values, springs, storage, with_surroundings
+from mbaid_ros.session.settings import declared_uncertainty, springs, storage
 
 CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
 _INERTIA = PARAMETERS[4:]
@@ -109,10 +107,16 @@ def _settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> Cali
                 f'prior.links.{link} is given, but {link} is not calibrated; accepted: {listing(names)}'
             )
     estimator = parameters.estimator
+    total = weighed(estimator.known_links)
     return CalibrationSettings(
         noise=estimator.noise.declared,
         priors=tuple(_link_prior(link, parameters) for link in kernel.unknown),
-        uncertainty=_uncertainty(kernel.model, parameters),
+        uncertainty=replace(
+            declared_uncertainty(estimator, kernel.model),
+            orbit=0.0,
+            circle=None,
+            weighed=None if total is None else replace(total, with_target=True),
+        ),
         window=estimator.window,
         gyro=estimator.imu.noise_density,
         orientation_measured=not estimator.imu.alone or estimator.imu.orientation,
@@ -138,23 +142,6 @@ def _link_prior(link: Link, parameters: CalibrationParameters) -> LinkPrior:
             else relative_factor(link.parameters, known.relative_std)
         )
     return LinkPrior(stds.mass, stds.com, stds.inertia, factor)
-
-
-def _uncertainty(model: RobotModel, parameters: CalibrationParameters) -> Uncertainty:
-    """Return the uncertainty of joints, mount, wheels, thrusters, stamps and momentum."""
-    prior, estimator = vars(parameters.calibration.prior), parameters.estimator
-    given = {name: value for name, value in prior.items() if isinstance(value, float) and not isnan(value)}
-    zeros, origins, axes = (
-        [given[part]] * model.joints if part in given else joint_values(estimator.known_joints, part, model)
-        for part in ('zero_std', 'origin_std', 'axis_std')
-    )
-    mount, total = estimator.odometry_mount, weighed(estimator.known_links)
-    position = given.get('mount_position_std', mount.position_std)
-    orientation = given.get('mount_orientation_std', mount.orientation_std)
-    return replace(
-        with_surroundings(estimator, model, (zeros, origins, axes), (position, orientation)),
-        weighed=None if total is None else replace(total, with_target=True),
-    )
 
 
 def _calibrated_urdf(urdf: str, calibration: Calibration) -> str:
