@@ -132,7 +132,7 @@ class Normals:
                 std = np.linalg.norm(unknown.factor @ self.gaussian.factor[numbers], axis=1).reshape(-1, 2)
                 prior = np.linalg.norm(unknown.factor, axis=1).reshape(-1, 2)
         names = [kernel.model.joint_names[joint] for joint in springs.joints]
-        declared, unasked = (springs.rate, springs.ratio, prior), np.full(springs.count, np.nan)
+        declared, unasked = (springs.rate, springs.ratio, prior), np.full((3, springs.count), np.nan)
         found = resolved(springs.rate, springs.ratio, std[:, 0], seconds)
         return PassiveJoint.all_of(names, declared, value, std, unasked, found)
 

@@ -229,9 +229,9 @@ def thrusters(distribution: MeanAndCovariance, layout: Layout) -> tuple[Thruster
 
 
 def passive_joints(
-    distribution: MeanAndCovariance, layout: Layout, largest: Array, resolved: Flags
+    distribution: MeanAndCovariance, layout: Layout, deflections: Array, resolved: Flags
 ) -> tuple[PassiveJoint, ...]:
-    """Return the passive joints as estimated; `largest`, `resolved` (f,) as of `PassiveJoint.all_of`."""
+    """Return the passive joints as estimated; `deflections`, `resolved` as of `PassiveJoint.all_of`."""
     springs, model = layout.kernel.springs, layout.kernel.model
     value, std, prior = np.zeros((3, springs.count, 2))
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
@@ -240,7 +240,7 @@ def passive_joints(
             std = np.abs(unknown.factor @ _deviation(distribution, place)).reshape(-1, 2)
             prior = np.linalg.norm(unknown.factor, axis=1).reshape(-1, 2)
     names = [model.joint_names[joint] for joint in springs.joints]
-    return PassiveJoint.all_of(names, (springs.rate, springs.ratio, prior), value, std, largest, resolved)
+    return PassiveJoint.all_of(names, (springs.rate, springs.ratio, prior), value, std, deflections, resolved)
 
 
 _FAR = 3.0  # standard deviations of its declaration, beyond which a frequency is another thing's
