@@ -12,7 +12,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.kinematics import Configuration, cantilever_inertias
+from mbaid_ros.core.robot.kinematics import Configuration
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
 from mbaid_ros.core.robot.sensitivity import force_cross, motion_cross
 from mbaid_ros.core.samples import ArrayRecord
@@ -21,7 +21,7 @@ from mbaid_ros.core.samples import ArrayRecord
 def spring_constants(kernel: MomentumKernel, known: Array) -> tuple[Array, Array]:
     """Return stiffness and damping (f,) of the passive joints, all bodies (n + 1, 10) known; SI units."""
     springs = kernel.springs
-    inertia = cantilever_inertias(kernel.kinematics, known)[list(springs.joints)]
+    inertia = np.sum(kernel.kinematics.cantilever[list(springs.joints)] * known, axis=(1, 2))
     return inertia * springs.rate**2, 2.0 * springs.ratio * inertia * springs.rate
 
 
