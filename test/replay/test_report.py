@@ -146,7 +146,8 @@ def test_a_planar_run_shows_what_it_does_not_determine() -> None:
 
 def test_passive_joints_are_drawn_over_time() -> None:
     panels = tuple(
-        PassiveJoint(name, 0.3, 0.001, 0.01, 0.002, 0.02, resolved=True, swing=(-0.01, 0.02)) for name in ('left', '<b>')
+        PassiveJoint(name, 0.3, 0.001, 0.01, 0.002, 0.02, resolved=True, swing=(-0.01, 0.02))
+        for name in ('left', '<b>')
     )
     text = html([run(estimate(flexible=panels))])
     assert len(svgs(text)) == len(svgs(page_of_a_good_run())) + 1

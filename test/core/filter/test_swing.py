@@ -91,8 +91,8 @@ class Case:
         derivatives: list[Array] = []
         deflections: list[Array] = []
         for stacks in in_stacks(self.windows, 3):
-            motions = [stack.motion(point.side, None, BESIDE) for stack in stacks]
-            motions, prediction, _, _ = course.predict(stacks, motions, point)
+            begun = [stack.motion(point.side, None, BESIDE) for stack in stacks]
+            motions, prediction, _, _ = course.predict(stacks, begun, point)
             parts = prediction.divided([motion.turn.shape[:2] for motion, _ in motions])
             windows_of: dict[int, tuple[Array, ...]] = {}
             for stack, part, (motion, inside) in zip(stacks, parts, motions, strict=True):
