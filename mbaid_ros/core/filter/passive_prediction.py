@@ -12,15 +12,17 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.momentum import regressor
-from mbaid_ros.core.robot.passive import PassiveMotion
+from mbaid_ros.core.robot.passive import PassiveInertias, PassiveMotion
+from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.unknowns.bodies import KnownBodies
 from mbaid_ros.core.unknowns.flexible import SpringErrors, StartingSwing, SwingNoise
 
 
 @dataclass(frozen=True, eq=False)
-class PassiveColumns:
+class PassiveColumns(ArrayRecord):
     """How the state x = (deflections, s) of f passive joints changes at N instants, linear in x and the parameters."""
 
+    inertias: PassiveInertias
     slope: Array  # (N, 2 f) rates of x
     # by_state, by_parameters: (N, 2 f, 2 f), (N, 2 f, u) derivatives of these
     by_state: Array
@@ -57,7 +59,7 @@ def passive_columns(
     twist, rates = motion.derivatives(right, along, force)
     by_parameters, by_state = rates[..., :count], rates[..., count + 6 :]
     slope = np.concatenate((motion.rates, motion.forces), axis=-1)
-    return twist[..., : count + 6], PassiveColumns(slope, by_state, by_parameters, twist[..., count + 6 :])
+    return twist[..., : count + 6], PassiveColumns(inertias, slope, by_state, by_parameters, twist[..., count + 6 :])
 
 
 def starting_columns(layout: Layout, point: Point) -> Array:

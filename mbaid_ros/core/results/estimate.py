@@ -166,8 +166,7 @@ class PassiveJoint:
         names : of each
         declared : (f,) angular frequencies, rad/s, and damping ratios; (f, 2) standard deviations as of `std`
         value, std : (f, 2) relative error of the frequency, error of the ratio
-        deflections : (3, f) largest so far, least and highest in the latest window
-        resolved : (f,) whether the data resolve a frequency
+        deflections, resolved : (3, f) as of the class; (f,) whether the data resolve a frequency
         """
         rate, ratio, prior = declared
         value, std = np.where(resolved[:, None], value, 0.0), np.where(resolved[:, None], std, prior)

@@ -92,10 +92,7 @@ class Kinematics:
 
     @cached_property
     def cantilever(self) -> Array:
-        """Derivatives (n, n + 1, 10) of the inertia about or along each joint's axis of all it carries, joints at zero.
-
-        By the standard parameters of the bodies, each in its own frame; that inertia is linear in them.
-        """
+        """Derivatives (n, n + 1, 10) by the bodies' parameters of the inertia that each joint carries, joints at zero."""
         placed = self.configure(np.eye(3)[None], np.zeros((1, self.model.joints)))
         axes = placed.joint_twist[0]
         columns = regressor(placed.rotation, placed.position, axes[:, None])  # (n, n + 1, 6, 10)
