@@ -10,8 +10,9 @@ import numpy as np
 import recorded
 from captured import sensed, servicer_motion
 from floating import float_freely, still
-from mbaid_ros.bags import message_class
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.outgoing import SensorMessages
+from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import configured_motion, kernel
 from simulated import robot
@@ -43,12 +44,8 @@ def pushed(*, thrust: bool = True) -> Truth:
 def command(time: float, wrench: Array, frame: str = 'base_link') -> Timed:
     """Return a command that comes when it is stamped, as in recorded.messages."""
     stamp = round(time * 1e9)
-    force, torque = recorded.vector(wrench[:3].tolist()), recorded.vector(wrench[3:].tolist())
-    message = message_class(WRENCH)(
-        header=recorded.header(stamp, frame),
-        wrench=message_class('geometry_msgs/msg/Wrench')(force=force, torque=torque),
-    )
-    return '/thrust', message, stamp
+    sensors = SensorMessages(BAG_TYPES, robot('servicer7'), 'odom')
+    return '/thrust', sensors.wrench(wrench, frame, recorded.EPOCH * 1_000_000_000 + stamp), stamp
 
 
 def messages(seed: int, *commands: Timed, thrust: bool = True) -> list[Timed]:

@@ -15,11 +15,10 @@ from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import standard
-from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.session import methods
 from mbaid_ros.simulation.motion import random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
-from observed import HIGH, LOW, MID, drifting, estimator, identify, kernel, nees, observe, true_body, windows
+from observed import HIGH, LOW, MID, drifting, identify, kernel, nees, true_body
 from random_robots import random_urdf
 from simulated import state
 
@@ -144,7 +143,3 @@ def test_a_known_momentum_helps(spatial: Truth) -> None:
     assert given.std[0] < 0.9 * without.std[0]
     assert np.sqrt(np.diag(given.momentum_covariance))[:3].max() <= 0.01
     assert nees(given, true_body(unknown)) < OPTIMISM * chi2.ppf(1.0 - 1e-3, 10)
-
-
-def identified(name: str, truth: Truth, noise: SensorNoise, seed: int, **parameters: object) -> Estimate:
-    return estimator(kernel(name), noise, **parameters).update(windows(observe(truth, noise, seed)), 0)[-1]

@@ -56,8 +56,8 @@ def test_mujoco_moves_and_measures_the_true_robot_alike(name: str, rate: float) 
     instants = np.arange(0.0, 21.0, 2.0)
     ours = misread(Simulation(true, Passive(), start).advance(instants), errors)
     theirs = InMuJoCo(model, 0.002, errors).measured(start, instants)
-    for name in ('joint_position', 'base_position', 'base_linear_velocity', 'base_angular_velocity'):
-        assert far(getattr(ours, name), getattr(theirs, name)) < 1e-8
+    for part in ('joint_position', 'base_position', 'base_linear_velocity', 'base_angular_velocity'):
+        assert far(getattr(ours, part), getattr(theirs, part)) < 1e-8
     assert far(*(rotation_from_quaternion(each.base_orientation) for each in (ours, theirs))) < 1e-8
     # The same robot without its errors is another one by far more than that.
     exact = Simulation(model, Passive(), start).advance(instants)
