@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import io
 import os
 import shutil
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -14,57 +13,15 @@ from typing import Any
 
 import yaml
 from backports import zstd
-from mcap.writer import CompressionType, Writer
 
-from mbaid_ros.bags import BagReader
-from mbaid_ros.bags.types import definition
+from fuzzing.plain_bags import BAG, TYPES, database, mcap
 
-SHIPPED = Path(__file__).resolve().parents[1] / 'bags' / 'table1_live'
-TYPES = {'/joint_states': 'sensor_msgs/msg/JointState', '/odom': 'nav_msgs/msg/Odometry'}
 COUNT = 400  # messages of a whole bag
-
-SCHEMA = """
-CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
-CREATE TABLE metadata(id INTEGER PRIMARY KEY, metadata_version INTEGER NOT NULL, metadata TEXT NOT NULL);
-CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, serialization_format TEXT NOT NULL,
-  offered_qos_profiles TEXT NOT NULL, type_description_hash TEXT NOT NULL);
-CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT NOT NULL, encoding TEXT NOT NULL,
-  encoded_message_definition TEXT NOT NULL, type_description_hash TEXT NOT NULL);
-CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL,
-  data BLOB NOT NULL);
-CREATE INDEX timestamp_idx ON messages (timestamp ASC);
-INSERT INTO schema VALUES (4, 'jazzy');
-"""
-
-
-def recorded() -> Iterator[tuple[str, bytes, int]]:
-    """Yield the first messages of a shipped bag."""
-    with BagReader(SHIPPED) as bag:
-        for message, _ in zip(bag.raw(TYPES), range(COUNT), strict=False):
-            yield message
-
-
-def database(path: Path, change: str = '', schema: str = SCHEMA, pack: Callable[[bytes], bytes] = bytes) -> Path:
-    """Write a sqlite3 bag, and change it by SQL."""
-    with closing(sqlite3.connect(path)) as connection:
-        connection.executescript(schema.replace(' NOT NULL', ''))
-        numbers = {topic: number for number, topic in enumerate(TYPES, start=1)}
-        for topic, kind in TYPES.items():
-            connection.execute(
-                'INSERT INTO topics VALUES (?, ?, ?, ?, ?, ?)', (numbers[topic], topic, kind, 'cdr', '', '')
-            )
-            meaning = (numbers[topic], kind, 'ros2msg', definition(kind)[0], '')
-            connection.execute('INSERT INTO message_definitions VALUES (?, ?, ?, ?, ?)', meaning)
-        rows = [(None, numbers[topic], time, pack(data)) for topic, data, time in recorded()]
-        connection.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)', rows)
-        connection.executescript(change)
-        connection.commit()
-    return path
 
 
 def changed_database(folder: Path, change: str) -> Path:
     """Write a bare sqlite3 bag that SQL has changed."""
-    return database(folder / 'bag.db3', change)
+    return database(folder / 'bag.db3', COUNT, change)
 
 
 def metadata(files: list[str], storage: str = 'sqlite3', mode: str = '', **more: Any) -> dict[str, Any]:
@@ -104,7 +61,7 @@ def zeros(size: int) -> bytes:
 def message_bomb(folder: Path) -> Path:
     """Write a message that decompresses to 4 GB."""
     bomb = zeros(4_000_000_000)
-    path = database(folder / 'bag.db3', pack=zstd.compress)
+    path = database(folder / 'bag.db3', COUNT, pack=zstd.compress)
     with closing(sqlite3.connect(path)) as connection:
         connection.execute('UPDATE messages SET data = ? WHERE id = 5', (bomb,))
         connection.commit()
@@ -114,7 +71,7 @@ def message_bomb(folder: Path) -> Path:
 def many_bombs(folder: Path) -> Path:
     """Write messages that decompress to 50 MB each, 20 GB together."""
     bomb = zeros(50_000_000)
-    database(folder / 'bag.db3', pack=lambda _data: bomb)
+    database(folder / 'bag.db3', COUNT, pack=lambda _data: bomb)
     return folder_of(folder, metadata(['bag.db3'], mode='message'))
 
 
@@ -124,24 +81,9 @@ def file_bomb(folder: Path) -> Path:
     return folder_of(folder, metadata(['bag.db3.zstd'], mode='file'))
 
 
-def mcap() -> bytes:
-    """Return an MCAP file of the recorded messages."""
-    stream = io.BytesIO()
-    writer = Writer(stream, chunk_size=4_000, compression=CompressionType.NONE)
-    writer.start(profile='ros2')
-    channels = {}
-    for topic, kind in TYPES.items():
-        schema = writer.register_schema(kind, 'ros2msg', definition(kind)[0].encode())
-        channels[topic] = writer.register_channel(topic, 'cdr', schema, {'offered_qos_profiles': ''})
-    for count, (topic, data, time) in enumerate(recorded()):
-        writer.add_message(channels[topic], time, data, time, count)
-    writer.finish()  # type: ignore[no-untyped-call]
-    return stream.getvalue()
-
-
 def chunk_bomb(folder: Path) -> Path:
     """Write an MCAP file one chunk of which decompresses to 4 GB."""
-    content = mcap()
+    content = mcap(COUNT)
     bomb = zeros(4_000_000_000)
     record = b'\0' * 16 + (4_000_000_000).to_bytes(8, 'little') + bytes(4) + b'\4\0\0\0zstd'
     record += len(bomb).to_bytes(8, 'little') + bomb
@@ -153,7 +95,7 @@ def chunk_bomb(folder: Path) -> Path:
 
 def pipe_for(folder: Path, name: str) -> Path:
     """Make a folder with a pipe in the place of a file."""
-    shutil.copytree(SHIPPED, folder, dirs_exist_ok=True)
+    shutil.copytree(BAG, folder, dirs_exist_ok=True)
     (folder / name).unlink(missing_ok=True)
     os.mkfifo(folder / name)
     return folder
@@ -161,7 +103,7 @@ def pipe_for(folder: Path, name: str) -> Path:
 
 def described(folder: Path, text: Callable[[], dict[str, Any] | str]) -> Path:
     """Write a whole bag with other metadata."""
-    database(folder / 'bag.db3')
+    database(folder / 'bag.db3', COUNT)
     return folder_of(folder, text())
 
 

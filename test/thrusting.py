@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 import recorded
-from captured import sensed, servicer_motion
+from benchmarks.honesty.paths import servicer
+from captured import sensed
 from floating import float_freely, still
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.outgoing import SensorMessages
@@ -38,7 +39,7 @@ def pushed(*, thrust: bool = True) -> Truth:
     """Return the servicer's motion with the pulse, or without."""
     start = total_momentum(robot('servicer7'), configured_motion('servicer7', 0.1, 20.0)[:1])[0]
     # Every fourth sample: 25 a second are enough.
-    return float_freely(kernel('servicer7'), servicer_motion(), start, SECONDS, push if thrust else still)[::4]
+    return float_freely(kernel('servicer7'), servicer(), start, SECONDS, push if thrust else still)[::4]
 
 
 def command(time: float, wrench: Array, frame: str = 'base_link') -> Timed:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from mbaid_ros.core.identifier import Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples, Stamps
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.core.two_stage import DISAGREE, TwoStageEstimator
+from mbaid_ros.core.two_stage import DISAGREE, FIRST_STAGE, LATE, TwoStageEstimator
 from measured import base_stream, joint_stream, piece
 from observed import MID, configured_motion, observe, windows
 
@@ -155,3 +157,28 @@ def test_a_first_stage_goes_in_the_end_unless_it_contradicts_the_second(agrees: 
     found, _ = both(first, second)
     assert {each.status for each in found[:many]} == {'estimating' if agrees else 'inconsistent'}
     assert found[-1].status == ('estimating' if agrees else 'inconsistent')
+
+
+# -- What the first stage publishes before the second one has started.
+
+
+def published(*statuses: str) -> list[Estimate]:
+    """Return the estimates of a second stage that never starts beside a first one of some statuses, a second each."""
+    second: Any = SimpleNamespace(method='trajectory', changed=False, settled=False, offer=lambda _: None)
+    second.update = lambda _windows, _origin: [estimate(status='not_identifiable')]
+    made = iter(estimate(status=status, time=float(time)) for time, status in enumerate(statuses))
+    first: Any = SimpleNamespace(method='difference', update=lambda _windows, _origin: [next(made)])
+    window: Any = SimpleNamespace(missing_rates=(False, False))
+    return TwoStageEstimator(first, second).update([window] * len(statuses), 0)
+
+
+def test_a_first_stage_that_contradicts_the_data_publishes_nothing_for_ten_seconds() -> None:
+    found = published('estimating', 'inconsistent', 'estimating', *['inconsistent'] * 8)
+    assert LATE in found[0].warnings
+    assert [each.status for each in found] == ['estimating', *['not_identifiable'] * 9, 'inconsistent']
+    for each in found[1:10]:
+        assert FIRST_STAGE in each.warnings
+        assert not each.identifiable.any()
+        assert np.isnan(each.parameters).all()
+    assert [each.contradicted for each in found[1:4]] == [True, False, True]  # a run that ends here has an exit code
+    assert found[10].identifiable.any()

@@ -18,6 +18,7 @@ import rclpy
 from mbaid_msgs.msg import InertiaEstimate
 from rclpy.node import Node
 
+from checked import answer
 from graph import LOCAL, Graph, executable, free_domain
 from mbaid_ros.nodes import estimator, player, recorder, simulator, watch
 from mbaid_ros.nodes.estimator import EstimatorNode, ManagedEstimatorNode
@@ -109,13 +110,10 @@ def test_a_parameter_file_without_a_section_for_the_node_is_refused(
 
 
 def refused(node: Any, arguments: list[str], text: str, capfd: pytest.CaptureFixture[str]) -> None:
-    assert node.main(arguments) == 2
-    captured = capfd.readouterr()
-    assert not captured.out
-    assert captured.err.startswith(f'mbaid_ros {node.NAME}: ')
-    assert captured.err.count('\n') == 1
-    assert text in captured.err
-    assert '/src/' not in captured.err
+    error = answer(node.main, capfd, *arguments, code=2)
+    assert error.startswith(f'mbaid_ros {node.NAME}: ')
+    assert text in error
+    assert '/src/' not in error
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

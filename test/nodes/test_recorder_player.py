@@ -19,6 +19,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 import recorded
+from checked import answer
 from graph import Graph, graph
 from mbaid_ros.bags import BagReader, BagWriter, deserialize, message_class, serialize
 from mbaid_ros.nodes import player, recorder
@@ -195,12 +196,9 @@ def test_a_choice_of_topics_with_a_clock_and_latched_topics_in_a_loop(live: Grap
 def test_a_users_error_is_one_line(
     bag: Path, capfd: pytest.CaptureFixture[str], node: Any, arguments: list[str], text: str
 ) -> None:
-    assert node.main([argument.replace('{bag}', str(bag)) for argument in arguments]) == 2
-    captured = capfd.readouterr()
-    assert text in captured.err
-    assert captured.err.startswith(f'mbaid_ros {node.NAME}: ')
-    assert captured.err.count('\n') == 1
-    assert captured.out == ''
+    error = answer(node.main, capfd, *(argument.replace('{bag}', str(bag)) for argument in arguments), code=2)
+    assert text in error
+    assert error.startswith(f'mbaid_ros {node.NAME}: ')
 
 
 # -- a bag played into the live estimator

@@ -23,6 +23,7 @@ LONG = pytest.mark.long
                 ("a joint's zero 30 mrad off", 32.0),
                 ("a joint's sign flipped", 32.0),
                 ('joints in degrees', 24.0),
+                ('joints 200 ms late', 24.0),
                 ('positions in millimetres', 24.0),
                 ('quaternions with w first', 24.0),
                 ("a joint's reading frozen for 15 s", 36.0),

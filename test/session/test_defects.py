@@ -31,7 +31,6 @@ from mbaid_ros.core.sensors.streams import (
     ZERO_STAMP,
 )
 from mbaid_ros.core.two_stage import YOUNG
-from mbaid_ros.messages.fields import stamp_of
 from mbaid_ros.messages.poses import (
     BAD_QUATERNION,
     JOINT_MISSING,
@@ -171,20 +170,6 @@ def test_odometry_of_a_navigation_filter_is_as_uncertain_as_reported(constant: f
         within.append(np.abs(last.parameters - truth) / last.std)
     assert np.all(np.concatenate(within) < 5.0)
     assert np.mean(np.square(within)) < 1.64
-
-
-@pytest.mark.parametrize(
-    ('delay', 'how'),
-    [
-        (0.2, '200 ms late'),
-        *(pytest.param(*each, marks=pytest.mark.long) for each in ((-0.1, '100 ms early'), (-0.32, '300 ms early'))),
-    ],
-)
-def test_joints_that_are_stamped_far_off_are_named_first(delay: float, how: str) -> None:
-    messages = changed(JOINTS, shifted(delay))(arrivals(ROBOT, 24.0, 1))
-    last = estimates(ROBOT, sorted(messages, key=lambda each: (stamp_of(each.message), each.topic)))[0][-1]
-    assert last.status in {'inconsistent', 'not_identifiable'}
-    assert f'the joints are stamped some {how}' in last.causes[0][0]
 
 
 @pytest.mark.parametrize('factor', [0.2, 5.0])

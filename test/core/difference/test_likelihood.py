@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from derivatives import central_difference
+from checked import central_difference
 from linear_problems import (
     EQUATIONS,
     TRUE,

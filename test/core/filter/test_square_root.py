@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from drawn_windows import NUMBERS, STATE, UNKNOWNS, positive, prepare, variables, window
 from mbaid_ros.core.filter.chain import WindowModel
 from mbaid_ros.core.filter.integrated_twist import IntegratedTwist
 from mbaid_ros.core.filter.pushing import momentum_change
@@ -19,6 +18,7 @@ from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
 from mbaid_ros.core.filter.whitened import Axes
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.status import Innovations
+from windowed import NUMBERS, STATE, UNKNOWNS, positive, prepare, variables, window
 
 
 def covariance_of(gaussian: SquareRootInformation, space: Variables) -> Array:
