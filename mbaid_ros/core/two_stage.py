@@ -131,6 +131,7 @@ class TwoStageEstimator:
         self._second = second
         self._windows = 0
         self._agreed = 0  # windows in a row
+        self._waiting: tuple[Samples, int, Estimate] | None = None  # window of stage 1, origin, estimate of stage 2
         self._began = np.inf  # s, of the first published number
         self._alone_since = np.inf  # s, of the first stage's first number
         self._doubted = False  # whether that stage's numbers have contradicted the data
@@ -147,6 +148,7 @@ class TwoStageEstimator:
         """
         estimates: list[Estimate] = []
         for place, window in enumerate(windows):
+            self._follow()
             if self._first is None:
                 estimates += self._second.update(windows[place:], origin)
                 break
@@ -158,16 +160,33 @@ class TwoStageEstimator:
         return self._second.knowledge()
 
     def run_slice(self) -> bool:
-        """Run a slice of the second stage's background work; return whether more is due."""
-        return self._second.run_slice()
+        """Take the window that waits for stage 1, or run a slice of stage 2; return whether more is due."""
+        waited = self._waiting is not None
+        self._follow()
+        return waited or self._second.run_slice()
 
     def _both(self, first: Estimator, window: Samples, origin: int) -> Estimate:
-        """Take one window into both stages."""
+        """Take one window into both stages; into the first one later, where the second leads and has just agreed."""
         self._windows += 1
-        early = self._early(first, window, origin)
-        if early is not None and early.identifiable[0] and early.status != 'inconsistent':
-            self._second.offer(early)
+        if not self._agreed:
+            early = self._early(first, window, origin)
+            (late,) = self._second.update([window], origin)
+            return self._chosen(first, early, late)
         (late,) = self._second.update([window], origin)
+        if self._second.settled and not self._second.changed:
+            self._waiting = window, origin, late
+            return late
+        return self._chosen(first, self._early(first, window, origin), late)
+
+    def _follow(self) -> None:
+        """Take the window that waits into stage 1, and compare the two stages by then."""
+        if self._waiting is not None and self._first is not None:
+            window, origin, late = self._waiting
+            self._chosen(self._first, self._early(self._first, window, origin), late)
+        self._waiting = None
+
+    def _chosen(self, first: Estimator, early: Estimate | None, late: Estimate) -> Estimate:
+        """Return the estimate to publish of those of both stages after the same window."""
         if self._second.changed:
             self._first = None
             return late
@@ -247,14 +266,15 @@ class TwoStageEstimator:
             return with_reasons(early, [DISAGREE])
         return with_reasons(late, [DISAGREE])
 
-    @staticmethod
-    def _early(first: Estimator, window: Samples, origin: int) -> Estimate | None:
-        """Return the first stage's estimate after a window; None where it cannot be used."""
+    def _early(self, first: Estimator, window: Samples, origin: int) -> Estimate | None:
+        """Return the first stage's estimate after a window, offered to the second; None where it cannot be used."""
         if any(window.missing_rates):
             if len(window) < FEWEST:
                 return None
             window = with_rates(window)
         found = first.update([window], origin)
+        if found and found[-1].identifiable[0] and found[-1].status != 'inconsistent':
+            self._second.offer(found[-1])
         return found[-1] if found else None
 
 

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from checked import same
-from made_runs import estimate
+from made_runs import BODY, estimate
 from mbaid_ros.core.identifier import Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples, Stamps
@@ -182,3 +182,34 @@ def test_a_first_stage_that_contradicts_the_data_publishes_nothing_for_ten_secon
         assert np.isnan(each.parameters).all()
     assert [each.contradicted for each in found[1:4]] == [True, False, True]  # a run that ends here has an exit code
     assert found[10].identifiable.any()
+
+
+def test_a_second_stage_that_leads_publishes_before_the_first_one_works() -> None:
+    calls: list[str] = []
+    sizes = iter((1.0, 1.0, 2.0, 2.0))
+    restarts: list[int] = []
+
+    def take_first(_windows: Any, _origin: int) -> list[Estimate]:
+        calls.append('first')
+        return [estimate(parameters=next(sizes) * BODY)]
+
+    def take_second(_windows: Any, _origin: int) -> list[Estimate]:
+        calls.append('second')
+        return [estimate()]
+
+    first: Any = SimpleNamespace(method='difference', update=take_first)
+    second: Any = SimpleNamespace(method='trajectory', changed=False, settled=True, disturbed=False, update=take_second)
+    second.offer, second.run_slice = lambda _: None, lambda: False
+    second.restart = lambda: restarts.append(len(calls))
+    stages = TwoStageEstimator(first, second)
+    window: Any = SimpleNamespace(missing_rates=(False, False))
+    found = []
+    for _ in range(4):
+        calls.clear()
+        found += stages.update([window], 0)
+        before, _ = list(calls), stages.run_slice()
+        assert before == (['first', 'second'] if len(found) in {1, 4} else ['second'])
+        assert sorted(calls) == ['first', 'second']
+    # The contradiction that the third window holds is found once its estimate is out, and said with the fourth.
+    assert restarts == [2]
+    assert [DISAGREE.text in each.warnings for each in found] == [False, False, False, True]
