@@ -12,7 +12,7 @@ from benchmarks.honesty.paths import servicer
 from captured import sensed
 from floating import float_freely, still
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.outgoing import SensorMessages
+from mbaid_ros.outgoing import wrench_message
 from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import configured_motion, kernel
@@ -45,8 +45,7 @@ def pushed(*, thrust: bool = True) -> Truth:
 def command(time: float, wrench: Array, frame: str = 'base_link') -> Timed:
     """Return a command that comes when it is stamped, as in recorded.messages."""
     stamp = round(time * 1e9)
-    sensors = SensorMessages(BAG_TYPES, robot('servicer7'), 'odom')
-    return '/thrust', sensors.wrench(wrench, frame, recorded.EPOCH * 1_000_000_000 + stamp), stamp
+    return '/thrust', wrench_message(BAG_TYPES, recorded.EPOCH * 1_000_000_000 + stamp, frame, wrench), stamp
 
 
 def messages(seed: int, *commands: Timed, thrust: bool = True) -> list[Timed]:

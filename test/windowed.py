@@ -6,6 +6,7 @@ import numpy as np
 
 from mbaid_ros.core.filter.chain import WindowModel, window_models
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots, averages
+from mbaid_ros.core.filter.measured_window import IntegratedTwist
 from mbaid_ros.core.filter.state import BODY, Layout, Point
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow, prepared
@@ -64,8 +65,7 @@ STATE = BODY.stop + UNKNOWNS
 
 def prepare(window: WindowModel, variables: Variables) -> WhitenedWindow:
     """Return one window in the filter's variables."""
-    several = WindowModel(*(np.asarray(part)[None] for part in vars(window).values()))
-    return prepared(several, variables)[0]
+    return prepared(window[None], variables)[0]  # type: ignore[index]
 
 
 def variables(rng: np.random.Generator) -> Variables:
@@ -106,4 +106,5 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
         stepped=np.zeros((6, 0)),
         gained=np.zeros(0),
         body=rng.normal(size=10),
+        integrated=IntegratedTwist.none(1, STATE)[0],
     )

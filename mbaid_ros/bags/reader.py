@@ -119,8 +119,7 @@ class BagReader:
             return block
         start, end = self._slice
         inside = (block.times >= self._first + 1e9 * start) & (block.times <= self._first + 1e9 * end)
-        chosen = inside.tolist()
-        return Block(list(compress(block.topics, chosen)), list(compress(block.contents, chosen)), block.times[inside])
+        return block.at(np.flatnonzero(inside))
 
     def _begin(self) -> int:
         """Return when the first message of all topics was recorded, ns."""

@@ -7,16 +7,25 @@ from functools import cached_property
 
 import numpy as np
 
-from mbaid_ros.calibration.structure import Mechanism, Structure
 from mbaid_ros.calibration.unknowns import Prior
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.estimate import PassiveJoint, Thruster
 from mbaid_ros.core.results.physical_consistency import InertiaRatios, inertia_ratios
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian
 
 # Part of a prior variance that the data have to take away for a value to count as theirs.
 _MOVED = 0.5
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """The moving parts of a robot."""
+
+    kernel: MomentumKernel  # with the unknown links
+    moving: Flags  # (n,) True for the joints that do not rest
+    normal: Array | None  # (3,) of the plane of motion in the base link's frame; None in space
 
 
 @dataclass(frozen=True)
@@ -82,7 +91,6 @@ class Calibration:
     momentum: Array
     momentum_covariance: Array
     mechanism: Mechanism  # the moving bodies
-    structure: Structure  # combinations that momentum determines
     # information of the data on links, joints and mount in units of the prior's, along its principal directions, the
     # largest first
     gains: Array
@@ -126,7 +134,7 @@ class Calibration:
     @property
     def displacements(self) -> tuple[Array, Array]:
         """(n, 3) m and (n, 3) rad: displacement and turn of each joint's frame, in that frame."""
-        across = Kinematics(self.mechanism.kernel.model).axial[1:, :, :2]
+        across = Kinematics(self.mechanism.kernel.model).across
         return self.joints[:, 1:4], (across @ self.joints[:, 4:, None])[..., 0]
 
     @property

@@ -77,15 +77,11 @@ class MarkerConfig:
 
 @dataclass(frozen=True)
 class ConvergenceConfig:
-    """Thresholds of published estimates; changes at run time count from the next window on."""
+    """The wanted precision."""
 
-    relative_std: float = parameter(0.01, minimum=0.0, exclusive_minimum=True, read_only=False)
+    relative_std: float = parameter(0.01, minimum=0.0, exclusive_minimum=True)
     """An estimate is converged when its standard deviations, relative to its size, are below this; that of the centre
     of mass is relative to twice the radius of gyration, at most 1 m."""
-    identifiable_std: float = parameter(0.5, minimum=0.0, exclusive_minimum=True, read_only=False)
-    """A parameter is identifiable when its relative standard deviation is below this."""
-    largest_residual: float = parameter(2.0, minimum=1.0, read_only=False)
-    """A run is inconsistent when its residuals exceed this multiple of the noise."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +102,6 @@ class EstimatorConfig:
     """Longest gap between two Odometry messages that is interpolated; joint states in longer gaps are dropped."""
     twist_frame: str = parameter('child', choices=TWIST_FRAMES)
     """Frame of the twist in the Odometry: child (child_frame_id, the ROS convention) or inertial (header.frame_id)."""
-    reorder_time: float = parameter(0.05, 's', minimum=0.0, maximum=1.0)
-    """Longest time that messages wait for late ones, once a topic has had some; 0 drops late ones."""
     continue_from: str = parameter('')
     """JSON file of replay, of a run of the same robot and target with the same parameters: this run goes on from what
     that one has taught, but for the momentum."""

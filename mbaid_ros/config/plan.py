@@ -11,28 +11,28 @@ from mbaid_ros.config.parameters import parameter
 class PlanConfig:
     """Goal and limits of a planned motion."""
 
-    relative_std: tuple[float, ...] = parameter((), lengths=(0, 1, 10), read_only=False)
+    relative_std: tuple[float, ...] = parameter((), lengths=(0, 1, 10))
     """Wanted relative standard deviation, in the sense of convergence.relative_std: one for all parameters, or ten in
     the order mass, com_x, com_y, com_z, ixx, ixy, ixz, iyy, iyz, izz; empty: convergence.relative_std."""
-    duration: float = parameter(0.0, 's', minimum=0.0, maximum=3600.0, read_only=False)
+    duration: float = parameter(0.0, 's', minimum=0.0, maximum=3600.0)
     """Length of the most informative motion; 0: the shortest that reaches relative_std."""
-    joint_velocity: float = parameter(0.0, 'rad/s', minimum=0.0, read_only=False)
+    joint_velocity: float = parameter(0.0, 'rad/s', minimum=0.0)
     """Velocity that no joint exceeds, in addition to its limit in the URDF (m/s for a prismatic joint); 0: the URDF's
     limit alone."""
-    joint_acceleration: float = parameter(0.1, 'rad/s^2', minimum=0.0, exclusive_minimum=True, read_only=False)
+    joint_acceleration: float = parameter(0.1, 'rad/s^2', minimum=0.0, exclusive_minimum=True)
     """Acceleration that no joint exceeds (m/s^2 for a prismatic joint)."""
-    base_rotation: float = parameter(0.0, 'rad', minimum=0.0, read_only=False)
+    base_rotation: float = parameter(0.0, 'rad', minimum=0.0)
     """Largest rotation of the base by the motion, against a base with the joints at rest; 0: any."""
-    base_translation: float = parameter(0.0, 'm', minimum=0.0, read_only=False)
+    base_translation: float = parameter(0.0, 'm', minimum=0.0)
     """Largest displacement of the base link's origin by the motion, against a base with the joints at rest; 0: any."""
-    base_rate: float = parameter(0.0, 'rad/s', minimum=0.0, read_only=False)
+    base_rate: float = parameter(0.0, 'rad/s', minimum=0.0)
     """Largest change of the base's angular velocity by the motion, against a base with the joints at rest; 0: any."""
-    clearance: float = parameter(0.02, 'm', minimum=0.0, read_only=False)
+    clearance: float = parameter(0.02, 'm', minimum=0.0)
     """Smallest distance between collision shapes of the URDF; 0: they may touch, but not overlap."""
-    stuck: tuple[str, ...] = parameter((), read_only=False)
+    stuck: tuple[str, ...] = parameter(())
     """Joints that are not moved."""
-    held: tuple[str, ...] = parameter((), read_only=False)
+    held: tuple[str, ...] = parameter(())
     """Joints that keep the speed they have at the end of the run, as wheels do; empty: continuous joints without a
     velocity limit, if plan.joint_velocity is not given or they are faster."""
-    effort: int = parameter(1200, minimum=10, maximum=1_000_000, read_only=False)
+    effort: int = parameter(1200, minimum=10, maximum=1_000_000)
     """Motions that are compared before the best is taken."""

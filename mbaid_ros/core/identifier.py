@@ -82,7 +82,7 @@ class Identifier:
     estimator : the method
     window : s, length of a window
     maximum_gap : s, longest odometry interval that is interpolated
-    checks : of windows before they are identified; None makes those of the twist's frame alone
+    checks : of windows before they are identified; None makes those of the twist alone
     thrust : as commanded; None without any
     noise : follows how noisy the sensors are; None takes it as declared
     falling : the frame of the orbit; None where there is none
@@ -160,8 +160,7 @@ class Identifier:
         return [with_reasons(each, self._reasons(each.time)) for each in estimates]
 
     def run_slice(self) -> bool:
-        """Let the method do a part of its deferred work, and look at the twist's frame; return whether some is left."""
-        self._checks.run_slice()
+        """Let the method do a part of its deferred work; return whether some is left."""
         return isinstance(self._estimator, Deferring) and self._estimator.run_slice()
 
     def _prepared(self, windows: list[Samples], *, last: bool) -> list[Samples]:
@@ -202,7 +201,7 @@ class Identifier:
         levels = self._levels.get(time)
         texts = [] if levels is None else levels.warnings
         reasons = notes([*texts, *(text for text, since in self._notes.items() if since <= time)])
-        return [*reasons, *self._checks.reasons(time, with_gyro=self._estimator.method == 'trajectory')]
+        return [*reasons, *self._checks.reasons(time)]
 
 
 def _measured(window: Samples) -> str:

@@ -293,10 +293,6 @@ class NodeClock:
             found.append(f'/clock stands still: for {seen - self._last[1]:.0f} s it has been {now * 1e-9:.6g} s')
         return found
 
-    def close(self) -> None:
-        """Watch no more."""
-        self._handle.unregister()
-
     def _on_jump(self, jump: TimeJump) -> None:
         amount = jump.delta.nanoseconds
         if self._clock.now().nanoseconds != amount:  # the first time is no jump from 0

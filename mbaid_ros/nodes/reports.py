@@ -48,19 +48,14 @@ class RunState:
     problem: str = ''  # why the last robot description was refused; empty if it was not
     estimate: Estimate | None = None  # the last one
     paused: bool = False  # True while the service ~/pause stops samples
-    active: bool = True  # False while a managed node is not
     stale: str = ''  # why no estimate follows the last one; empty while one does
     advice: str = ''  # the most informative motion, in words; empty if none is needed or known
-    # of the motion on ~/motion whether it reaches the wanted precision, and the verdict; None without one
-    plan: tuple[bool, str] | None = None
     ignored: Counter[str] = field(default_factory=Counter)  # messages not handed to a session, by reason
     lost: Mapping[str, int] = field(default_factory=dict)  # messages that have not come between others, by topic
 
     @property
     def halted(self) -> str:
-        """Why a user has stopped samples; empty while they are taken."""
-        if not self.active:
-            return 'not active: no samples are taken'
+        """That a user has stopped samples; empty while they are taken."""
         return 'paused: no samples are taken' if self.paused else ''
 
     @property
@@ -150,7 +145,6 @@ def estimate_report(state: RunState) -> Report:
     if estimate is None:
         return WARN, f'waiting: {state.halted.partition(":")[0]}' if state.halted else 'waiting', []
     causes = [cause for cause, _ in estimate.likely_causes[:_CAUSES]]
-    reached, verdict = state.plan or (False, '')
     noise = estimate.noise.shown() if estimate.noise else []
     values: Values = [
         ('stale', bool(state.stale)),
@@ -164,7 +158,6 @@ def estimate_report(state: RunState) -> Report:
         *_parameters(estimate),
         *((f'likely cause {index + 1}', cause) for index, cause in enumerate(causes)),
         (NEXT, state.advice),
-        *([('plan reaches the wanted precision', reached), ('plan', verdict)] if state.plan else []),
         (MAIN_CAUSES, '' if estimate.budget is None else estimate.budget.main_causes(estimate.std)),
         (UNOBSERVABLE, '' if estimate.budget is None else estimate.budget.unobservable()),
         ('linear momentum (N s)', numbers(estimate.momentum[:3])),

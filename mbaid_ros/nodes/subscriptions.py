@@ -173,10 +173,6 @@ class Subscriptions:
         names = [name for name, types in found if name != self.topic and self._types.keys() & set(types)]
         return sorted(name for name in names if self._node.count_publishers(name))
 
-    def close(self) -> None:
-        """Receive no more."""
-        self._node.destroy_subscription(self._subscription)
-
     def _follow_type(self) -> None:
         """Subscribe with the type of the publishers if it is another accepted one."""
         offered = [info.topic_type for info in self.publishers()]
@@ -253,11 +249,6 @@ class DescriptionSubscription:
             node.create_subscription(String, 'robot_description', callback, LATCHED, event_callbacks=events)
         ]
         self.topic = str(self._subscriptions[0].topic_name)  # after remapping
-
-    def close(self) -> None:
-        """Receive no more."""
-        for subscription in self._subscriptions:
-            self._node.destroy_subscription(subscription)
 
     def _subscribe_to_unlatched(self) -> None:
         if len(self._subscriptions) == 1:

@@ -20,7 +20,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from mbaid_ros.cli import one_line, run
+from mbaid_ros.cli import one_line
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, ErrorBudget, rounded
@@ -280,7 +280,8 @@ def _hint(text: str) -> None:
     print(f'mbaid_ros {NAME}: {one_line(text)}', file=sys.stderr, flush=True)
 
 
-def _main(argv: list[str]) -> int:
+def main(argv: list[str]) -> int:
+    """Run the node on its arguments and return the exit code; `mbaid_ros.cli.run` catches its errors."""
     arguments = watch_arguments().parse(own_arguments(argv))
     wanted = arguments.estimator
     if wanted and not all(part.isidentifier() and part.isascii() for part in wanted.strip('/').split('/')):
@@ -292,12 +293,3 @@ def _main(argv: list[str]) -> int:
             print(f'waiting for {wanted or "an estimator"} ...', flush=True)
         spin(node, lambda: interrupt.requested or (arguments.once and node.seen))
     return 0
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run `watch` and return its exit code."""
-    return run(_main, argv, name=NAME)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

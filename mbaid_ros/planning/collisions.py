@@ -129,7 +129,7 @@ class Collisions:
         self._geometry = pinocchio.GeometryData(self._shapes)
 
     def _place(self, position: Array) -> None:
-        configuration = configurations(self._model, self._robot, position)
+        configuration = configurations(self._model, position)
         pinocchio.updateGeometryPlacements(self._robot, self._data, self._shapes, self._geometry, configuration)
 
 
@@ -252,7 +252,7 @@ class Efforts:
         """
         parsed, data, size = self._parsed, self._data, 6 + position.shape[1]
         still = np.zeros((len(position), 6))
-        configuration = configurations(self._model, parsed, position)
+        configuration = configurations(self._model, position)
         velocity, change = np.hstack((twist, rate)), np.hstack((still, acceleration))
         needed, inertia = np.empty((len(position), size)), np.empty((len(position), 6, size))
         for place in range(len(position)):

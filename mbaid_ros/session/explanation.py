@@ -22,7 +22,7 @@ from mbaid_ros.messages.poses import (
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
 )
-from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, OTHER_SOURCE, SPOKEN
+from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, OTHER_SOURCE, REORDER_TIME, SPOKEN
 from mbaid_ros.session.session import Session
 
 _APART = 1_000_000_000  # ns between the newest stamps of the two topics: more is no delay
@@ -43,7 +43,7 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
         LOST_TRACKING: 'the tracking system has lost the base',
         NOT_FINITE: _not_finite(session),
         ZERO_STAMP: 'the publisher has to fill in header.stamp',
-        LATE: f'reorder_time is {config.reorder_time:g} s',
+        LATE: f'by more than {REORDER_TIME:g} s, or the first one',
         OTHER_CLOCK: 'restart it, too, or set its clock',
         ODOMETRY_GAP: f'longer than maximum_gap, {config.maximum_gap:g} s',
         NO_ODOMETRY: 'it had not begun, or had stopped',

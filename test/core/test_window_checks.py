@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from mbaid_ros.core.diagnosis.rate_checks import JointRates
+from mbaid_ros.core.diagnosis.rate_checks import JointRates, twist_check
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.window_checks import HELD, HeldBase, WindowChecks
 from observed import HIGH, MID, configured_motion, kernel, observe, windows
@@ -25,9 +25,9 @@ def measured(name: str, noise: str = 'mid') -> Samples:
 
 def reasons(samples: Samples, name: str) -> tuple[list[str], list[Samples]]:
     """Return what the checks find in all windows of a robot, and the windows that they pass on."""
-    checks = WindowChecks('child', HeldBase(kernel(name)), JointRates(robot(name).joint_names))
+    checks = WindowChecks([twist_check(), HeldBase(kernel(name))], JointRates(robot(name).joint_names))
     passed = checks.applied(windows(samples))
-    return [each.text for each in checks.reasons(np.inf, with_gyro=False)], passed
+    return [each.text for each in checks.reasons(passed[-1].time[-1])], passed
 
 
 @pytest.mark.parametrize('name', ['servicer7', 'table1'])
@@ -63,7 +63,7 @@ def test_a_heavy_arm_in_the_robot_description_is_no_held_base() -> None:
     change = 999.0 * described.known
     change[0] = 0.0
     held = HeldBase(described.corrected(change))
-    assert held.update(windows(measured('servicer7'))) == [None] * 30
+    assert [held.update(each) for each in windows(measured('servicer7'))] == [None] * 30
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -20,8 +21,9 @@ from rclpy.node import Node
 
 from checked import answer
 from graph import LOCAL, Graph, executable, free_domain
+from mbaid_ros.cli import run
 from mbaid_ros.nodes import estimator, player, recorder, simulator, watch
-from mbaid_ros.nodes.estimator import EstimatorNode, ManagedEstimatorNode
+from mbaid_ros.nodes.estimator import EstimatorNode
 from mbaid_ros.nodes.simulator import SimulatorNode
 from simulated import CONFIG
 
@@ -71,7 +73,7 @@ def test_every_executable_is_installed_and_an_unknown_argument_is_one_line() -> 
         (['--ros-args', '--params-file', '/no/file.yaml'], '/no/file.yaml'),
         (['--ros-args', '-r', '__node:=9'], "'-r __node:=9'"),
         (['--ros-args', '--colour'], '--colour'),
-        (['--lifecycle', *assigned('window:=-1.0')], "'window' is -1.0 s; accepted: a number > 0"),
+        (assigned('window:=-1.0'), "'window' is -1.0 s; accepted: a number > 0"),
     ],
 )
 @pytest.mark.usefixtures('_domain')
@@ -110,7 +112,7 @@ def test_a_parameter_file_without_a_section_for_the_node_is_refused(
 
 
 def refused(node: Any, arguments: list[str], text: str, capfd: pytest.CaptureFixture[str]) -> None:
-    error = answer(node.main, capfd, *arguments, code=2)
+    error = answer(partial(run, node.main), capfd, *arguments, code=2)
     assert error.startswith(f'mbaid_ros {node.NAME}: ')
     assert text in error
     assert '/src/' not in error
@@ -211,10 +213,9 @@ def admitted(node: str) -> dict[str, set[str]]:
     [
         (EstimatorNode, EVERYTHING),
         (EstimatorNode, ['pose.tf_child_frame:=base_link']),
-        (lambda: ManagedEstimatorNode('estimator'), []),
         (SimulatorNode, MOVED),
     ],
-    ids=['estimator', 'on tf', 'managed', 'simulator'],
+    ids=['estimator', 'on tf', 'simulator'],
 )
 def test_the_policy_admits_all_that_a_node_does(
     make: Callable[[], Node], parameters: list[str], monkeypatch: pytest.MonkeyPatch

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ import recorded
 from checked import answer
 from graph import Graph, graph
 from mbaid_ros.bags import BagReader, BagWriter, deserialize, message_class, serialize
+from mbaid_ros.cli import run
 from mbaid_ros.nodes import player, recorder
 from mbaid_ros.nodes.subscriptions import LATCHED, qos
 from mbaid_ros.replay.start import replay
@@ -196,7 +198,9 @@ def test_a_choice_of_topics_with_a_clock_and_latched_topics_in_a_loop(live: Grap
 def test_a_users_error_is_one_line(
     bag: Path, capfd: pytest.CaptureFixture[str], node: Any, arguments: list[str], text: str
 ) -> None:
-    error = answer(node.main, capfd, *(argument.replace('{bag}', str(bag)) for argument in arguments), code=2)
+    error = answer(
+        partial(run, node.main), capfd, *(argument.replace('{bag}', str(bag)) for argument in arguments), code=2
+    )
     assert text in error
     assert error.startswith(f'mbaid_ros {node.NAME}: ')
 

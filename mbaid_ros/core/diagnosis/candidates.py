@@ -17,7 +17,7 @@ import numpy as np
 from mbaid_ros.core.diagnosis import readings
 from mbaid_ros.core.diagnosis.base_axes import axis_conventions
 from mbaid_ros.core.diagnosis.conventions import FITTED, Fit, conventions, fitted, inverted_marker, point_as_described
-from mbaid_ros.core.diagnosis.filter_passes import SLIPPING, FilterPasses, WhitenedWindows, Work, attempted
+from mbaid_ros.core.diagnosis.filter_passes import SLIPPING, FilterPasses, attempted
 from mbaid_ros.core.diagnosis.ranking import (
     WORTH,
     CandidateCause,
@@ -27,8 +27,8 @@ from mbaid_ros.core.diagnosis.ranking import (
     gained,
     likeliest_kinds,
 )
-from mbaid_ros.core.diagnosis.twist_conventions import twist_convention_error
 from mbaid_ros.core.filter.bank import LONGEST, HypothesisFilter
+from mbaid_ros.core.filter.batch import WhitenedWindows, Work
 from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import Layout, Point
 from mbaid_ros.core.filter.time_update import Hypothesis
@@ -82,7 +82,7 @@ class CandidateCauses:
     hypotheses: tuple[Hypothesis, ...]  # that the run is followed under
 
     def inquire(
-        self, windows: Sequence[Window], point: Point | None, jumps: Sequence[float] = ()
+        self, windows: Sequence[Window], point: Point | None, jumps: Sequence[float] = (), wrong_twist: str = ''
     ) -> Iterator[int | IsolationResult]:
         """Yield the work of each slice, in steps of the filter, and at last the candidates found.
 
@@ -91,6 +91,7 @@ class CandidateCauses:
         windows : in order
         point : of the run's layout, at which they are linearised; None where it has come to none
         jumps : s, when the momentum seemed to jump in the run
+        wrong_twist : how the twist contradicts the poses, in words; empty if it does not
 
         Raises
         ------
@@ -103,7 +104,7 @@ class CandidateCauses:
         points = [fits[0].point(self.layout)] if point is None else [point, fits[0].point(self.layout)]
         at, passed, base = yield from self._base(wide, windows, points)
         found: list[CandidateCause] = []
-        for candidate in self._table(windows, at, fits, wide.gains(base, self.layout.causes)):
+        for candidate in self._table(windows, at, fits, wide.gains(base, self.layout.causes), wrong_twist):
             if isinstance(candidate, int):
                 yield candidate
             else:
@@ -122,24 +123,24 @@ class CandidateCauses:
             )
         times = [time for time in jumps if time >= windows[0].start] or [jump.time for jump in filtered.jumps]
         found += yield from self._target_changes(windows, point or at, times[:_PARTS], base)
-        if base.misfit > WORTH:
-            text, noisier = readings.noisier_poses(windows, base.innovations)
-            if noisier:
-                filtered = yield from self.extended().once(noisier, at, quiet)
-                found += [gained(text, filtered, base)] if explains(filtered) else []
         # A loose joint explains anything that its encoder may hide: it comes after all causes with a mechanism.
         left = base.misfit - max((each.gain for each in found if each.physical), default=0.0)
         if left > max(WORTH, _LEFT * base.misfit):
             found += yield from self._swinging(windows, at, base)
         found.sort(key=lambda each: -each.gain)
-        yield IsolationResult(tuple(each for each in found if each.gain > WORTH), base.innovations, base.misfit)
+        yield IsolationResult(tuple(each for each in found if each.gain > WORTH), base.innovations)
 
     def _limit(self, fit: Fit) -> float:
         """Return the part of the misfit that a convention may leave to be tried."""
         return _LIKELY if fit.convention.kernel.target.body == self.layout.kernel.target.body else _OTHER_TARGET
 
     def _table(
-        self, windows: Sequence[Window], at: Point, fits: Sequence[Fit], gains: Mapping[str, tuple[float, float]]
+        self,
+        windows: Sequence[Window],
+        at: Point,
+        fits: Sequence[Fit],
+        gains: Mapping[str, tuple[float, float]],
+        wrong_twist: str,
     ) -> Candidates:
         """Yield unknowns with a wider prior, other conventions, and data that are left out."""
         for cause in likeliest_kinds({cause: value for cause, (value, _) in gains.items() if value > WORTH}):
@@ -155,9 +156,7 @@ class CandidateCauses:
             passes, read = replace(self, layout=other).extended(), fit.convention.windows(windows)
             yield Candidate(fit.convention.text, passes, read, fit.point(other), part=len(read) / len(windows))
         passes, names = self.extended(), self.layout.kernel.model.joint_names
-        wrong_twist = twist_convention_error(windows)
-        yield 1
-        if wrong_twist:
+        if wrong_twist and any(np.isfinite(window.knots.base_twist).any() for window in windows):
             yield Candidate(wrong_twist, passes, [without_twist(window) for window in windows], of_twist=True)
         for stopped in readings.stopped_readings(windows, names)[:_SPOILT]:
             yield Candidate(stopped.text, passes, stopped.windows)

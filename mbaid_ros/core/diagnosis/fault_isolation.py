@@ -12,7 +12,8 @@ from mbaid_ros.core import chi_square
 from mbaid_ros.core.diagnosis.candidates import FEWEST, CandidateCauses
 from mbaid_ros.core.diagnosis.filter_passes import SLIPPING
 from mbaid_ros.core.diagnosis.ranking import CandidateCause, Change, IsolationResult, ranked
-from mbaid_ros.core.diagnosis.readings import roughness
+from mbaid_ros.core.diagnosis.rate_checks import twist_check
+from mbaid_ros.core.diagnosis.readings import joint_noise_factor
 from mbaid_ros.core.filter.initialisation import BackgroundTask
 from mbaid_ros.core.filter.run import FilterRun
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
@@ -52,6 +53,7 @@ class FaultIsolation:
         self._suspicion = suspicion
         self._noise = noise
         self._samples: deque[Samples] = deque(maxlen=_LATEST)
+        self._twist = twist_check()
         self._windows: deque[Window] = deque(maxlen=_KEPT)
         self._seen = 0
         self._onset, self._next = 0, _FIRST  # windows until the run was suspicious, and until the next inquiry
@@ -64,6 +66,7 @@ class FaultIsolation:
     def take(self, window: Window | None, samples: Samples) -> None:
         """Take the next window into those that an inquiry is over, and the samples of the one after it."""
         self._samples.append(samples)
+        self._twist.add(samples)
         if window is not None:
             self._windows.append(window)
             self._seen += 1
@@ -83,7 +86,9 @@ class FaultIsolation:
             point = run.point if run.started else None
             since = self._windows[max(self._onset - self._seen, -len(self._windows))].start
             self._about = tuple(time for time in run.jumped if time >= since)
-            self._inquiry.begin(self._suspicion.inquire(list(self._windows), point, run.jumped))
+            wrong_twist = self._twist.reason()
+            text = wrong_twist.text if wrong_twist else ''
+            self._inquiry.begin(self._suspicion.inquire(list(self._windows), point, run.jumped, text))
         self._inquiry.allot_steps(_SHARE_BESIDE if run.searching else _SHARE)
 
     def run_slice(self) -> bool:
@@ -144,8 +149,7 @@ class FaultIsolation:
             lead = run.lead if leading.physical else min(run.lead, least)
             inquired.setdefault(leading.cause, (lead, leading.physical))
         latest = self._noise.found_in(self._samples[-1])
-        rough = roughness(self._samples, latest.joint_position)
-        return ranked(inquired, found.innovations, found.misfit, rough)
+        return ranked(inquired, found.innovations, joint_noise_factor(self._samples, latest.joint_position))
 
 
 _FALSE_ALARM = 1e-9  # chance that noise looks like a gravity gradient as large: each window asks once, for days

@@ -8,16 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.diagnosis.readings import CHANNELS, Roughness
 from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.square_root import SquareRootInformation
-from mbaid_ros.core.results.status import LARGEST_NIS, SENSORS, Cause, Innovations
+from mbaid_ros.core.results.status import LARGEST_NIS, Cause, Innovations
 
 # Log-likelihood, the odds of bank.MARGIN: a smaller gain is not reported, and a smaller lead is no lead.
 WORTH = 10.0
 _TOO_SMALL = 1.3  # times the declared noise, from which the declared one is wrong: declarations are no better
-_OUTLIERS = 0.002  # share of the poses, from which they are named: single ones do no harm, they are left out
-NOISE = 'noise.'  # prefix of the names of noise parameters
 # Share that counts of the gain of a cause without a mechanism: where both explain all, one with a mechanism leads.
 CATCH_ALL = 0.95
 
@@ -51,7 +48,6 @@ class IsolationResult:
 
     causes: tuple[CandidateCause, ...]  # the likeliest first
     innovations: Innovations  # of the pass without jumps
-    misfit: float  # half of the sum of its normalised innovations squared, beyond what there should be
 
     @property
     def leading(self) -> CandidateCause | None:
@@ -65,10 +61,7 @@ class IsolationResult:
 
 
 def ranked(
-    inquired: Mapping[str, tuple[float, bool]],
-    innovations: Innovations,
-    misfit: float,
-    rough: Roughness,
+    inquired: Mapping[str, tuple[float, bool]], innovations: Innovations, joint_noise: float
 ) -> tuple[Cause, ...]:
     """Return the candidate causes, the likeliest first.
 
@@ -76,36 +69,18 @@ def ranked(
     ----------
     inquired : by text the gain of each, and whether it has a mechanism
     innovations : of a pass in which nothing explains anything
-    misfit : log-likelihood that is missing there
-    rough : the noise by the samples
+    joint_noise : how many times as noisy as declared the joints are by their samples
     """
-    noise = _noise(innovations, rough)
-    if noise:  # a pass with more of the noise that samples show has gained by that noise
-        of_passes = [gain for text, (gain, _) in inquired.items() if text.startswith(NOISE)]
-        noise = [Cause(each.text, max(each.gain, *of_passes)) if of_passes else each for each in noise]
-        inquired = {text: found for text, found in inquired.items() if not text.startswith(NOISE)}
     causes = [Cause(text, gain if physical else CATCH_ALL * gain) for text, (gain, physical) in inquired.items()]
-    causes += noise
-    if rough.outliers > _OUTLIERS:
-        share = f'{1e2 * rough.outliers:.1g}'
-        causes.append(Cause(f'{share} % of the poses are outliers: check the tracking of the odometry', misfit))
+    if joint_noise > _TOO_SMALL:
+        # The joints' noise is in every sensor's innovations. That of the base is estimated.
+        ratio = np.maximum(np.nan_to_num(innovations.ratio, nan=1.0), 1.0)
+        text = (
+            f'the noise values are too small: noise.joint_position {joint_noise:.1f} times; correct it, or set '
+            'noise.estimate'
+        )
+        causes.append(Cause(text, 0.5 * float(innovations.count @ (ratio - 1.0 - np.log(ratio)))))
     return tuple(sorted(causes, key=lambda cause: -cause.gain))
-
-
-def _noise(innovations: Innovations, rough: Roughness) -> list[Cause]:
-    """Return that noise values are too small, if the samples are as noisy as that."""
-    large = [place for place, factor in enumerate(rough.factor) if factor > _TOO_SMALL]
-    if not large:
-        return []
-    listed = ', '.join(f'noise.{CHANNELS[place]} {rough.factor[place]:.1f} times' for place in large)
-    ratio = np.maximum(np.nan_to_num(innovations.ratio, nan=1.0), 1.0)
-    explained = ratio - 1.0 - np.log(ratio)
-    of_base = [place for place in large if CHANNELS[place] in SENSORS]
-    if len(of_base) == len(large):  # the joints' noise is in every sensor's innovations
-        explained = np.where(np.isin(np.arange(len(SENSORS)), of_base), explained, 0.0)
-    gain = 0.5 * float(innovations.count @ explained)
-    advice = 'correct them, or the covariances in the messages, or set noise.estimate'
-    return [Cause(f'the noise values are too small: {listed}; {advice}', gain)]
 
 
 def gained(text: str, filtered: HypothesisFilter, base: SquareRootInformation) -> CandidateCause:

@@ -1,218 +1,247 @@
-"""Whether measured rates are those of joint positions and poses, without a model of the robot: joints, twist, gyro.
+"""Whether measured rates are those of joint positions and poses, and which common mistake of a driver they are else.
 
-In each window the integral of a joint velocity is compared with the positions. Where the two contradict each other the
-velocities are left out; they are taken from the positions then, where a method needs them.
+Rates and positions are compared with each other alone, window by window: no robot, body or momentum is in it. Joint
+velocities that contradict the positions are left out; where a method needs them, they are taken from the positions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbaid_ros.core.errors import listing
-from mbaid_ros.core.geometry import Array, Flags, log, rotate, rotate_back
-from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.sensors.noise import median
-from mbaid_ros.core.sensors.rates import base_slopes, fits
+from mbaid_ros.core.geometry import Array, Flags, log, rotate, rotate_back, skew
+from mbaid_ros.core.results.status import Reason, Severity
+from mbaid_ros.core.samples import ArrayRecord, Samples
+from mbaid_ros.core.sensors.noise import white_noise
 
-_SIGNIFICANT = 6.0  # standard deviations, from which one reading of the twist is the right one: one in a billion
-# Standard deviations of the twist's noise: a smaller difference of the readings correlates with it, and decides
-# nothing.
-_DISTINCT = 5.0
-_FEWEST_SAMPLES = 6  # samples in a window, for a rate of its poses that is better than theirs
-_ENOUGH = 12.0  # numbers that suffice: fewer do not show their noise
-_NAMES = {'child': 'the child frame', 'inertial': 'the inertial frame'}
-_FEWEST_WINDOWS = 6  # windows, of three numbers each: enough for a turn and a judgement of it
-_TURNED = 0.2  # rad, from which the axes are others: no declared mount is as far off
-# Part of the squared disagreement that another reading of the gyro may leave: right axes leave next to nothing.
-_BETTER = 0.1
-_SURE = 50.0  # log-likelihood by which another reading of the gyro has to be better: no accident in any number of runs
+_FEWEST_SAMPLES = 5  # samples of a window
+_FEWEST, _KEPT = 8, 80  # windows, of at least three numbers each: a wrong reading is no accident; and the latest ones
+# Mean normalised square of the poses' steps less the rates', from which a rate is not that of the poses.
+_CONTRADICTS = 4.0
+_LEFT = 0.25  # of the contradiction, and of the motion: most that another convention may leave to be accepted
+_FITTED = 2.0  # times as well as any other, that a convention with numbers of its own has to explain the data
+_MILLIMETRE = 1e-3  # m: a unit
 _OFF = 0.02  # part of the motion that a declared error of the gyro's scale or mount may make
+_TURNED = 0.2  # rad, from which the axes of a gyro are others: no declared mount is as far off
 
 
-class TwistFrame:
-    """Tests whether the base's twist is given in the declared frame, 'child' or 'inertial'.
+@dataclass(frozen=True)
+class Motion(ArrayRecord):
+    """How the base turned (rad) and moved (m) over W windows, the k angular numbers first."""
 
-    In each window the poses yield a mean twist. The twist, read as declared, should agree; read in the other frame it
-    differs by d. The share of d in the disagreement is 0 if the declaration holds and 1 if the other one does.
-    Weighted least squares over all windows estimates it. Its standard deviation scales with the actual disagreement:
-    noise that is declared too small supports neither. A window counts from the next one on, so that its evaluation can
-    wait until its estimate is published.
-    """
+    step: Array  # (W, k) by the poses
+    read: Array  # (W, k) by the rates, as they are read
+    noise: Array  # (W, k) standard deviation of the difference between the two
+    # arm, middle: (W, 3, 3) share of a point away from the base's in the linear step, m, per metre in base axes; and
+    # the rotation of the base in the middle of each window
+    arm: Array
+    middle: Array
 
-    def __init__(self, declared: str) -> None:
-        self._declared = declared
-        self._other = 'inertial' if declared == 'child' else 'child'
-        self._sums = np.zeros(4).tolist()  # information, weighted share, squared disagreements, their number
-        self._waiting: list[Samples] = []  # the last window, until it is evaluated
+    def misfit(self, meant: Array) -> float:
+        """Return the mean normalised square of the steps less (W, k)."""
+        return float(np.mean(((self.step - meant) / self.noise) ** 2))
 
-    def update(self, windows: Sequence[Samples]) -> list[tuple[str, float]]:
-        """Add windows, with or without a twist; return `contradiction` and `gain` before each."""
-        if not windows:
-            return []
-        results = self._evaluate([*self._waiting, *windows[:-1]])
-        self._waiting = [windows[-1]]
-        return results[-len(windows) :]
-
-    def run_slice(self) -> None:
-        """Evaluate the last window now, not when the next one comes."""
-        if self._waiting:
-            self._evaluate(self._waiting)
-            self._waiting = []
-
-    def _evaluate(self, windows: Sequence[Samples]) -> list[tuple[str, float]]:
-        """Evaluate windows, those of one length together; return `contradiction` and `gain` before and after each."""
-        terms = np.zeros((len(windows), 4))
-        groups: dict[int, list[int]] = {}
-        for place, window in enumerate(windows):
-            if len(window) >= _FEWEST_SAMPLES and not window.missing_rates[1]:
-                groups.setdefault(len(window), []).append(place)
-        for places in groups.values():
-            terms[places] = _disagreement([windows[place] for place in places], self._declared)
-        results = [(self.contradiction, self.gain)]
-        for row in terms.tolist():
-            self._sums = [total + term for total, term in zip(self._sums, row, strict=True)]
-            results.append((self.contradiction, self.gain))
-        return results
-
-    @property
-    def share(self) -> tuple[float, float]:
-        """Share of the other reading in the poses (0: none, 1: all), and its standard deviation."""
-        information, weighted, squares, count = self._sums
-        if information <= 0.0:
-            return 0.0, np.inf
-        share = weighted / information
-        left = (squares - share * weighted) / max(count - 1.0, 1.0)
-        return share, (max(left, 1.0) / information) ** 0.5
-
-    @property
-    def gain(self) -> float:
-        """Log-likelihood by which the other reading is better."""
-        return float(self._sums[1] - 0.5 * self._sums[0])
-
-    @property
-    def contradiction(self) -> str:
-        """A sentence if the declared frame contradicts the data with at least six standard deviations, else empty."""
-        share, deviation = self.share
-        if self._sums[3] < _ENOUGH or share < 0.5 or share < _SIGNIFICANT * deviation or not np.isfinite(share):
-            return ''
-        return (
-            f'the twist in the Odometry is not in {_NAMES[self._declared]} as declared: by the poses, it is in '
-            f'{_NAMES[self._other]}; if so, set twist_frame: {self._other}'
-        )
+    def turned(self, turn: Callable[[Array, Array], Array]) -> Array:
+        """Return (W, 6) of the twist with both parts turned, by a function of rotations and (W, 3) of it."""
+        return np.concatenate([turn(self.middle, each) for each in np.split(self.read, 2, axis=1)], axis=1)
 
 
-def _disagreement(windows: Sequence[Samples], declared: str) -> Array:
-    """Return information, weighted share, weighted squared disagreements and their number of W windows, (W, 4)."""
-    twist = np.stack(
-        [np.concatenate((window.base_linear_velocity, window.base_angular_velocity), axis=1) for window in windows]
-    )
-    rotation, position = (
-        np.stack([getattr(one, f'base_{name}') for one in windows]) for name in ('rotation', 'position')
-    )
-    turn = rotate_back if declared == 'child' else rotate  # the numbers, meant in the other frame, to odometry axes
-    other = np.concatenate((turn(rotation, twist[..., :3]), turn(rotation, twist[..., 3:])), axis=-1)
-    difference = np.mean(other - twist, axis=1)
-    # The twist's noise, in any axes: its larger variance of the three.
-    spread = _variances([window.twist_covariance for window in windows]).reshape(-1, 2, 3)
-    own = np.repeat(np.max(spread, axis=2), 3, axis=1) / twist.shape[1]
-    distinct = difference**2 > _DISTINCT**2 * 2.0 * own
-    terms = np.zeros((len(windows), 4))
-    used = np.flatnonzero(np.any(distinct, axis=1))
-    if not len(used):
-        return terms
-    seen, gain = np.empty((len(used), 6)), np.empty((len(used), 1))
-    for places, local in fits(np.stack([windows[place].time for place in used])):
-        slopes = base_slopes(position[used[places]], rotation[used[places]], local)
-        seen[places] = np.mean(np.concatenate(slopes, axis=-1), axis=1)
-        gain[places, 0] = local.mean_gain
-    slope = np.maximum(gain * _variances([windows[place].pose_covariance for place in used]), 1e-30)
-    weight = np.where(distinct[used], 1.0 / (slope + own[used]), 0.0)
-    disagreement, difference = seen - np.mean(twist[used], axis=1), difference[used]
-    products = weight * difference**2, weight * difference * disagreement, weight * disagreement**2, distinct[used]
-    terms[used] = np.stack([np.sum(each, axis=1) for each in products], axis=1)
-    return terms
+Meanings = Iterator[tuple[float, str, Array]]  # times as well that it has to explain the data, in words, (W, k) steps
 
 
-def _variances(covariances: Sequence[Array]) -> Array:
-    """Return the (W, k) mean variances of W times (N, k, k) covariances."""
-    return np.mean([np.diagonal(covariance, axis1=-2, axis2=-1) for covariance in covariances], axis=1)
+class RateCheck:
+    """Follows windows, and finds the convention that a rate follows instead of that of the poses.
 
-
-class GyroFrame:
-    """Tests whether the gyro turns as the poses do: in other units, or in other axes.
-
-    Attributes
+    Parameters
     ----------
-    gain : log-likelihood by which the reading in `contradiction` is better
+    motion : that a window shows; None where it has no such rate
+    error : the wrong convention that motions show, in words, and its gain in log-likelihood; empty if none
+    severity : of the reason
     """
 
-    def __init__(self) -> None:
-        self._count = 0
-        self._sums: Array = np.zeros((6,))
-        self._squares: Array = np.zeros((6, 6))
-        self._variance = 0.0
-        self.gain = 0.0
-        self.contradiction = ''
+    def __init__(
+        self,
+        motion: Callable[[Samples], Motion | None],
+        error: Callable[[Motion], tuple[str, float]],
+        severity: Severity = 'note',
+    ) -> None:
+        self._motion, self._error, self._severity = motion, error, severity
+        self._seen: deque[Motion] = deque(maxlen=_KEPT)
 
-    def update(self, window: Samples) -> str:
-        """Add a window; return the contradiction so far as a sentence, empty if there is none."""
-        if len(window) > 1 and window.gyro.shape[1] and not self.contradiction:
-            length = float(window.time[-1] - window.time[0])
-            turned = log(window.base_rotation[0].T @ window.base_rotation[-1])
-            both = np.concatenate((turned, window.gyro[-1] - window.gyro[0])) / length
-            ends = window.pose_covariance[[0, -1], 3:, 3:]
-            if np.all(np.isfinite(both)) and np.all(np.isfinite(ends)):
-                self._count += 1
-                self._sums = self._sums + both
-                self._squares = self._squares + np.outer(both, both)
-                self._variance += float(np.trace(np.sum(ends, axis=0))) / 3.0 / length**2
-                self.contradiction = self._judged() if self._count >= _FEWEST_WINDOWS else ''
-        return self.contradiction
+    def add(self, window: Samples) -> None:
+        """Add a window."""
+        motion = self._motion(window) if len(window) >= _FEWEST_SAMPLES else None
+        if motion is not None and np.all(np.isfinite(motion.step + motion.read + motion.noise)):
+            self._seen.append(motion)
 
-    def _judged(self) -> str:
-        about_mean = self._squares - np.outer(self._sums, self._sums) / self._count
-        of_poses, both, of_gyro = about_mean[:3, :3], about_mean[3:, :3], about_mean[3:, 3:]
-        # Noise of the poses, and the part of the motion that a declared error of scale or mount may make.
-        noise = self._variance / self._count + _OFF**2 * float(np.trace(of_poses)) / self._count
+    def reason(self) -> Reason | None:
+        """Return the contradiction that the latest windows show."""
+        text, gain = self._error(Motion.concatenate(self._seen)) if len(self._seen) >= _FEWEST else ('', 0.0)
+        return Reason(text, self._severity, gain) if text else None
 
-        def misfit(matrix: Array) -> float:
-            left = of_gyro - matrix @ both.T - both @ matrix.T + matrix @ of_poses @ matrix.T
-            return max(float(np.trace(left)), 0.0)
-
-        left, _, right = np.linalg.svd(both)  # Wahba's problem
-        turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
-        degrees = 180.0 / np.pi
-        found = {'': misfit(np.eye(3)), 'degrees': misfit(degrees * np.eye(3)) / degrees**2, 'turned': misfit(turn)}
-        best = min(found, key=lambda name: found[name])
-        self.gain = 0.5 * (found[''] - found[best]) / noise
-        if found[best] > _BETTER * found[''] or self.gain < _SURE:
-            return ''
-        if best == 'degrees':
-            return (
-                'the angular velocity of the IMU is 57.3 times that of the poses: it is in degrees; accepted: rad/s, '
-                'as in REP 103'
-            )
-        vector = log(turn.T)  # of the IMU, where its readings are turned back
-        angle = float(np.linalg.norm(vector))
-        if best != 'turned' or angle < _TURNED:
-            return ''
-        axis = ', '.join(f'{number:.2f}' for number in np.round(vector / angle, 2) + 0.0)
-        return (
-            f'the IMU is turned by {np.degrees(angle):.0f} degrees about ({axis}) relative to its frame: correct the '
-            'frame in the robot description, or set imu.frame'
-        )
+    def update(self, window: Samples) -> Reason | None:
+        """Add a window, and return the contradiction that the latest ones show."""
+        self.add(window)
+        return self.reason()
 
 
-_FEWEST = 6  # samples of a window
+def twist_check() -> RateCheck:
+    """Return the check whether the base's twist is the rate of its poses."""
+    return RateCheck(_twist_motion, _twist_error)
+
+
+def gyro_check() -> RateCheck:
+    """Return the check whether the gyro turns as the poses do."""
+    return RateCheck(_gyro_motion, _gyro_error, 'conflict')
+
+
+def _likeliest(motion: Motion, meanings: Meanings) -> tuple[str, float]:
+    """Return the convention that explains a contradiction, and its gain; empty if none does, or there is none."""
+    contradiction = motion.misfit(motion.read)
+    if contradiction < _CONTRADICTS:
+        return '', 0.0
+    _, left, text = min((factor * motion.misfit(meant), motion.misfit(meant), text) for factor, text, meant in meanings)
+    if left > _LEFT * min(contradiction, motion.misfit(np.zeros(motion.step.shape))):
+        return '', 0.0
+    return text, 0.5 * (contradiction - left) * motion.step.size
+
+
+def _step(path: Array) -> Array:
+    """Return the mean of the last third of a path (N, ...) less that of the first: noise hardly averages out better."""
+    third = max(len(path) // 3, 1)
+    return np.asarray(np.mean(path[-third:], axis=0) - np.mean(path[:third], axis=0))
+
+
+def _path(time: Array, rate: Array) -> Array:
+    """Return the integral of a rate (N, ...) since the first of N times (trapezoid)."""
+    step = np.diff(time).reshape(-1, *(1,) * (rate.ndim - 1))
+    return np.concatenate((np.zeros((1, *rate.shape[1:])), np.cumsum(0.5 * step * (rate[1:] + rate[:-1]), axis=0)))
+
+
+def _spread(covariance: Array) -> Array:
+    """Return the (6,) variances, angular ones first, in any axes: the largest mean one of each three."""
+    variance = np.mean(np.diagonal(covariance, axis1=1, axis2=2), axis=0).reshape(2, 3)
+    return np.repeat(np.max(variance, axis=1)[::-1], 3)
+
+
+def _twist_motion(window: Samples) -> Motion | None:
+    """Return the motion of the base, odometry axes, by poses and twists; None without a twist."""
+    if window.missing_rates[1]:
+        return None
+    time, rotation, angular = window.time, window.base_rotation, window.base_angular_velocity
+    moved = np.concatenate((log(rotation @ rotation[0].T), window.base_position), axis=1)
+    read = _path(time, np.concatenate((angular, window.base_linear_velocity), axis=1))
+    arm = _path(time, skew(angular) @ rotation)
+    count, length = len(time), float(time[-1] - time[0])
+    # Of means over thirds; the twist's noise is that of a mean, too, by trapezoids of weights.
+    variance = 6.0 / count * _spread(window.pose_covariance)
+    variance += 5.0 / 9.0 * length**2 / count * _spread(window.twist_covariance)
+    rows = _step(moved), _step(read), np.sqrt(variance), _step(arm), rotation[count // 2]
+    return Motion(*(row[None] for row in rows))
+
+
+def _twist_error(motion: Motion) -> tuple[str, float]:
+    """Return the convention that a twist follows instead of the rate of the poses, and its gain."""
+    return _likeliest(motion, _twist_meanings(motion))
+
+
+def _twist_meanings(motion: Motion) -> Meanings:
+    """Yield the conventions of the twist, and the steps (W, 6) that each implies."""
+    what = 'the twist of the odometry'
+    angular, linear = motion.read[:, :3], motion.read[:, 3:]
+    if not np.any(motion.read):
+        yield 0.0, f'{what} is zero while its poses move: publish NaN where it is not measured', motion.step
+        return
+    yield (
+        1.0,
+        'the angular velocity of the odometry is in degrees a second: in ROS it is in rad/s',
+        np.concatenate((np.deg2rad(angular), linear), axis=1),
+    )
+    yield (
+        1.0,
+        'the linear velocity of the odometry is in millimetres a second: in ROS it is in m/s',
+        np.concatenate((angular, _MILLIMETRE * linear), axis=1),
+    )
+    still = np.zeros_like(angular)
+    for moves in ((angular, still), (still, linear)):  # poses that do not move show no unit
+        yield 0.5, '', np.concatenate(moves, axis=1)
+    yield 1.0, f'{what} has the wrong sign', -motion.read
+    yield 1.0, f'{what} is in the axes of its header.frame_id: set twist_frame: inertial', motion.turned(rotate_back)
+    yield 1.0, f'{what} is in the axes of its child_frame_id: set twist_frame: child', motion.turned(rotate)
+    point = _point(motion)
+    place = ', '.join(f'{-1e3 * each:.0f}' for each in point)
+    yield (
+        _FITTED,
+        f'{what} is that of a point ({place}) mm away from that of its poses, in base axes',
+        np.concatenate((angular, linear + motion.arm @ point), axis=1),
+    )
+    step, read, noise = (np.concatenate(np.split(each, 2, axis=1)) for each in (motion.step, motion.read, motion.noise))
+    middle = np.concatenate((motion.middle, motion.middle))
+    turn, about = _turn(rotate_back(middle, step), rotate_back(middle, read), noise)
+    yield (
+        _FITTED,
+        f'the axes of the twist are turned by {about} against those of the poses',
+        motion.turned(lambda rotation, part: rotate(rotation, rotate_back(rotation, part) @ turn.T)),
+    )
+
+
+def _point(motion: Motion) -> Array:
+    """Return the point, (3,) m in base axes, that the poses are of as the twist's point sees it: v + w x R r."""
+    weight = 1.0 / motion.noise[:, 3:, None]
+    rows = (weight * motion.arm).reshape(-1, 3)
+    values = (weight[..., 0] * (motion.step - motion.read)[:, 3:]).ravel()
+    return np.asarray(np.linalg.lstsq(rows, values, rcond=1e-6)[0])
+
+
+def _turn(step: Array, read: Array, noise: Array) -> tuple[Array, str]:
+    """Return the rotation, (3, 3), that takes vectors (N, 3) read to the steps (Wahba's problem), and that in words."""
+    left, _, right = np.linalg.svd((step / noise).T @ (read / noise))
+    turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    about = log(turn)
+    angle = float(np.linalg.norm(about))
+    axis = ', '.join(f'{each:.2f}' for each in np.round(about / max(angle, 1e-12), 2) + 0.0)
+    return turn, f'{np.degrees(angle):.0f} degrees about ({axis})'
+
+
+def _gyro_motion(window: Samples) -> Motion | None:
+    """Return how the base turned, in its axes at the start, by poses and gyro; None without a gyro."""
+    if not window.gyro.shape[1]:
+        return None
+    rotation, count = window.base_rotation, len(window)
+    step = _step(log(rotation[0].T @ rotation))
+    noise = np.sqrt(6.0 / count * _spread(window.pose_covariance)[:3])
+    rows = step, _step(window.gyro), noise, np.zeros((3, 3)), rotation[0]
+    return Motion(*(row[None] for row in rows))
+
+
+def _gyro_error(motion: Motion) -> tuple[str, float]:
+    """Return the units or axes that a gyro has instead of the poses', and the gain; a bias is none."""
+    step, read = (each - np.mean(each, axis=0) for each in (motion.step, motion.read))
+    declared = _OFF * np.sqrt(np.mean(np.sum(step**2, axis=1)))
+    motion = replace(motion, step=step, read=read, noise=np.hypot(motion.noise, declared))
+    return _likeliest(motion, _gyro_meanings(motion))
+
+
+def _gyro_meanings(motion: Motion) -> Meanings:
+    """Yield the conventions of a gyro, and the steps (W, 3) that each implies."""
+    text = 'the angular velocity of the IMU is 57.3 times that of the poses: it is in degrees; accepted: rad/s, as in'
+    yield 1.0, f'{text} REP 103', np.deg2rad(motion.read)
+    turn, about = _turn(motion.step, motion.read, motion.noise)
+    if np.linalg.norm(log(turn)) > _TURNED:
+        text = f'the IMU is turned by {about} relative to its frame: correct the frame in the robot description, or set'
+        yield 1.0, f'{text} imu.frame', motion.read @ turn.T
+
+
+_FEWEST_READINGS = 6  # samples of a window, for their noise
 _PART = 0.5  # of the motion, by positions or velocities, from which a difference is no filter's or stamp's
 _MOVES = 5e-4  # rad or m, from which the motion in a window counts: less are steps of an encoder, or a filter's tail
 _FAR = 7.0  # standard deviations of the difference, from which it is no noise
 _SURE_OF_JOINTS = 3  # windows, from which the velocities are wrong all along
 _MOST = 0.25  # share of the windows with motion, that contradict at least then
-_OF_SECOND = 0.6745 * np.sqrt(6.0)  # median size of a second difference of white noise, in standard deviations
 
 
 class JointRates:
@@ -233,14 +262,12 @@ class JointRates:
     def applied(self, window: Samples) -> Samples:
         """Return the next window, without velocities that are no rates."""
         velocity, time = window.joint_velocity, window.time
-        if len(window) < _FEWEST or not velocity.shape[1] or window.missing_rates[0]:
+        if len(window) < _FEWEST_READINGS or not velocity.shape[1] or window.missing_rates[0]:
             return window
-        step = np.diff(time)[:, None]
-        turned = np.cumsum(0.5 * step * (velocity[1:] + velocity[:-1]), axis=0)
-        turned = np.concatenate((np.zeros((1, velocity.shape[1])), turned))
+        step, turned = np.diff(time), _path(time, velocity)
         position = window.joint_position
         size = np.maximum(np.std(position, axis=0), np.std(turned, axis=0))
-        noise = np.hypot(_noise(position), np.mean(step) * np.sqrt(len(window)) * _noise(velocity))
+        noise = np.hypot(white_noise(position, 2), np.mean(step) * np.sqrt(len(window)) * white_noise(velocity, 2))
         moves = size > np.maximum(_FAR * noise, _MOVES)
         wrong = moves & (np.std(position - turned, axis=0) > np.maximum(_FAR * noise, _PART * size))
         self._wrong += wrong
@@ -251,18 +278,13 @@ class JointRates:
             return replace(window, joint_velocity=np.full_like(velocity, np.nan))
         return window
 
-    @property
-    def contradiction(self) -> str:
-        """Which velocities are no rates of the positions, in a sentence; empty where none is known to be."""
+    def reason(self) -> Reason | None:
+        """Return which velocities are no rates of the positions; None where none is known to be."""
         wrong = self._left_out
         if not np.any(wrong):
-            return ''
-        zero = bool(np.all(self._zero[wrong]))
+            return None
         names = listing(name for name, each in zip(self._names, wrong, strict=True) if each)
-        how = 'zero while the positions change' if zero else 'no rates of the positions'
-        return f'the velocities of {names} are {how}: velocities are taken from the positions; correct the driver'
-
-
-def _noise(values: Array) -> Array:
-    """Return the standard deviation of white noise in the columns of (N, n), by second differences."""
-    return np.asarray(median(np.abs(np.diff(values, 2, axis=0))) / _OF_SECOND)
+        how = 'zero while the positions change' if np.all(self._zero[wrong]) else 'no rates of the positions'
+        return Reason(
+            f'the velocities of {names} are {how}: velocities are taken from the positions; correct the driver'
+        )

@@ -1,4 +1,4 @@
-"""Faults that the readings show without a model: stuck, slipping or swinging joints, noise, outliers, vibrations."""
+"""Faults that the readings show without a model: stuck, slipping or swinging joints, their noise, vibrations."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mbaid_ros.core.filter.window import Window
-from mbaid_ros.core.geometry import Array, Flags, log
-from mbaid_ros.core.results.status import SENSORS, Innovations
+from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.sensors.noise import white_noise
 
 
 @dataclass(frozen=True)
@@ -127,75 +127,13 @@ def loose_joint_text(joint: str, windows: Sequence[Window], times: float) -> str
     )
 
 
-# Times the declared noise: less is within its tolerance, and more would show in the samples.
-_NOISIER, _MOST = 1.3, 3.0
-
-
-def noisier_poses(windows: Sequence[Window], innovations: Innovations) -> tuple[str, list[Window]]:
-    """Return windows with the base as noisy as the innovations of a pass, and that in words; no words where not so."""
-    times = np.sqrt(np.maximum(np.nan_to_num(innovations.ratio[:4], nan=1.0), 1.0))
-    large = [
-        f'noise.{SENSORS[place]} is {times[place]:.1f} times too small' for place in range(4) if times[place] > _NOISIER
-    ]
-    if not large or times.max() > _MOST:
-        return '', []
-    pose, twist = np.repeat(times, 3).reshape(2, 6)
-    noisier = [
-        replace(
-            window,
-            noise=replace(
-                window.noise,
-                pose=pose[:, None] * window.noise.pose * pose,
-                twist=twist[:, None] * window.noise.twist * twist,
-            ),
-        )
-        for window in windows
-    ]
-    return f'{", ".join(large)}, or the stamps of the poses are early and late in turn', noisier
-
-
-CHANNELS = ('base_orientation', 'base_position', 'base_angular_velocity', 'base_linear_velocity', 'joint_position')
-_WEIGHT = 70.0  # variance of a fourth difference of white noise of unit variance
-_MEDIAN = 0.6745  # median of a normal number's size over its standard deviation
-_FAR = 6.0  # robust standard deviations, from which a difference has an outlier in it
 _FEWEST_SAMPLES = 12  # samples of a window: fewer have too few differences of fourth order for a median
-_TOUCHED = 5  # differences of fourth order that a sample is in
 
 
-@dataclass(frozen=True)
-class Roughness:
-    """How noisy samples are by their fourth differences, in which no motion is left."""
-
-    factor: Array  # (5,) of CHANNELS, how many times as noisy as declared; NaN where not known
-    outliers: float  # share of the poses that are far off
-
-
-def roughness(windows: Sequence[Samples], joint_position: float) -> Roughness:
-    """Return how noisy windows are beside the base's declared noise, in them, and the joints', rad."""
-    parts = [_differences(window, joint_position) for window in windows if len(window) >= _FEWEST_SAMPLES]
-    if not parts:
-        return Roughness(np.full(len(CHANNELS), np.nan), 0.0)
-    size = [np.abs(np.concatenate([part[channel] for part in parts])) for channel in range(len(CHANNELS))]
-    factor = np.array([np.nanmedian(each) / _MEDIAN if np.isfinite(each).any() else np.nan for each in size])
-    pose = np.maximum(*(np.max(size[channel], axis=1) / max(factor[channel], 1e-9) for channel in range(2)))
-    return Roughness(factor, float(np.mean(pose > _FAR)) / _TOUCHED)
-
-
-def _differences(window: Samples, joint_position: float) -> tuple[Array, ...]:
-    """Return the fourth differences of each channel in units of their declared standard deviations."""
-    middle = window.base_rotation[len(window) // 2]
-    turned = log(window.base_rotation @ middle.T)
-    pose, twist = (
-        np.sqrt(_WEIGHT * np.mean(np.diagonal(each, axis1=1, axis2=2), axis=0))
-        for each in (window.pose_covariance, window.twist_covariance)
-    )
-    return (
-        np.diff(turned, 4, axis=0) / pose[3:],
-        np.diff(window.base_position, 4, axis=0) / pose[:3],
-        np.diff(window.base_angular_velocity, 4, axis=0) / twist[3:],
-        np.diff(window.base_linear_velocity, 4, axis=0) / twist[:3],
-        np.diff(window.joint_position, 4, axis=0) / (np.sqrt(_WEIGHT) * joint_position),
-    )
+def joint_noise_factor(windows: Sequence[Samples], declared: float) -> float:
+    """Return how many times as noisy as declared, rad, the joints are by their samples; NaN where not known."""
+    found = [white_noise(window.joint_position, 4) for window in windows if len(window) >= _FEWEST_SAMPLES]
+    return float(np.median(found)) / declared if np.size(found) else np.nan
 
 
 _FEWEST_WINDOWS = 12  # windows: fewer hold a few swings and a trend of five numbers, and nothing beside

@@ -7,13 +7,14 @@ changes by the predicted motion less the measured one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbaid_ros.core.filter.joint_noise import JointNoise, joint_noise
 from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.measured_window import (
+    IntegratedTwist,
     integrated_twist,
     pose_measurement,
     readings,
@@ -26,14 +27,15 @@ from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
 from mbaid_ros.core.filter.swing import BESIDE, Motions, SwingCourse
 from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, by_deflections, predict
 from mbaid_ros.core.filter.window import Stack
-from mbaid_ros.core.geometry import Array, Integers, cross, exp
+from mbaid_ros.core.geometry import Array, cross, exp
 from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.samples import ArrayRecord
 
 _IDENTITY = np.eye(6)
 
 
 @dataclass(frozen=True)
-class WindowModel:
+class WindowModel(ArrayRecord):
     """Windows, linear in the state x at their first knots: measurements, and the transition to the next window.
 
     All arrays have a first axis of the windows, which the shapes below leave out.
@@ -66,17 +68,7 @@ class WindowModel:
     stepped: Array
     gained: Array
     body: Array  # (10,) standard parameters of the target at the linearisation point
-    # an `IntegratedTwist`, which then takes the place of the twist; None where that is measured by itself
-    integrated: Array = field(default_factory=lambda: np.array(None))
-
-    def __getitem__(self, index: int | Integers) -> WindowModel:
-        """Return one of the windows, or some."""
-        return WindowModel(*(part[index] for part in vars(self).values()))
-
-    @staticmethod
-    def concatenate(parts: Sequence[WindowModel]) -> WindowModel:
-        """Return several windows, joined in order."""
-        return WindowModel(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
+    integrated: IntegratedTwist  # it takes the place of the twist where it counts
 
 
 def window_models(
@@ -153,10 +145,11 @@ def _models(
     if middle.gyro_gain.shape[-1]:
         in_gyro = np.sqrt(stack.joint_variance / stack.samples) * middle.gyro_gain[len(middle) // 2]
     pose, twist = readings(layout, stack, predicted, motion, slope)
-    ways: Array = np.full(len(stack.windows), None)
+    whole = IntegratedTwist.none(len(stack.windows), layout.size)
     if integrated.any():
-        whole = integrated_twist(layout, stack, motion, predicted, errors, point, slope=slope, stored=noise.stored)
-        ways[integrated] = whole.each()[integrated]
+        rates = slope, noise.stored
+        whole = integrated_twist(layout, stack, motion, predicted, errors, point, rates=rates)
+        whole = replace(whole, counts=integrated)
     return WindowModel(
         *pose_measurement(errors, change, pose, point.readings),
         stack.pose_covariance / stack.samples + ends * of_joints,
@@ -177,7 +170,7 @@ def _models(
         stepped=noise.stepped,
         gained=noise.gained,
         body=np.tile(point.body, (len(stack.windows), 1)),
-        integrated=ways,
+        integrated=whole,
     )
 
 

@@ -6,50 +6,14 @@ pose at the border, which is carried from window to window.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag
 
+from mbaid_ros.core.filter.measured_window import IntegratedTwist
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array
-
-
-@dataclass(frozen=True)
-class IntegratedTwist:
-    """Integral of a window's twist from its first knot on; of several windows with these along a first axis."""
-
-    # way_value, way_rows: (6,), (6, s): value - rows x = c - c' + noise, to the next window's first knot, with its c'
-    way_value: Array
-    way_rows: Array
-    # mean_value, mean_rows: (6,), (6, s): value - rows x = c - joint noise in the mean pose + noise, mean over the
-    # knots
-    mean_value: Array
-    mean_rows: Array
-    white: Array  # (6, 6) covariance of the noise in the way
-    # share, left: () share of that noise in the mean, and variance of the rest of the mean's noise, over `white`
-    share: Array
-    left: Array
-    change: Array  # () as `Stack.whitening`
-
-    def each(self) -> Array:
-        """Return several as an array (B,) of single ones."""
-        parts = [getattr(self, field.name) for field in fields(self)]
-        single = np.empty(len(self.white), dtype=object)
-        single[:] = [IntegratedTwist(*each) for each in zip(*parts, strict=True)]
-        return single
-
-    @staticmethod
-    def stack(parts: Sequence[IntegratedTwist]) -> IntegratedTwist:
-        """Return single ones together."""
-        return IntegratedTwist(*(np.stack([getattr(part, field.name) for part in parts]) for field in fields(parts[0])))
-
-
-def weights_of_ways(count: int) -> tuple[Array, Array]:
-    """Return the weights (m,) of a window's twists in its way, and in the mean of the ways to its knots; sums 1."""
-    remaining = count - 1.0 - np.arange(count)
-    return np.full(count, 1.0 / count), remaining / np.sum(remaining)
 
 
 @dataclass(frozen=True)
@@ -66,27 +30,16 @@ class TwistLink:
     process: Array  # (k, n) of that noise, as in `WhitenedWindow`
 
 
-@dataclass(frozen=True)
-class Linked:
-    """Measurements of B windows by pose and integrated twist, in units of their noise."""
-
-    # value, rows, log_noise: (B, w), (B, w, v), (B,) as in `WhitenedWindow`
-    value: Array
-    rows: Array
-    log_noise: Array
-    precision: Array  # (B, 6, 6) S^-1 of the measurements as the joints' noise is in them
-    carried: list[TwistLink]  # B of them
-
-
 def linked(
     twist: IntegratedTwist,
     pose: tuple[Array, Array, Array],
     joints: tuple[Array, Array],
     variables: Variables,
-) -> Linked:
-    """Return the measurements of B windows by pose and integrated twist.
+) -> tuple[list[tuple[Array, Array, Array, TwistLink]], Array]:
+    """Return value, rows, log_noise and link of B windows by pose and integrated twist, as in `WhitenedWindow`.
 
-    The measured way, free of the joints' noise, takes the place of the change of xi that whitens the mean pose.
+    Second, (B, 6, 6) S^-1 of these measurements as the joints' noise is in them. The measured way, free of that noise,
+    takes the place of the change of xi that whitens the mean pose.
 
     Parameters
     ----------
@@ -114,24 +67,20 @@ def linked(
     by_carried = np.concatenate((np.zeros((size, size)), np.eye(size)))
     triangle = np.linalg.cholesky(noise)
     whiten = np.linalg.inv(triangle)
-    carried = zip(
+    links = map(
+        TwistLink,
         whiten @ by_noise,
         whiten @ by_carried,
         twist.way_value @ select.T,
         select @ variables.rows(twist.way_rows),
         np.linalg.inv(factor),
         select @ process,
-        strict=True,
     )
     both = block_diag(select, select).reshape(2, size, 2, 6).sum(axis=2).reshape(2 * size, 6)
     certain = _certain(noise + by_noise @ np.swapaxes(by_noise, -1, -2), by_carried, factor)
-    return Linked(
-        value=(whiten @ values[..., None])[..., 0],
-        rows=whiten @ variables.rows(by_state),
-        log_noise=2.0 * np.add.reduce(np.log(np.diagonal(triangle, axis1=1, axis2=2).T.copy()), axis=0),
-        precision=both.T @ certain @ both,
-        carried=[TwistLink(*each) for each in carried],
-    )
+    log_noise = 2.0 * np.add.reduce(np.log(np.diagonal(triangle, axis1=1, axis2=2).T.copy()), axis=0)
+    white = (whiten @ values[..., None])[..., 0], whiten @ variables.rows(by_state), log_noise
+    return list(zip(*white, links, strict=True)), both.T @ certain @ both
 
 
 def _certain(noise: Array, by_carried: Array, walk: Array) -> Array:

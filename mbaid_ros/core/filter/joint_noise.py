@@ -17,7 +17,7 @@ from mbaid_ros.core.filter.state import ANGULAR_FIRST, BODY, LINEAR, Layout
 from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, gains_by_unknowns, joint_gains
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import Stack
-from mbaid_ros.core.geometry import Array, Integers
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.passive import driven
 from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
@@ -58,7 +58,8 @@ def joint_noise(
     predictions, bodies : of each stack and the intervals beside, (m, B, ...); of all these, one after the other
     swing : (B, f, u) derivative of passive joints' deflections at the ends of all windows; None without any
     """
-    places = [_places(each) for each in inside]
+    # Of each stack its windows' first, middle and last intervals.
+    places = [np.array([own.start, (own.start + own.stop) // 2, own.stop - 1]) for own in inside]
     begins = np.cumsum([0, *(each.twist[..., 0].size for each in predictions)])
     index = np.concatenate(  # (3, all windows)
         [
@@ -141,12 +142,6 @@ def _by_readings(bodies: Bodies) -> Array:
     return np.asarray(columns[:, ANGULAR_FIRST] * storage.noises)
 
 
-def _places(inside: slice) -> Integers:
-    """Return a window's first, middle and last intervals."""
-    count = inside.stop - inside.start
-    return inside.start + np.array([0, count // 2, count - 1])
-
-
 _MOST = 0.99  # part of the information that the noise may make: intervals are then a hundred times as wide
 
 
@@ -167,14 +162,6 @@ def errors_in_variables_bias(precision: Array, slope: Array, body: Array, variab
     information = np.swapaxes(flat, 1, 2) @ weighed.reshape(flat.shape)  # M of trajectory.md, eq. 13
     at = variables.gather[variables.body, BODY] @ body[..., None]
     return np.concatenate((information, information @ at), axis=-1)
-
-
-def no_bias(variables: Variables) -> Array:
-    """Return that, (b, b + 1), of no window: of the run before, if this one continues it."""
-    if variables.bias is not None:
-        return variables.bias
-    count = variables.own - variables.head
-    return np.zeros((count, count + 1))
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from mbaid_ros.core.filter.chain import WindowModel, window_models
-from mbaid_ros.core.filter.integrated_twist import IntegratedTwist, TwistLink, linked
+from mbaid_ros.core.filter.integrated_twist import TwistLink, linked
 from mbaid_ros.core.filter.joint_noise import errors_in_variables_bias
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, POSE, Layout, Point
 from mbaid_ros.core.filter.swing import SwingCourse
@@ -19,6 +19,7 @@ from mbaid_ros.core.geometry import Array, Integers, skew
 
 # Where a constant force and torque acts, and in which axes.
 Axes = Literal['none', 'inertial', 'inertial on the base', 'body']
+_ACTING: tuple[Axes, ...] = ('inertial', 'inertial on the base', 'body')
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class WhitenedWindow:
     bias_information: Array  # (b, b + 1) information M of the body by noise in the rows, and M times the body
     moved: Array  # (6, 6) derivative of the next pose error by the momentum, SI units
     brought: Array  # (p, v) change of the momentum until the next window by the variables
-    pushes: Mapping[Axes, Array]  # (p, f) change of the momentum by a constant force and torque, by where it acts
+    pushes: Array  # (3, p, f) change of the momentum by a constant force and torque, acting as in `_ACTING`
     stepped: Array  # (p, f) as of `WindowModel`
     gained: Array  # (f,) the same
     length: float  # s
@@ -54,7 +55,7 @@ class WhitenedWindow:
 
     def push(self, axes: Axes) -> Array:
         """Return the change of the momentum by a constant force and torque in these axes, (p, f)."""
-        return self.pushes[axes]
+        return self.pushes[_ACTING.index(axes)]
 
 
 def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
@@ -68,21 +69,16 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
     precision = pose.precision
     weighed = pose.weighed(windows.joints, windows.joints_of_gyro)
     places = np.arange(len(select))
-    measured = [(pose.value[index], pose.rows[index], pose.log_noise[index], places) for index in range(len(weighed))]
-    integrated = np.array([each is not None for each in windows.integrated])
-    carried: list[TwistLink | None] = [None] * len(measured)
+    measured = [(*each, places) for each in zip(pose.value, pose.rows, pose.log_noise, strict=True)]
+    links: list[TwistLink | None] = [None] * len(measured)
+    integrated = windows.integrated.counts
     if integrated.any():
-        which = np.flatnonzero(integrated)
-        chosen = windows[which]
+        chosen = windows[integrated]
         parts = chosen.pose_value, chosen.pose_rows, chosen.pose_covariance
-        joined = linked(
-            IntegratedTwist.stack(list(chosen.integrated)), parts, (chosen.joints, chosen.process), variables
-        )
-        precision[which], weighed[which] = joined.precision, joined.precision @ chosen.joints
-        all_places = np.arange(joined.value.shape[1])
-        for place, index in enumerate(which.tolist()):
-            measured[index] = (joined.value[place], joined.rows[place], joined.log_noise[place], all_places)
-            carried[index] = joined.carried[place]
+        joined, precision[integrated] = linked(chosen.integrated, parts, (chosen.joints, chosen.process), variables)
+        weighed[integrated] = precision[integrated] @ chosen.joints
+        for index, (value, rows, log_noise, link) in zip(np.flatnonzero(integrated).tolist(), joined, strict=True):
+            measured[index], links[index] = (value, rows, log_noise, np.arange(len(value))), link
     alone = np.where(integrated[:, None], np.nan, windows.twist_value)
     for moving, select, of_rates in _rates(alone, variables):
         parts = (windows.twist_value, windows.twist_rows, windows.twist_covariance)
@@ -119,7 +115,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
             windows.gained,
             windows.length.tolist(),
             (each[3] for each in measured),
-            carried,
+            links,
             strict=True,
         )
     ]
@@ -199,28 +195,20 @@ def _shared(weighed: Array, slope: Array, variables: Variables) -> Array:
     return variables.rows(score)[:, 0]
 
 
-def _pushes(windows: WindowModel, variables: Variables) -> list[dict[Axes, Array]]:
-    """Return for B windows the (p, f) change of the momentum by a constant force and torque, where and as it acts.
+def _pushes(windows: WindowModel, variables: Variables) -> Array:
+    """Return the (B, 3, p, f) change of the momentum by a constant force and torque, as in `_ACTING`.
 
     A window's momentum is that of its middle. The force acts from there to the middle of the next window, on a robot
     that is between the two.
     """
     upright = np.broadcast_to(np.eye(3), windows.rotation.shape)
-    to_momentum = variables.gather[variables.poses : variables.head, MOMENTUM]
-    force = windows.length[:, None, None] * variables.force
-    acting: dict[Axes, tuple[Array, Array]] = {
-        'inertial': (upright, windows.centre),
-        'inertial on the base': (upright, windows.position),
-        'body': (windows.rotation, windows.position),
-    }
-    pushes: list[dict[Axes, Array]] = [{} for _ in windows.length]
-    for axes, (rotation, point) in acting.items():
-        push = np.zeros((len(windows.length), 6, 6))
-        push[:, :3, :3] = push[:, 3:, 3:] = rotation
-        push[:, 3:, :3] = skew(point) @ rotation
-        for own, change in zip(pushes, to_momentum @ (push @ force), strict=True):
-            own[axes] = change
-    return pushes
+    rotation = np.stack((upright, upright, windows.rotation), axis=1)
+    point = np.stack((windows.centre, windows.position, windows.position), axis=1)
+    push = np.zeros((*point.shape[:2], 6, 6))
+    push[..., :3, :3] = push[..., 3:, 3:] = rotation
+    push[..., 3:, :3] = skew(point) @ rotation
+    force = windows.length[:, None, None, None] * variables.force
+    return np.asarray(variables.gather[variables.poses : variables.head, MOMENTUM] @ (push @ force))
 
 
 LINEARISED = 5  # work of linearising a window, in steps of the filter

@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
-import numpy.typing as npt
 
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.samples import JointStream, Stamps
 from mbaid_ros.core.sensors.streams import Reorder
 from mbaid_ros.core.sensors.synchroniser import LARGEST_BACKLOG
@@ -36,12 +35,12 @@ Joints = tuple[int, ...]  # indices in the model
 class _Part:
     """The measurements of some joints: in order, angles without jumps of a turn."""
 
-    def __init__(self, joints: Joints, turning: npt.NDArray[np.bool_], reorder_limit: int) -> None:
+    def __init__(self, joints: Joints, turning: Flags, reorder_limit: int) -> None:
         self.joints = np.array(joints, dtype=np.intp)
         self.reorder = Reorder[JointStream](reorder_limit)
         self._turning = turning[self.joints]
         self._turns = Turns(len(joints))
-        self.waiting: JointStream | None = None
+        self.waiting = JointStream(np.zeros(0, dtype=np.int64), *np.zeros((2, 0, len(joints))))
         self.own: list[int] = []  # columns of the joints that this part is used for
 
     def push(self, stream: JointStream) -> JointStream | None:
@@ -67,7 +66,7 @@ class JointMerge:
 
     def __init__(
         self,
-        turning: npt.NDArray[np.bool_],
+        turning: Flags,
         maximum_gap: int,
         reorder_limit: int,
         beside: int = 0,
@@ -80,10 +79,9 @@ class JointMerge:
         self._reorder_limit = reorder_limit
         self._whole = _Part(tuple(range(len(turning))), turning, reorder_limit)
         self._parts: dict[Joints, _Part] = {}
-        self._used: list[int] | None = None
+        self._used: Stamps = np.zeros(0, dtype=np.int64)  # latest messages of the other parts; none before the first
         self._own: Counter[str] = Counter()
         self.slow: Joints = ()  # joints whose messages were too far apart
-        self._slowest: int | None = None  # which of the parts beside the leading one holds them
         self._newest = [_NEVER, _NEVER]  # ns, stamps of messages with all joints, and with some
 
     @property
@@ -111,8 +109,8 @@ class JointMerge:
     @property
     def newest(self) -> dict[Joints, int]:
         """Latest stamp (ns) of each kind of message with some of the joints."""
-        waiting = ((joints, part.waiting) for joints, part in self._parts.items())
-        return {joints: int(each.stamp[-1]) for joints, each in waiting if each is not None and len(each.stamp)}
+        parts = self._parts.items()
+        return {joints: int(part.waiting.stamp[-1]) for joints, part in parts if len(part.waiting)}
 
     def push(self, streams: dict[Joints, JointStream]) -> JointStream | None:
         """Add measurements by their joints, in the order of arrival; return those of all joints."""
@@ -141,10 +139,9 @@ class JointMerge:
     def _forget_until(self, stamp: int) -> None:
         """Drop the parts up to a message that holds all joints: they add nothing to it."""
         for part in self._parts.values():
-            if part.waiting is not None:
-                count = int(np.searchsorted(part.waiting.stamp, stamp, side='right'))
-                self._own[REDUNDANT] += count
-                part.waiting = part.waiting[count:]
+            count = int(np.searchsorted(part.waiting.stamp, stamp, side='right'))
+            self._own[REDUNDANT] += count
+            part.waiting = part.waiting[count:]
 
     def _all(self) -> list[_Part]:
         return [self._whole, *self._parts.values()]
@@ -164,7 +161,7 @@ class JointMerge:
         ordered = part.push(stream)
         if ordered is None:
             return
-        part.waiting = ordered if part.waiting is None else ordered.concatenate((part.waiting, ordered))
+        part.waiting = ordered.concatenate((part.waiting, ordered))
         excess = len(part.waiting.stamp) - LARGEST_BACKLOG
         if excess > 0:
             self._own[NO_PARTNER] += excess
@@ -173,68 +170,58 @@ class JointMerge:
     def _merge(self) -> JointStream | None:
         """Return the measurements at the first part's stamps around which every other part has some."""
         leader, *others = sorted(self._parts.values(), key=self._is_beside)
-        streams = [part.waiting for part in others]
-        if leader.waiting is None or not len(leader.waiting.stamp):
+        if not all(len(part.waiting) for part in (leader, *others)):
             return None
-        ready = len(leader.waiting.stamp)
-        for stream in streams:
-            if stream is None or not len(stream.stamp):
-                return None
-            ready = min(ready, int(np.searchsorted(leader.waiting.stamp, stream.stamp[-1], side='right')))
+        until = min(part.waiting.stamp[-1] for part in (others or [leader]))
+        ready = int(np.searchsorted(leader.waiting.stamp, until, side='right'))
         lead, leader.waiting = leader.waiting[:ready], leader.waiting[ready:]
-        once = [not self._is_beside(part) for part in others]
-        stamps = [stream.stamp for stream in streams if stream is not None]
-        still = [self._still(stream) for stream in streams if stream is not None]
-        chosen = lead.stamp[self._usable(lead.stamp, stamps, once, still)]
-        if self._slowest is not None:
-            part = others[self._slowest]
-            self.slow = tuple(part.joints[place] for place in part.own)
-        merged = self._interpolated(lead[np.isin(lead.stamp, chosen)], leader, others) if len(chosen) else None
+        lead = lead[self._usable(lead.stamp, others)]
+        merged = self._interpolated(lead, leader, others) if len(lead) else None
         for part in others:
-            if part.waiting is not None:
-                pending = leader.waiting.stamp[0] if len(leader.waiting.stamp) else part.waiting.stamp[-1]
-                first = max(int(np.searchsorted(part.waiting.stamp, pending, side='right')) - 1, 0)
-                part.waiting = part.waiting[first:]
+            pending = leader.waiting.stamp[0] if len(leader.waiting) else part.waiting.stamp[-1]
+            first = max(int(np.searchsorted(part.waiting.stamp, pending, side='right')) - 1, 0)
+            part.waiting = part.waiting[first:]
         return merged
 
     def _is_beside(self, part: _Part) -> bool:
         """Return whether a part holds no joint."""
         return bool(np.all(part.joints[part.own] >= self._joints))
 
-    def _still(self, stream: JointStream) -> npt.NDArray[np.bool_]:
-        """Return for each message of a part, (N,), whether its joints are where they were in the one before."""
-        step = np.diff(stream.position, axis=0, prepend=stream.position[:1])
-        return np.asarray(np.all(np.abs(step) <= _STILL * self._noise, axis=1))
-
-    def _usable(
-        self, stamps: Stamps, others: list[Stamps], once: list[bool], still: list[npt.NDArray[np.bool_]]
-    ) -> npt.NDArray[np.bool_]:
+    def _usable(self, stamps: Stamps, others: list[_Part]) -> Flags:
         """Return which stamps every other part brackets closely, with a new message each time if its joints move.
 
         Otherwise the same error of one message would count as that of many.
         """
-        right = [np.searchsorted(other, stamps, side='left') for other in others]
-        exact = [other[place] == stamps for other, place in zip(others, right, strict=True)]
-        left = [np.where(same, place, place - 1) for same, place in zip(exact, right, strict=True)]
-        early = np.any([place < 0 for place in left], axis=0)
-        gaps = [other[end] - other[np.maximum(start, 0)] for other, end, start in zip(others, right, left, strict=True)]
-        longest = [np.where(rest[end], _AT_REST, 1) * self._maximum_gap for rest, end in zip(still, right, strict=True)]
-        apart = ~early & np.any([gap > most for gap, most in zip(gaps, longest, strict=True)], axis=0)
+        early: Flags = np.zeros(len(stamps), dtype=bool)
+        apart, widest = early, 0
+        ends, moves = (
+            [],
+            [],
+        )  # of the parts with joints: the message that ends the interval, and whether they move by it
+        for part in others:
+            known = part.waiting.stamp
+            right = np.searchsorted(known, stamps, side='left')
+            left = np.where(known[right] == stamps, right, right - 1)
+            step = np.diff(part.waiting.position, axis=0, prepend=part.waiting.position[:1])
+            still = np.all(np.abs(step) <= _STILL * self._noise, axis=1)[right]
+            gap = known[right] - known[np.maximum(left, 0)]
+            far = (left >= 0) & (gap > np.where(still, _AT_REST, 1) * self._maximum_gap)
+            if np.max(gap[far], initial=0) > widest:
+                widest, self.slow = int(np.max(gap[far])), tuple(part.joints[part.own].tolist())
+            early, apart = early | (left < 0), apart | far
+            if not self._is_beside(part):
+                ends.append(known[right])
+                moves.append(~still)
         self._own[NO_PARTNER] += int(np.sum(early))
-        self._own[PARTNER_GAP] += int(np.sum(apart))
-        if np.any(apart):
-            self._slowest = int(np.argmax([np.max(gap[apart]) for gap in gaps]))
-        usable: npt.NDArray[np.bool_] = ~early & ~apart
-        for index in np.flatnonzero(usable):
-            used = [int(other[end[index]]) for other, end, new in zip(others, right, once, strict=True) if new]
-            moving = [not rest[end[index]] for rest, end, new in zip(still, right, once, strict=True) if new]
-            if self._used is not None and any(
-                now <= before and moves for now, before, moves in zip(used, self._used, moving, strict=True)
-            ):
+        self._own[PARTNER_GAP] += int(np.sum(apart & ~early))
+        usable: Flags = ~early & ~apart
+        for index in np.flatnonzero(usable) if ends else ():
+            now, moving = (np.array([each[index] for each in parts]) for parts in (ends, moves))
+            if len(self._used) and np.any((now <= self._used) & moving):
                 usable[index] = False
                 self._own[OFTEN] += 1
             else:
-                self._used = used
+                self._used = now
         return usable
 
     def _interpolated(self, lead: JointStream, leader: _Part, others: list[_Part]) -> JointStream:
@@ -243,10 +230,9 @@ class JointMerge:
         position[:, leader.joints[leader.own]] = lead.position[:, leader.own]
         velocity[:, leader.joints[leader.own]] = lead.velocity[:, leader.own]
         for part in others:
-            if part.waiting is not None:
-                places, rates = interpolate(part.waiting, lead.stamp)
-                position[:, part.joints[part.own]] = places[:, part.own]
-                velocity[:, part.joints[part.own]] = rates[:, part.own]
+            places, rates = interpolate(part.waiting, lead.stamp)
+            position[:, part.joints[part.own]] = places[:, part.own]
+            velocity[:, part.joints[part.own]] = rates[:, part.own]
         return JointStream(lead.stamp, position, velocity)
 
 

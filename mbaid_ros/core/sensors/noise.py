@@ -34,6 +34,7 @@ _SQUARES = np.exp2(_LOWEST + _PLACE // _PARTS) * (1.0 + (_PLACE % _PARTS + 0.5) 
 # Times the variance, as which a larger square counts: outliers, and where a motion begins. The mean of unit normal
 # ones clipped so.
 _CLIPPED, _OF_NORMAL = 4.0, 0.920542
+_OF_NORMAL_SIZE = 0.6745  # median of a normal number's size over its standard deviation
 _ROUNDS = 8  # of clipping and taking the mean again: each removes a part of the remaining bias
 # Readings from one that is taken to the next: by octaves, up to where motion shows at a hundred hertz.
 _STRIDES = (1, 2, 4, 8, 16, 32)
@@ -146,6 +147,11 @@ def median(values: Array) -> Array:
     """Return the median along the first axis, without NaN: of few numbers NumPy's own takes several times as long."""
     ordered, middle = np.sort(values, axis=0), len(values) // 2
     return np.asarray(0.5 * (ordered[middle] + ordered[(len(values) - 1) // 2]))
+
+
+def white_noise(values: Array, order: int) -> Array:
+    """Return the standard deviations (n,) of white noise in the columns of (N, n), by differences of an order."""
+    return median(np.abs(np.diff(values, order, axis=0))) / (_OF_NORMAL_SIZE * np.sqrt(comb(2 * order, order)))
 
 
 def variances(counts: Integers) -> Array:

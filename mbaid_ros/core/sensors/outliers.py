@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from mbaid_ros.core.geometry import Array, Flags, log
 from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, JointStream
@@ -26,8 +27,7 @@ _AROUND = 4.0  # times the largest misfit nearby: a motion that begins or ends i
 _BEFORE, _AFTER = 4, 3  # poses around suspicious ones
 _NEAR = 200_000_000  # ns: of poses further apart it is the motion that shows
 _LONGEST = 40  # suspicious poses in a row: more are no outliers, and nothing waits for longer
-_BLOCK = 64  # misfits that determine the scale of the next as many
-_FEW = 6  # misfits that determine no scale yet
+_LATEST = 64  # misfits, whose lower quartile determines the scale of the next
 _UNDERSTATED = 10.0  # times as large as declared noise may be, as long as there are too few
 # A quarter of the vectors of three independent numbers of unit variance are shorter, and of single numbers smaller.
 _QUARTILE_OF_THREE, _QUARTILE_OF_ONE = 1.10, 0.319
@@ -113,7 +113,7 @@ class Outliers(Generic[Stream]):
         self._near = min(maximum_gap, _NEAR)
         self._channels = channels
         self._cause = cause
-        self._scale: _Scale | None = None
+        self._misfits: Array | None = None  # (_LATEST, c), the latest
         self.by_channel: Counter[int] = Counter()
         self._last: Stream | None = None  # the latest two
         self._passed: _Judged | None = None  # the latest that were passed on
@@ -158,11 +158,22 @@ class Outliers(Generic[Stream]):
         misfit = np.concatenate((np.zeros((2, after_two.shape[1])), after_two))[-len(stream.stamp) :]
         self._last = joined[-2:]
         declared = np.concatenate([channels.declared(stream) for channels in self._channels], axis=1)
-        if self._scale is None:
-            parts = zip(self._channels, columns, strict=True)
-            self._scale = _Scale(np.concatenate([np.full(part.shape[1], one.quartile) for one, part in parts]))
-        scale = np.maximum(declared, self._scale.update(misfit, declared))
+        quartiles = [channels.quartile for channels in self._channels]
+        scale = np.maximum(declared, self._scale(misfit, declared, np.repeat(quartiles, [x.shape[1] for x in columns])))
         return _Judged(stream, np.any(misfit > _FAR * scale, axis=1), scale)
+
+    def _scale(self, misfit: Array, declared: Array, quartile: Array) -> Array:
+        """Return the size (N, c) of misfits (N, c), each from the lower quartile of those before it.
+
+        The first ones have no more than the declared noise. An outlier is in three misfits: the median of a few with
+        many of them would be one of theirs.
+        """
+        if self._misfits is None:
+            self._misfits = np.repeat(_UNDERSTATED * declared[:1] * quartile, _LATEST, axis=0)
+        joined = np.concatenate((self._misfits, misfit))
+        self._misfits = joined[-_LATEST:]
+        before = sliding_window_view(joined[:-1], _LATEST, axis=0)
+        return np.asarray(np.partition(before, _LATEST // 4, axis=2)[..., _LATEST // 4] / quartile)
 
     def _decide(self, judged: _Judged, begin: int) -> tuple[list[int], int]:
         """Return the readings that pass, with those before `begin`, and the first one that has to wait."""
@@ -210,40 +221,6 @@ class Outliers(Generic[Stream]):
         each = left[own] > limit * spread[:, None]
         self.by_channel.update({place: int(count) for place, count in enumerate(each.sum(axis=0)) if count})
         return np.asarray(np.any(each, axis=1))
-
-
-class _Scale:
-    """The size of c channels' misfits, from the lower quartile of the block before; declared noise does not count.
-
-    An outlier is in three misfits: the median of a block with many of them would be one of theirs.
-    """
-
-    def __init__(self, quartile: Array) -> None:
-        self._quartile = quartile  # (c,) of each channel, in its standard deviations
-        self._block: Array | None = None  # misfits of the block that is not complete
-        self._before: Array | None = None  # scale of the one before it
-
-    def update(self, misfit: Array, declared: Array) -> Array:
-        """Return the scale (N, c) for the next misfits (N, c); for the first ones by their declared noise."""
-        known = 0 if self._block is None else len(self._block)
-        joined = misfit if self._block is None else np.concatenate((self._block, misfit))
-        complete = len(joined) // _BLOCK
-        blocks = joined[: complete * _BLOCK].reshape(complete, _BLOCK, joined.shape[1])
-        own = np.sort(blocks, axis=1)[:, _BLOCK // 4] / self._quartile
-        if self._before is None:  # the first block has none before it: the misfits so far serve, once they are some
-            so_far = [joined[min(2, end) : end + 1] for end in range(known, min(len(joined), _BLOCK))]
-            first = [
-                np.sort(each, axis=0)[len(each) // 4] / self._quartile if len(each) > _FEW else _UNDERSTATED * least
-                for each, least in zip(so_far, declared, strict=False)
-            ]
-            initial = np.reshape(first, (-1, joined.shape[1]))
-            scales = np.concatenate((initial, np.repeat(own, _BLOCK, axis=0)))[: len(misfit)]
-        else:
-            scales = np.repeat(np.concatenate((self._before[None], own)), _BLOCK, axis=0)[known : len(joined)]
-        if complete:
-            self._before = own[-1]
-        self._block = joined[complete * _BLOCK :]
-        return scales
 
 
 def _joined(parts: list[_Judged | None]) -> _Judged:

@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 from numpy.polynomial import legendre
 
 from mbaid_ros.core.geometry import Array, cross, log
-from mbaid_ros.core.samples import ArrayRecord, Samples
+from mbaid_ros.core.samples import Samples
 
 # Fourth degree: rates to third order in time; the remainder is far below the noise for motions slower than the window.
 _DEGREE = 4
@@ -24,60 +23,45 @@ _DEGREE = 4
 _WORST_CONDITION = 1e4
 FEWEST = 2  # samples that a rate can be taken from
 
-Places = npt.NDArray[np.intp]
-
 
 @dataclass(frozen=True)
-class Fit(ArrayRecord):
-    """A polynomial fitted to N instants, for any number of signals; for many windows with leading axes."""
+class Fit:
+    """A polynomial fitted to N instants, for any number of signals."""
 
-    # values, slopes: (..., N, d + 1) the polynomials and their derivatives (1/s) at the instants
+    # values, slopes: (N, d + 1) the polynomials and their derivatives (1/s) at the instants
     values: Array
     slopes: Array
-    solve: Array  # (..., d + 1, N) from measurements to coefficients
-    mean_gain: Array  # (...) variance of the mean slope over that of one measurement, 1/s^2
-    tilt: Array  # (...) variance of the slope's trend, at the root mean square of the instants, over that of its mean
+    solve: Array  # (d + 1, N) from measurements to coefficients
+    mean_gain: float  # variance of the mean slope over that of one measurement, 1/s^2
+    tilt: float  # variance of the slope's trend, at the root mean square of the instants, over that of its mean
 
     def smooth(self, measured: Array) -> tuple[Array, Array]:
-        """Return values and derivatives of (..., N, k) signals."""
+        """Return values and derivatives of (N, k) signals."""
         coefficients = self.solve @ measured
         return self.values @ coefficients, self.slopes @ coefficients
 
 
 def fit(time: Array) -> Fit:
     """Return the fit for N >= 2 instants (s, increasing): of degree 4, or of as much as they determine."""
-    return fits(time[None])[0][1][0]
+    for degree in range(min(_DEGREE, len(time) - 1), 1, -1):
+        local, condition = _fitted(time, degree)
+        if condition < _WORST_CONDITION:
+            return local
+    return _fitted(time, 1)[0]
 
 
-def fits(time: Array) -> list[tuple[Places, Fit]]:
-    """Return the fits of W windows of N >= 2 instants, (W, N) s: the windows of each degree, and their fits."""
-    left: Places = np.arange(len(time))
-    found = []
-    for degree in range(min(_DEGREE, time.shape[1] - 1), 0, -1):
-        local, condition = _fitted(time[left], degree)
-        good = condition < (_WORST_CONDITION if degree > 1 else np.inf)
-        if np.any(good):
-            found.append((left[good], local[good]))
-        left = left[~good]
-        if not len(left):
-            break
-    return found
-
-
-def _fitted(time: Array, degree: int) -> tuple[Fit, Array]:
-    """Return the fits of a degree to W windows of N instants, (W, N) s, and their condition numbers, (W,)."""
-    half = 0.5 * (time[:, -1:] - time[:, :1])
-    place = (time - time[:, :1]) / half - 1.0
+def _fitted(time: Array, degree: int) -> tuple[Fit, float]:
+    """Return the fit of a degree to N instants, s, and its condition number."""
+    half = 0.5 * (time[-1] - time[0])
+    place = (time - time[0]) / half - 1.0
     values = legendre.legvander(place, degree)
     orthonormal, triangle = np.linalg.qr(values)
-    slopes = values[..., :-1] @ _derivatives(degree) / half[..., None]
-    solve = np.linalg.solve(triangle, np.swapaxes(orthonormal, -1, -2))
-    off = (place - np.mean(place, axis=1, keepdims=True))[..., None]
-    trend = off / np.sqrt(np.mean(off**2, axis=1, keepdims=True))  # independent errors have as large a trend as a mean
-    mean, tilt = (
-        np.sum((np.mean(part, axis=1, keepdims=True) @ solve) ** 2, axis=(1, 2)) for part in (slopes, trend * slopes)
-    )
-    return Fit(values, slopes, solve, mean, tilt / mean), np.linalg.cond(triangle)
+    slopes = values[:, :-1] @ _derivatives(degree) / half
+    solve = np.linalg.solve(triangle, orthonormal.T)
+    off = (place - np.mean(place))[:, None]
+    trend = off / np.sqrt(np.mean(off**2))  # independent errors have as large a trend as a mean
+    mean, tilt = (float(np.sum((np.mean(part, axis=0) @ solve) ** 2)) for part in (slopes, trend * slopes))
+    return Fit(values, slopes, solve, mean, tilt / mean), float(np.linalg.cond(triangle))
 
 
 @cache
@@ -116,7 +100,7 @@ def _joint_rates(window: Samples, local: Fit) -> Samples:
 def _base_rates(window: Samples, local: Fit) -> Samples:
     linear = np.all(np.isfinite(window.base_linear_velocity))
     angular = np.all(np.isfinite(window.base_angular_velocity))
-    velocity, rate = base_slopes(window.base_position, window.base_rotation, local)
+    velocity, rate = _base_slopes(window.base_position, window.base_rotation, local)
     to_base = np.zeros((len(window), 6, 6))
     to_base[:, :3, :3] = to_base[:, 3:, 3:] = np.swapaxes(window.base_rotation, -1, -2)
     derived = len(window) * local.mean_gain * (to_base @ window.pose_covariance @ np.swapaxes(to_base, -1, -2))
@@ -135,17 +119,17 @@ def _base_rates(window: Samples, local: Fit) -> Samples:
     )
 
 
-def base_slopes(position: Array, rotation: Array, local: Fit) -> tuple[Array, Array]:
-    """Return linear and angular velocities (..., N, 3) m/s, rad/s, odometry axes, by the poses of windows.
+def _base_slopes(position: Array, rotation: Array, local: Fit) -> tuple[Array, Array]:
+    """Return linear and angular velocities (N, 3) m/s, rad/s, odometry axes, by the poses of a window.
 
     Parameters
     ----------
-    position, rotation : (..., N, 3) m, (..., N, 3, 3)
-    local : the fits to their instants
+    position, rotation : (N, 3) m, (N, 3, 3)
+    local : the fit to their instants
     """
-    middle = position.shape[-2] // 2
-    velocity = local.smooth(position - position[..., middle : middle + 1, :])[1]
-    turn, slope = local.smooth(log(rotation @ np.swapaxes(rotation[..., middle : middle + 1, :, :], -1, -2)))
+    middle = len(position) // 2
+    velocity = local.smooth(position - position[middle])[1]
+    turn, slope = local.smooth(log(rotation @ rotation[middle].T))
     # R = Exp(turn) R_mid turns at w = J_l(turn) turn', with the left Jacobian of the rotation group.
     angle = np.sqrt(np.sum(turn**2, axis=-1, keepdims=True))
     second = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2

@@ -15,7 +15,7 @@ from mbaid_ros.core.sensors.base import hermite
 from mbaid_ros.core.sensors.gyro import Gyro
 from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, Outliers, joint_channels
-from mbaid_ros.core.sensors.repeats import HeldJoints, Repeats
+from mbaid_ros.core.sensors.repeats import JOINTS_HELD, Repeats
 
 LARGEST_BACKLOG = 100_000  # measurements of one stream waiting for the other: more are memory without an end
 
@@ -60,8 +60,8 @@ class Synchroniser:
         self._newest: dict[type, int] = {}  # latest stamp of each stream, used up or not
         self._repeats = Repeats[BaseStream]()
         self._outliers = Outliers[BaseStream](self._maximum_gap)
-        self._held = HeldJoints()
         joints = joint_channels(_TYPICAL_NOISE if noise is None else noise.joint_position)
+        self._held = Repeats[JointStream](joints, JOINTS_HELD, together=True)
         self._joint_outliers = Outliers[JointStream](self._maximum_gap, joints, JOINT_OUTLIER)
         self._dropped: Counter[str] = Counter()
 
@@ -178,11 +178,7 @@ class Synchroniser:
         if self._origin is None:
             self._origin = int(joints.stamp[0])
         time = (joints.stamp - self._origin) * 1e-9
-        if np.array_equal(left, right):
-            samples = _at_once(joints, base[left], time, shared)
-        else:
-            samples = hermite(joints, base, (left, right), self._maximum_gap, time, shared)
-        samples = replace(samples, apart=apart)
+        samples = replace(hermite(joints, base, (left, right), self._maximum_gap, time, shared), apart=apart)
         if self._gyro is None:
             return samples
         samples = replace(samples, gyro=self._gyro.sampled(joints.stamp))
@@ -204,19 +200,3 @@ class Synchroniser:
         turned = rotation @ exp(now - begin + part * (turn - (end - begin)))
         known = (at == first) & (at == last) & (at >= 0) & (length > 0)
         return np.where(known[:, None, None], turned, samples.base_rotation)
-
-
-def _at_once(joints: JointStream, base: BaseStream, time: Array, weight: Array) -> Samples:
-    """Return the samples of joints and base at N equal stamps; time and weight (N,)."""
-    return Samples(
-        time=time,
-        joint_position=joints.position,
-        joint_velocity=joints.velocity,
-        base_position=base.position,
-        base_rotation=base.rotation,
-        base_linear_velocity=base.linear_velocity,
-        base_angular_velocity=base.angular_velocity,
-        pose_covariance=weight[:, None, None] * base.pose_covariance,
-        twist_covariance=weight[:, None, None] * base.twist_covariance,
-        stored=joints.stored,
-    )

@@ -11,11 +11,11 @@ from mbaid_ros.core.diagnosis.candidates import CandidateCauses
 from mbaid_ros.core.diagnosis.fault_isolation import FaultIsolation
 from mbaid_ros.core.diagnosis.filter_passes import another_body
 from mbaid_ros.core.diagnosis.ranking import Change
+from mbaid_ros.core.filter.bank import hypotheses
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.run import FilterRun
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import BODY, Layout, layout_of
-from mbaid_ros.core.filter.time_update import hypotheses
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import Axes
 from mbaid_ros.core.filter.window import Window, without_twist
@@ -155,7 +155,7 @@ class TargetRuns:
             if before is not None and before.planar == self._plane.planar:
                 self.variables = self.variables.continued(before.root, before.bias)
             self.run = self._new_run([])
-            if self.variables.continues:
+            if self.variables.left_bias is not None:  # of the run that this one continues
                 self.run.offer(partial(self.layout.point, self.variables.spread @ self.variables.prior()[0]))
         elif (change := self.isolation.change) is not None:
             self.run = self._run_after(self.run, change, origin)

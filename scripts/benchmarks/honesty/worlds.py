@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pinocchio
@@ -114,7 +115,8 @@ def swing(world: World) -> Truth:
     matrix = mass()
     twist = _start_twist(matrix[:6, :6], matrix[:6, 6:] @ rate, world.spin)
     start = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), position, np.concatenate((twist, rate)))
-    run = Simulation(robot, _Following(world.path, driven), start, surroundings=around)
+    following: Any = _Following(world.path, driven)  # without a reference, which springs have not
+    run = Simulation(robot, following, start, surroundings=around)
     return run.advance(np.arange(round(world.seconds * world.rate) + 1) / world.rate)
 
 

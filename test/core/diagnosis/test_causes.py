@@ -13,16 +13,15 @@ from scipy.stats import multivariate_normal
 
 from checked import some
 from mbaid_ros.core.diagnosis.ranking import ranked
-from mbaid_ros.core.diagnosis.readings import CHANNELS, Roughness, roughness, swinging_text, vibration_frequencies
+from mbaid_ros.core.diagnosis.readings import joint_noise_factor, swinging_text, vibration_frequencies
 from mbaid_ros.core.filter.prior_scale import PriorComparison
-from mbaid_ros.core.geometry import Array, exp
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.status import Innovations
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from measured import base_stream, joint_stream
 
-JOINT, ANGLE, LENGTH = 1e-4, 2e-4, 1e-3  # rad, rad, m
-QUIET = Roughness(np.ones(len(CHANNELS)), 0.0)
+JOINT = 1e-4  # rad
 
 
 def test_what_is_as_certain_as_declared_gains_nothing_by_less() -> None:
@@ -42,39 +41,19 @@ def test_what_swings_is_a_joint_that_nobody_reports_or_one_to_add(reading: float
     assert text in swinging_text(0.312, windows, ['elbow', 'boom'])
 
 
-def samples(joint: float, orientation: float, position: float, seed: int) -> Samples:
-    """Return a window in which everything moves, with noise so many times as large as declared."""
+def samples(noise: float, seed: int) -> Samples:
+    """Return a window in which everything moves, with noise of the joints so many times as large as declared."""
     rng = np.random.default_rng(seed)
     stamps = 1_700_000_000_000_000_000 + np.round(1e7 * np.arange(60)).astype(np.int64)
     found = some(Synchroniser(1.0).push(joint_stream(stamps), base_stream(stamps)))
-    count, time = len(found), found.time[:, None]
-    turned = exp(0.05 * time * np.ones(3) + orientation * ANGLE * rng.normal(size=(count, 3)))
-    covariance = np.diag(np.repeat([LENGTH**2, ANGLE**2], 3))
-    return replace(
-        found,
-        joint_position=np.sin(time) + joint * JOINT * rng.normal(size=found.joint_position.shape),
-        base_position=0.3 * np.cos(time) + position * LENGTH * rng.normal(size=(count, 3)),
-        base_rotation=turned,
-        pose_covariance=np.broadcast_to(covariance, (count, 6, 6)),
-    )
+    shape = found.joint_position.shape
+    return replace(found, joint_position=np.sin(found.time[:, None]) + noise * JOINT * rng.normal(size=shape))
 
 
-def test_samples_tell_how_noisy_they_are_whatever_moves() -> None:
-    found = roughness([samples(10.0, 3.0, 1.0, seed) for seed in range(8)], JOINT)
-    told = dict(zip(CHANNELS, found.factor, strict=True))
-    assert told['joint_position'] == pytest.approx(10.0, rel=0.15)
-    assert told['base_orientation'] == pytest.approx(3.0, rel=0.15)
-    assert told['base_position'] == pytest.approx(1.0, rel=0.15)
-    assert found.outliers < 0.002
-
-
-def test_outliers_are_counted_and_make_no_noise() -> None:
-    windows = [samples(1.0, 1.0, 1.0, seed) for seed in range(8)]
-    for window in windows:
-        window.base_position[30] += 0.2
-    found = roughness(windows, JOINT)
-    assert found.factor[CHANNELS.index('base_position')] == pytest.approx(1.0, rel=0.2)
-    assert found.outliers == pytest.approx(1.0 / 60.0, rel=0.2)
+@pytest.mark.parametrize('noise', [1.0, 10.0])
+def test_samples_tell_how_noisy_joints_are_whatever_moves(noise: float) -> None:
+    found = joint_noise_factor([samples(noise, seed) for seed in range(8)], JOINT)
+    assert found == pytest.approx(noise, rel=0.15)
 
 
 def test_a_swing_is_found_beside_a_drift_and_white_noise_has_none() -> None:
@@ -87,27 +66,22 @@ def test_a_swing_is_found_beside_a_drift_and_white_noise_has_none() -> None:
     assert vibration_frequencies(values, 0.5)[0] == pytest.approx(0.31, abs=0.01)
 
 
-def ranks(rough: Roughness) -> list[str]:
+def ranks(joint_noise: float) -> list[str]:
     """Return what is named where innovations are three times as large as declared and a thing and a walk explain it."""
     large = Innovations.none(6)
     for _ in range(50):
         large = large.after(np.full(12, 3.0), np.arange(12))
     inquired = {'the thing': (2300.0, True), 'anything': (2390.0, False), 'a small thing': (500.0, True)}
-    return [cause.text for cause in ranked(inquired, large, 2400.0, rough)]
+    return [cause.text for cause in ranked(inquired, large, joint_noise)]
 
 
 def test_a_thing_stands_before_what_explains_anything_unless_it_explains_much_less() -> None:
-    assert ranks(QUIET) == ['the thing', 'anything', 'a small thing']
+    assert ranks(1.0) == ['the thing', 'anything', 'a small thing']
 
 
 def test_noise_values_are_named_where_the_samples_are_as_noisy_as_that() -> None:
-    loud = replace(QUIET, factor=np.array([3.0, 3.0, 1.0, 1.0, 3.0]))
-    assert any('noise.base_position 3.0 times' in cause for cause in ranks(loud))
-    assert not any('noise' in cause for cause in ranks(QUIET))
-
-
-def test_outliers_that_the_samples_show_lead() -> None:
-    assert 'outliers' in ranks(replace(QUIET, outliers=0.01))[0]
+    assert any('noise.joint_position 3.0 times' in cause for cause in ranks(3.0))
+    assert not any('noise' in cause for cause in ranks(np.nan))
 
 
 NUMBERS, MEASURED = 4, 6

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbaid_ros.core.diagnosis.stamps import StampPattern
+from mbaid_ros.core.diagnosis.plain_faults import StampPattern
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Stamps
 

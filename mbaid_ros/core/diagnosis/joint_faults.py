@@ -1,0 +1,239 @@
+"""Faults that are plain in the readings of joints: `CHECKS` has a row for each symptom.
+
+The result does not depend on how the readings are cut into calls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, Flags, Integers
+from mbaid_ros.core.results.status import Severity
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.samples import JointStream, Stamps
+from mbaid_ros.core.sensors.turns import steps_of
+
+_FEWEST = 10  # readings with a symptom, from which it is no accident
+_SOURCES = 0.02  # share of readings from another source: single outliers, which are dropped, are fewer
+_SPIKE = 50.0  # standard deviations, and times the motion over two readings, of a step to another source and back
+_BETWEEN = 1.5  # times the interval before, that readings around one of another source are apart: else one is missing
+_LATEST = 3  # readings that are kept: a spike shows with those around it, and their intervals with the one before
+_STEP = 20.0  # standard deviations of a step after repeats: those of a coarse encoder are smaller
+_QUARTER = 0.5 * np.pi  # rad between two readings: of a half turn the direction is not known
+_AGREE = 1.0  # rad, that a wheel's step may differ from its velocity times the interval
+_ROUND, _TURNING = 6.2, 0.05  # rad, a turn but for a reading's step, and the least step of a wheel that turns on and on
+_WRAPPED = 2.1 * np.pi  # rad, range of wrapped angles at most
+_FAR = 1000.0  # rad, that no arm turns by, in degrees neither
+_MOST_STEPS = 0.5  # share of steps of a quarter turn: outliers and turns of wrapped angles are fewer
+_COARSE = 10.0  # rad or m, range of whole numbers from which they are no positions
+_BEYOND, _LONG = 2.0, 1.0  # times its limits that no joint reaches; m, that a prismatic one reads in millimetres
+
+Found = tuple[str, int, str]  # symptom, from which stamp on (ns), and in words
+
+
+class JointFaults:
+    """The joints of one kind of message: what they are like, the latest readings, and what earlier ones have shown."""
+
+    def __init__(self, model: RobotModel, joints: Sequence[int], noise: float) -> None:
+        own = model.transmission.independent[joints]
+        self.noise = noise
+        self.slides, self.wheels = (np.array(each, dtype=bool)[own] for each in (model.prismatic, model.continuous))
+        limits = np.array([max(-each.lower, each.upper) for each in model.limits])[own]
+        self.bounds = np.maximum(_BEYOND * limits, np.where(self.slides, _LONG, _WRAPPED))  # far beyond the limits
+        self._names = tuple(model.independent_joints[joint] for joint in joints)
+        self._last: JointStream | None = None
+        self._count = 0
+        self._shown: dict[str, Integers] = {}  # by symptom, how many of each joint's readings show it
+        self._range: tuple[Array, Array] | None = None
+
+    def add(self, stream: JointStream) -> Iterator[tuple[Found, Severity]]:
+        """Add readings; yield the symptoms that are frequent enough, each from the reading on that makes it so."""
+        joined = stream if self._last is None else stream.concatenate((self._last, stream))
+        low, high = self._range or (joined.position[0], joined.position[0])
+        lowest = np.minimum(np.minimum.accumulate(joined.position), low)
+        highest = np.maximum(np.maximum.accumulate(joined.position), high)
+        view, new = _View(self, joined.stamp, joined.position, joined.velocity, lowest, highest), len(stream.stamp)
+        for symptom, check in CHECKS.items():
+            flags = check.shows(view)[-new:]
+            if not len(flags):
+                continue
+            seen = self._shown.get(symptom, 0) + np.cumsum(flags, axis=0)
+            number = self._count + new - len(flags) + 1 + np.arange(len(flags))[:, None]
+            certain = (seen >= _FEWEST) & (seen >= check.share * number)
+            certain &= (highest - lowest)[-len(flags) :] >= check.extent
+            self._shown[symptom] = seen[-1]
+            if np.any(certain):
+                row = int(np.argmax(np.any(certain, axis=1)))
+                place, joint = len(joined.stamp) - len(flags) + row, int(np.argmax(certain[row]))
+                text = check.text.format(
+                    name=self._names[joint],
+                    unit='m' if self.slides[joint] else 'rad',
+                    by=np.max(np.abs(view.step[max(place - _LATEST, 0) : place, joint]), initial=0.0),
+                    value=joined.position[place, joint],
+                    lowest=lowest[place, joint],
+                    highest=highest[place, joint],
+                )
+                yield (symptom, int(joined.stamp[place]), text), check.severity
+        self._count += new
+        self._range, self._last = (lowest[-1], highest[-1]), joined[-_LATEST:]
+
+
+@dataclass(frozen=True)
+class _View:
+    """The latest readings of k joints, with those before them: N in all."""
+
+    joints: JointFaults
+    stamp: Stamps
+    position: Array  # (N, k)
+    velocity: Array  # (N, k) NaN where none is given
+    lowest: Array  # (N, k) of all readings until each
+    highest: Array
+
+    @cached_property
+    def whole(self) -> Flags:
+        """Which readings are whole numbers, (N, k)."""
+        return np.asarray(self.position == np.round(self.position))
+
+    @cached_property
+    def extent(self) -> Array:
+        """The range of all readings until each but the first, (N - 1, k)."""
+        return (self.highest - self.lowest)[1:]
+
+    @cached_property
+    def steps(self) -> tuple[Array, Array, Array]:
+        """As of `steps_of`, (N - 1, k)."""
+        return steps_of(JointStream(self.stamp, self.position, self.velocity))
+
+    @cached_property
+    def step(self) -> Array:
+        """From each reading to the next, (N - 1, k); of wrapped angles the shorter way, of wheels off the velocity."""
+        step, expected, _ = self.steps
+        goes_on = self.joints.slides | (self.extent > _WRAPPED)
+        wheel = self.joints.wheels & (np.abs(expected) > _QUARTER)
+        return np.where(wheel, _shorter(step - expected), np.where(goes_on, step, _shorter(step)))
+
+    @cached_property
+    def spikes(self) -> tuple[Flags, Flags]:
+        """Readings far from both neighbours, which agree with each other: of another source, and wrong ones.
+
+        Those of another publisher come between the readings, wrong ones in place of one. They are known with the
+        reading after them; the rows (N - 3, k) are of these.
+        """
+        if len(self.stamp) <= _LATEST:
+            return self.whole[:0], self.whole[:0]
+        there, back, counts = self.step[:-1], self.step[1:], self.whole
+        spike = np.minimum(np.abs(there), np.abs(back)) > _SPIKE * (self.joints.noise + np.abs(there + back))
+        spike &= ~(counts[:-2] & counts[1:-1] & counts[2:])  # those of an encoder flip by one
+        spike &= ~(self.joints.wheels & np.isnan(self.velocity[1:-1]))  # how far they turn is not known
+        around, before = self.stamp[3:] - self.stamp[1:-2], self.stamp[1:-2] - self.stamp[:-3]
+        # Where two sources send by turns, the reading before is a spike, too.
+        between = ((around < _BETWEEN * before) | np.any(spike[:-1], axis=1))[:, None]
+        return spike[1:] & between, spike[1:] & ~between
+
+
+def _held(view: _View) -> Flags:
+    """Return readings that are new after repeats while other joints were new; coarse encoders have small steps."""
+    new = np.diff(view.position, axis=0) != 0.0
+    far = (np.abs(view.step[2:]) > _STEP * view.joints.noise) & ~view.whole[3:]
+    return np.asarray(far & new[2:] & ~new[1:-1] & ~new[:-2] & np.any(new[1:-1], axis=1, keepdims=True))
+
+
+def _fast(view: _View) -> Flags:
+    """Return steps of more than a quarter turn, of joints without a velocity."""
+    step, expected, _ = view.steps
+    # Wrapped readings stay within a turn, those of wheels go on and on.
+    turns = (np.abs(_shorter(step)) > _QUARTER) & (view.extent < _WRAPPED)
+    turns |= (np.abs(step) > np.pi) & (view.extent > _FAR)
+    return np.asarray(turns & np.isnan(expected) & ~view.joints.slides)
+
+
+def _contradicted(view: _View) -> Flags:
+    """Return steps of wheels that their velocity contradicts."""
+    step, expected, change = view.steps
+    differs = (np.abs(expected) > _QUARTER) & (np.abs(_shorter(step - expected)) + change > _AGREE)
+    return np.asarray(view.joints.wheels & differs)
+
+
+def _turning(view: _View) -> Flags:
+    """Return steps of wheels without a velocity: by whole turns more or less they would look the same."""
+    unknown = view.joints.wheels & np.isnan(view.velocity[1:]) & (view.extent > _ROUND)
+    return np.asarray(unknown & (np.abs(view.step) > _TURNING))
+
+
+def _shorter(angle: Array) -> Array:
+    """Return angles without whole turns."""
+    return np.asarray(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)))
+
+
+class Check(NamedTuple):
+    """A symptom of joint readings. Those that contradict each other make any estimate inconsistent."""
+
+    severity: Severity
+    share: float  # of a joint's readings, that show it at least
+    shows: Callable[[_View], Flags]  # which readings, or steps, the latest last
+    text: str  # in words
+    extent: float = 0.0  # least range of the joint's readings, rad or m
+
+
+CHECKS: Mapping[str, Check] = {
+    'two sources': Check(
+        'conflict',
+        _SOURCES,
+        lambda view: view.spikes[0],
+        'joint states come from two sources that contradict each other, {name} by {by:.2g} {unit}: stop one of the '
+        'publishers, or give each a topic of its own',
+    ),
+    'wrong values': Check(
+        'note',
+        _SOURCES,
+        lambda view: view.spikes[1],
+        'joint states hold wrong values now and then, {name} by {by:.2g} {unit}, which are left out: look at the '
+        'driver',
+    ),
+    'held': Check(
+        'note',
+        _SOURCES,
+        _held,
+        '{name} repeats its readings while other joints have new ones: read it as often as the others',
+    ),
+    'ticks': Check(
+        'conflict',
+        1.0,
+        lambda view: view.whole,
+        '{name} reads whole numbers, from {lowest:.0f} to {highest:.0f}: encoder ticks or degrees, not {unit}; convert '
+        'them in the driver',
+        _COARSE,
+    ),
+    'too fast': Check(
+        'conflict',
+        _MOST_STEPS,
+        _fast,
+        '{name} turns by more than a quarter from one reading to the next: how far is not known without its velocity; '
+        'publish velocities, or read it more often',
+    ),
+    'velocity': Check(
+        'conflict',
+        _MOST_STEPS,
+        _contradicted,
+        'the velocity of {name} contradicts its positions, and it turns by more than a quarter from one reading to the '
+        'next: correct one of the two; if the velocity is right, name it in wheels.names, not as a joint',
+    ),
+    'no velocity': Check(
+        'note',
+        _MOST_STEPS,
+        _turning,
+        '{name} turns on and on without a velocity, and may turn faster than its positions show: publish its velocity',
+    ),
+    'limits': Check(
+        'conflict',
+        _MOST_STEPS,
+        lambda view: (np.abs(view.position) > view.joints.bounds) & ~view.whole,
+        '{name} reads {value:.3g}, far beyond its limits in the robot description: degrees, millimetres or encoder '
+        'ticks, not {unit}? Convert them in the driver',
+    ),
+}
