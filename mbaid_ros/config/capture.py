@@ -15,7 +15,8 @@ class DebrisConfig:
     """The captured body alone."""
 
     report: bool = parameter(default=False)
-    """Also report the captured body alone: the estimate minus the target link's <inertial>."""
+    """Also report the captured body alone: the estimate minus the target link's <inertial>, which known_links.<link>
+    then declares, as in calibrate."""
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,8 @@ class PlanConfig:
     """Largest displacement of the base link's origin by the motion, against a base with the joints at rest; 0: any."""
     base_rate: float = parameter(0.0, 'rad/s', minimum=0.0)
     """Largest change of the base's angular velocity by the motion, against a base with the joints at rest; 0: any."""
+    deflection: float = parameter(0.0, 'rad', minimum=0.0)
+    """Largest deflection of passive joints (flexible.joints) by the motion from rest (or m); 0: any."""
     clearance: float = parameter(0.02, 'm', minimum=0.0)
     """Smallest distance between collision shapes of the URDF; 0: they may touch, but not overlap."""
     stuck: tuple[str, ...] = parameter(())

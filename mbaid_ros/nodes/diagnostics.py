@@ -62,6 +62,7 @@ class Diagnostics:
         self._recent = dict.fromkeys(subscriptions, 0)  # messages since the last report
         self._arrival = dict.fromkeys(subscriptions, -np.inf)
         self._time = self._start = monotonic()
+        self._period = 0.0  # s, between the last two reports
         self._samples = SampleReport()
         self._used = 0  # samples at the last report
         self._used_at = self._time  # when that number last changed
@@ -69,11 +70,11 @@ class Diagnostics:
     def statuses(self, state: RunState, name: str, clocks: Sequence[str]) -> list[DiagnosticStatus]:
         """Return the statuses since the last call; `name` is the node's, `clocks` the problems with its clock."""
         now = monotonic()
-        period, self._time = now - self._time, now
+        self._period, self._time = now - self._time, now
         used = state.session.used if state.session else 0
         if used != self._used:
             self._used, self._used_at = used, now
-        reports: dict[str, Report] = {key: self._topic(key, now, period, state) for key in self._wanted(state)}
+        reports: dict[str, Report] = {key: self._topic(key, now, state) for key in self._wanted(state)}
         reports['thrust'] = self._thrust(state)
         reports['robot description'] = self._description(state)
         reports['samples'] = self._samples.report(state, heard=any(self._recent.values()))
@@ -90,6 +91,11 @@ class Diagnostics:
             )
             for key, (level, text, values) in reports.items()
         ]
+
+    @property
+    def stuck(self) -> bool:
+        """Whether no sample has been used between the last two reports."""
+        return self._used_at < self._time
 
     def missing(self, state: RunState) -> tuple[str, ...]:
         """Return the obstacles to an estimate, one sentence each."""
@@ -109,6 +115,8 @@ class Diagnostics:
         """Return why no new estimate can be expected; empty while it can. Call it after `statuses`."""
         if state.halted:
             return state.halted
+        if self._period > STALE_AFTER:
+            return ''  # a busy machine has held up the node, and messages wait for it
         if self._time - self._used_at <= STALE_AFTER:
             return ''  # one topic may be read to its end while another still waits
         silent = [
@@ -164,14 +172,14 @@ class Diagnostics:
         text = f'no messages on {_topics(alike)} yet'
         return f'{text}, for more than {longest:g} s{_help(*alike)}' if longest else text
 
-    def _topic(self, key: str, now: float, period: float, state: RunState) -> Report:
+    def _topic(self, key: str, now: float, state: RunState) -> Report:
         subscription = self._subscriptions[key]
         topic, received = subscription.topic, subscription.received
         count = self._recent[key] = received - self._received[key]
         self._received[key] = received
         if count:
             self._arrival[key] = now
-        publishers, rate = subscription.publishers(), f'{count / period:.1f}'
+        publishers, rate = subscription.publishers(), f'{count / self._period:.1f}'
         values: Values = [
             ('topic', topic),
             ('publishers', len(publishers)),

@@ -268,7 +268,7 @@ class EstimatorNode(Node):
         state = self._state
         self._count_lost()
         if state.session is not None:
-            for remark in remarks(state.session):
+            for remark in remarks(state.session, stuck=self._diagnostics.stuck):
                 self._log.warn_once(remark)
             if state.session.used:
                 self._log.joints(state.session.model_summary())

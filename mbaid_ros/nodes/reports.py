@@ -18,7 +18,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
 from mbaid_ros.nodes.subscriptions import LOST
 from mbaid_ros.nodes.watch import NEXT
-from mbaid_ros.session.explanation import doubts, explain, obstacles
+from mbaid_ros.session.explanation import apart, doubts, explain, obstacles
 from mbaid_ros.session.model_summary import ModelSummary
 from mbaid_ros.session.session import Session
 
@@ -96,7 +96,7 @@ class SampleReport:
             ('used', session.used),
             *((f'dropped, {cause}', count) for cause, count in sorted(session.dropped.items())),
             *((f'partly used, {cause}', count) for cause, count in sorted(session.replaced.items())),
-            *((f'reason {index + 1}', reason) for index, reason in enumerate(remarks(session))),
+            *((f'reason {index + 1}', reason) for index, reason in enumerate(remarks(session, stuck=not used))),
         ]
         if state.halted:
             return WARN, state.halted, values
@@ -133,10 +133,14 @@ def complaints(session: Session) -> list[str]:
     return [*(f'messages dropped: {reason}' for reason in explain(session, session.dropped)), *obstacles(session)]
 
 
-def remarks(session: Session) -> list[str]:
-    """Return the complaints, and the unusable parts of used messages, one sentence each."""
+def remarks(session: Session, *, stuck: bool) -> list[str]:
+    """Return the complaints, and the unusable parts of used messages, one sentence each.
+
+    Stamps that are apart count if no sample has been used lately (`stuck`).
+    """
     partly = (f'messages partly used: {reason}' for reason in explain(session, session.replaced))
-    return [*complaints(session), *partly]
+    passing = [] if stuck else apart(session)
+    return [*(each for each in complaints(session) if each not in passing), *partly]
 
 
 def estimate_report(state: RunState) -> Report:
@@ -202,7 +206,6 @@ class RunLog:
         if not warned:
             self._warned.clear()
         self._since = monotonic()
-        self._logged_waiting = False
         self._status = ''
         self._logged_joints = False
         self._advised: set[str] = {''}
@@ -221,11 +224,10 @@ class RunLog:
         self._logged_joints = True
 
     def waiting(self, awaited: Sequence[str]) -> None:
-        """Log awaited messages, once, after a while; call it regularly."""
-        if awaited and not self._logged_waiting and monotonic() - self._since > PATIENCE:
-            self._logged_waiting = True
+        """Log awaited messages after a while, once for each likely reason; call it regularly."""
+        if monotonic() - self._since > PATIENCE:
             for each in awaited:
-                self._log.warning(one_line(f'waiting for {each}'))
+                self.warn_once(f'waiting for {each}')
 
     def estimate(self, estimate: Estimate) -> None:
         """Log the first estimate, and each whose status differs from the last one's."""

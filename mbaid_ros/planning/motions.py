@@ -155,7 +155,7 @@ class Motions:
         step, times = self._instants
         moved, still = (
             as_they_may_be(robots, position[:, 0], rate[:, 0], step)
-            for position, rate in (self.joints(speeds[None], times), self._at_rest(times))
+            for position, rate in (self.joints(speeds[None], times), self.at_rest(times))
         )
         return np.asarray(moved.away_from(still).max(axis=0))
 
@@ -176,9 +176,9 @@ class Motions:
     def _coasting(self) -> BaseMotion:
         """How the base moves while no joint is moved."""
         step, times = self._instants
-        return self.floating.moved(*self._at_rest(times), step)
+        return self.floating.moved(*self.at_rest(times), step)
 
-    def _at_rest(self, times: Array) -> tuple[Array, Array]:
+    def at_rest(self, times: Array) -> tuple[Array, Array]:
         """Return positions and rates (T, 1, n) of all joints at instants, none of them moved."""
         return self.joints(np.zeros((1, self.splines.count, len(self.start))), times)
 

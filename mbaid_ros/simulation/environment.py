@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Integers, cross, rotate, rotate_back, unvec
-from mbaid_ros.core.robot.kernel import cantilever_inertias
+from mbaid_ros.core.robot.kinematics import Kinematics, cantilever_inertias
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.orbit import Orbit
@@ -29,7 +29,7 @@ class Springs:
     def of(model: RobotModel, names: Sequence[str], frequencies: Sequence[float], ratios: Sequence[float]) -> Springs:
         """Return those of joints with natural frequencies, Hz, all else held, and damping ratios."""
         joints = np.array([model.joint_names.index(name) for name in names], dtype=np.intp)
-        inertia = cantilever_inertias(model, model.body_parameters())[joints]
+        inertia = cantilever_inertias(Kinematics(model), model.body_parameters())[joints]
         rate = 2.0 * np.pi * np.array(frequencies)
         return Springs(joints, inertia * rate**2, 2.0 * np.array(ratios) * inertia * rate)
 

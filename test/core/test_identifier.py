@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock, patch
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 from checked import same
 from made_runs import BODY, estimate
+from mbaid_ros.core import two_stage
 from mbaid_ros.core.identifier import Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples, Stamps
@@ -162,14 +164,16 @@ def test_a_first_stage_goes_in_the_end_unless_it_contradicts_the_second(agrees: 
 # -- What the first stage publishes before the second one has started.
 
 
-def published(*statuses: str) -> list[Estimate]:
+def published(*statuses: str, twist: bool = True) -> list[Estimate]:
     """Return the estimates of a second stage that never starts beside a first one of some statuses, a second each."""
     second: Any = SimpleNamespace(method='trajectory', changed=False, settled=False, offer=lambda _: None)
     second.update = lambda _windows, _origin: [estimate(status='not_identifiable')]
     made = iter(estimate(status=status, time=float(time)) for time, status in enumerate(statuses))
     first: Any = SimpleNamespace(method='difference', update=lambda _windows, _origin: [next(made)])
-    window: Any = SimpleNamespace(missing_rates=(False, False))
-    return TwoStageEstimator(first, second).update([window] * len(statuses), 0)
+    window: Any = MagicMock(missing_rates=(False, not twist))
+    window.__len__.return_value = 50
+    with patch.object(two_stage, 'with_rates', lambda window: window):
+        return TwoStageEstimator(first, second).update([window] * len(statuses), 0)
 
 
 def test_a_first_stage_that_contradicts_the_data_publishes_nothing_for_ten_seconds() -> None:
@@ -182,6 +186,13 @@ def test_a_first_stage_that_contradicts_the_data_publishes_nothing_for_ten_secon
         assert np.isnan(each.parameters).all()
     assert [each.contradicted for each in found[1:4]] == [True, False, True]  # a run that ends here has an exit code
     assert found[10].identifiable.any()
+
+
+def test_a_first_stage_of_poses_alone_publishes_nothing_for_ten_seconds() -> None:
+    # Twelve milliseconds between a camera and the encoders move its first numbers by six standard deviations.
+    found = published(*['estimating'] * 11, twist=False)
+    assert [each.identifiable.any() for each in found] == [*[False] * 10, True]
+    assert all(FIRST_STAGE in each.warnings and not each.contradicted for each in found[:10])
 
 
 def test_a_second_stage_that_leads_publishes_before_the_first_one_works() -> None:

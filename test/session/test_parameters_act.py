@@ -111,6 +111,6 @@ def test_a_setting_of_planned_motions(name: str, value: object) -> None:
 
 
 def test_the_limits_of_the_base_in_planned_motions() -> None:
-    names = ('base_rotation', 'base_translation', 'base_rate')
+    names = ('base_rotation', 'base_translation', 'base_rate', 'deflection')
     config = build(EstimatorConfig, {f'plan.{name}': 0.1 * number for number, name in enumerate(names, 1)})
-    assert list(vars(plan_settings(config).base).values()) == [0.1, 0.2, 0.1 * 3]
+    assert list(vars(plan_settings(config).base).values()) == [0.1, 0.2, 0.1 * 3, 0.4]

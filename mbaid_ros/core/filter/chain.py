@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbaid_ros.core.filter.exponential import composed
 from mbaid_ros.core.filter.joint_noise import JointNoise, joint_noise
 from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.measured_window import (
@@ -86,14 +87,12 @@ def window_models(
     """
     swinging = point.side.kernel.springs.count > 0
     motions: Motions = [stack.motion(point.side, layout.imu, BESIDE if swinging else 1) for stack in stacks]
+    swing: Array | None = None
     if swinging:
         course = course or SwingCourse(layout)
-        motions = course.applied(stacks, motions, point)
-    flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
-    prediction, bodies = predict(layout, flat, point)
-    swing: Array | None = None
-    if swinging and course is not None:
-        swing = course.add_to(stacks, motions, point, prediction, bodies)
+        motions, prediction, bodies, swing = course.predict(stacks, motions, point)
+    else:
+        prediction, bodies = predict(layout, Midpoints.concatenate([motion.flat for motion, _ in motions]), point)
     for unknown, place in layout.of_joints:
         spacings = [stack.windows[0].spacing for stack in stacks]
         stack_motions = [motion for motion, _ in motions]
@@ -132,7 +131,7 @@ def _models(
     around_slope = gradient(predicted.twist) / spacing
     integral = _integral(predicted.twist, around_slope, spacing)[inside]
     middle, prediction, slope = around[inside], predicted[inside], around_slope[inside]
-    errors = _compose(*_chain_steps(prediction, integral, middle, spacing))
+    errors = composed(*_chain_steps(prediction, integral, middle, spacing))
     # Absolute parameters instead of deviations from the point: their part moves to the constant.
     errors[..., -1] -= errors[..., 6:-1] @ parameters
     of_joints = noise.pose @ np.swapaxes(noise.pose, -1, -2)
@@ -213,14 +212,3 @@ def _chain_steps(prediction: Prediction, integral: Array, middle: Midpoints, spa
     # xi acts at mid-interval, the mean of both ends: (1 - D F~ / 2) xi' = (1 + D F~ / 2) xi + gain
     back = np.linalg.inv(_IDENTITY - 0.5 * spacing * prediction.error_slope)
     return 2.0 * back - _IDENTITY, back @ gain
-
-
-def _compose(transition: Array, gain: Array) -> Array:
-    """Return xi at every knot, (m + 1, B, 6, 6 + u + 1): linear in (xi at the first knot, parameters, 1)."""
-    count, windows = transition.shape[:2]
-    errors = np.zeros((count + 1, windows, 6, 6 + gain.shape[-1]))
-    errors[0, ..., :6] = np.eye(6)
-    for index in range(count):
-        np.matmul(transition[index], errors[index], out=errors[index + 1])
-        errors[index + 1, ..., 6:] += gain[index]
-    return errors

@@ -16,7 +16,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, rotate, skew, vec
-from mbaid_ros.core.robot.model import Link, RobotModel
+from mbaid_ros.core.robot.model import Link, RobotModel, express
+from mbaid_ros.core.robot.momentum import momentum
 from mbaid_ros.core.samples import ArrayRecord, Samples
 
 
@@ -98,6 +99,16 @@ class Kinematics:
         base_twist : (N, 6) of the base link's origin, odometry axes
         """
         return base_twist[:, None] + self.ancestors @ (configuration.joint_twist * joint_velocity[..., None])
+
+
+def cantilever_inertias(kinematics: Kinematics, parameters: Array) -> Array:
+    """Return the inertia about or along each joint's axis of all that it carries, (n,) kg m^2 or kg, joints at zero.
+
+    `parameters` (n + 1, 10) are the bodies' standard ones, each in its own frame.
+    """
+    placed = kinematics.configure(np.eye(3)[None], np.zeros((1, kinematics.model.joints)))
+    carried = kinematics.ancestors.T @ express(parameters, placed.rotation, placed.position)
+    return np.asarray(np.sum(placed.joint_twist * momentum(carried, placed.joint_twist), axis=-1)[0])
 
 
 def _across(axis: Array) -> Array:
