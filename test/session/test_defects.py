@@ -39,7 +39,6 @@ from mbaid_ros.messages.fields import (
     POSE_COVARIANCE,
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
-    stamp_of,
 )
 from mbaid_ros.nodes.reports import remarks
 from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles
