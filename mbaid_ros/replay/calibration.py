@@ -29,7 +29,7 @@ from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import check_outputs, passive_joints, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.replay.run import read_motions
 from mbaid_ros.session.known_robot import link_deviations, weighed
-from mbaid_ros.session.settings import springs, storage, surroundings
+from mbaid_ros.session.settings import declared_uncertainty, springs, storage
 
 CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
 _INERTIA = PARAMETERS[4:]
@@ -106,7 +106,10 @@ def _settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> Cali
         noise=estimator.noise.declared,
         priors=tuple(_link_prior(link, estimator.known_links) for link in kernel.unknown),
         uncertainty=replace(
-            surroundings(estimator, model), weighed=None if total is None else replace(total, with_target=True)
+            declared_uncertainty(estimator, model),
+            orbit=0.0,
+            circle=None,
+            weighed=None if total is None else replace(total, with_target=True),
         ),
         window=estimator.window,
         gyro=estimator.imu.noise_density,
@@ -165,10 +168,7 @@ def _as_json(result: Calibrated) -> dict[str, Any]:
             'matrix': calibration.block_covariance.tolist(),
         },
         'identifiability': {'determined': calibration.determined},
-        'scale': {
-            'relative_std': calibration.scale.relative_std,
-            'fixed_by': [{'name': name, 'share': share} for name, share in calibration.scale.fixed_by],
-        },
+        'scale': {'relative_std': calibration.scale_std},
         'momentum': [
             {'bag': bag, **shaped_momentum(value, covariance)}
             for bag, value, covariance in zip(bags, calibration.momentum, calibration.momentum_covariance, strict=True)
