@@ -15,8 +15,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.diagnosis import readings
-from mbaid_ros.core.diagnosis.base_axes import axis_conventions
-from mbaid_ros.core.diagnosis.conventions import FITTED, Fit, conventions, fitted, inverted_marker, point_as_described
+from mbaid_ros.core.diagnosis.conventions import (
+    FITTED,
+    Fit,
+    axis_conventions,
+    conventions,
+    fitted,
+    inverted_marker,
+    point_as_described,
+)
 from mbaid_ros.core.diagnosis.filter_passes import SLIPPING, FilterPasses, WhitenedWindows, Work, attempted
 from mbaid_ros.core.diagnosis.ranking import (
     WORTH,
@@ -41,10 +48,8 @@ from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.words import deviation_text, target_changed_text
 
 _EVERY = 2  # one window in so many shows which convention is likely: for half of the work
-# Part of the misfit that another convention may leave to be tried, and how many are.
-_LIKELY, _TRIED = 0.8, 4
-_OTHER_TARGET = 0.2  # that part for another target link: a body that slips in the grasp resembles one, but less well
-_SPOILT = 2  # joints with spoilt readings, of each kind: two that fail at once are rare, and each takes passes
+_TRIED = 4  # conventions
+_SPOILT = 2  # joints with spoilt readings: two that fail at once are rare, and each takes passes
 _MOST_PULSES = 2  # that can be the cause; more of them are the symptom of another one
 _BEFORE = 10  # windows before a change of the target: the body before has to be known
 _PARTS = 3  # of the first jumps, at which the target may have changed: later ones follow from the first
@@ -64,7 +69,6 @@ class Candidate:
     # Where windows are linearised first; None for the point of a fit, as data left out have misled the run.
     point: Point | None = None
     of_twist: bool = False  # whether it is something wrong with the base's twist
-    rival: Candidate | None = None  # the same data without the candidate's change, which may explain as much
     part: float = 1.0  # of the windows, that it has readings of: the others count as if explained as well
 
 
@@ -129,10 +133,6 @@ class CandidateCauses:
         found.sort(key=lambda each: -each.gain)
         yield IsolationResult(tuple(each for each in found if each.gain > WORTH), base.innovations)
 
-    def _limit(self, fit: Fit) -> float:
-        """Return the part of the misfit that a convention may leave to be tried."""
-        return _LIKELY if fit.convention.kernel.target.body == self.layout.kernel.target.body else _OTHER_TARGET
-
     def _table(
         self,
         windows: Sequence[Window],
@@ -147,7 +147,7 @@ class CandidateCauses:
             passes = self.extended(*suspected).widened(cause, gains[cause][1])
             text = _text_of(passes, cause)
             yield Candidate(text, passes, windows, at, of_twist=cause in OF_TWIST)
-        likely = [fit for fit in fits[1:] if fit.exists and fit.misfit < self._limit(fit) * fits[0].misfit]
+        likely = [fit for fit in fits[1:] if fit.exists and fit.misfit < fit.convention.left * fits[0].misfit]
         likely.sort(key=lambda each: each.misfit)
         delays = [fit for fit in likely if fit.convention.delay]  # one of them will do
         for fit in [fit for fit in likely if fit not in delays[1:]][:_TRIED]:
@@ -159,10 +159,6 @@ class CandidateCauses:
             yield Candidate(wrong_twist, passes, [without_twist(window) for window in windows], of_twist=True)
         for stopped in readings.stopped_readings(windows, names)[:_SPOILT]:
             yield Candidate(stopped.text, passes, stopped.windows)
-        for slipped in readings.slipped_readings(windows, names)[:_SPOILT]:
-            # A contact jolts the joints, and is left out with the same windows.
-            jolted = Candidate(slipped.text, passes, slipped.as_read)
-            yield Candidate(slipped.text, passes, slipped.windows, rival=jolted)
 
     def _scored(self, candidate: Candidate, base: SquareRootInformation) -> Work[list[CandidateCause]]:
         """Return the gain of a candidate, or None if it has none."""
@@ -184,10 +180,6 @@ class CandidateCauses:
             if left_out or candidate.part < 1.0
             else filtered.gaussian.log_likelihood - base.log_likelihood
         )
-        if candidate.rival is not None:
-            rivals = yield from self._scored(candidate.rival, base)
-            if not rivals or gain <= rivals[0].gain + WORTH:
-                return []
         return [CandidateCause(text, gain, of_twist=candidate.of_twist)]
 
     def _target_changes(
@@ -220,9 +212,7 @@ class CandidateCauses:
         """Return the fits of windows under the conventions that are possible, the declared ones first."""
         found = []
         kernel, marker = self.layout.kernel, self.uncertainty.marker
-        axes = axis_conventions(kernel, windows, marker)
-        yield FITTED
-        for convention in (*conventions(kernel), *inverted_marker(kernel, marker), *axes):
+        for convention in (*conventions(kernel), *inverted_marker(kernel, marker), *axis_conventions(kernel, marker)):
             if convention.possible(windows):
                 found.append(fitted(windows, convention, _EVERY))
                 yield FITTED // _EVERY

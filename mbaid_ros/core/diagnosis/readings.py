@@ -1,4 +1,4 @@
-"""Faults that the readings show without a model: stuck, slipping or swinging joints, their noise, vibrations."""
+"""Faults that the readings show without a model: stuck or swinging joints, their noise, vibrations."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from itertools import groupby
 from operator import itemgetter
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array, Flags
@@ -22,7 +21,6 @@ class SpoiltReading:
 
     text: str  # the mistake and its remedy
     windows: list[Window]  # the others, as they would be without it
-    as_read: Sequence[Window] = ()  # the others with a jump left in, where it is one
 
 
 def without(windows: Sequence[Window], spoilt: Flags) -> list[Window]:
@@ -33,48 +31,6 @@ def without(windows: Sequence[Window], spoilt: Flags) -> list[Window]:
         for place, window in enumerate(windows)
         if left[place]
     ]
-
-
-# A step among the middle ones of eight knots, less what those beside them go by: of a quadratic motion there is none.
-_STEP = np.array([0.75, 0.0, -1.75, 0.0, 0.0, 1.75, 0.0, -0.75])
-_MIDDLE = 3.5  # knots, from the first of them: where a step between knots lies
-# Times the usual second difference of the joint's motion: acceleration and noise seldom reach it.
-_LARGE_STEP = 8.0
-
-
-def slipped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[SpoiltReading]:
-    """Return the joints, by name, whose readings may have jumped, the clearest first; a pass has to confirm it."""
-    parts = [_steps(window) for window in windows]
-    times, steps = (np.concatenate(each) for each in zip(*parts, strict=True))
-    size = np.abs(steps)
-    usual = np.median(size, axis=0)
-    found = []
-    for joint, place in enumerate(np.argmax(size, axis=0).tolist()):
-        if size[place, joint] > _LARGE_STEP * usual[joint]:
-            clear = size[place, joint] / max(usual[joint], np.finfo(float).tiny)
-            found.append((clear, joint, float(times[place]), float(steps[place, joint])))
-    found.sort(reverse=True)
-    return [_slipped(windows, joints[joint], joint, time, step) for _, joint, time, step in found]
-
-
-def _steps(window: Window) -> tuple[Array, Array]:
-    """Return the times, s, and the steps between knots there, (J - 7, n); zero where a knot is empty."""
-    steps = sliding_window_view(window.knots.joint_position, len(_STEP), axis=0) @ _STEP
-    places = np.arange(len(steps)) + _MIDDLE - window.inside.start
-    return window.start + window.spacing * places, np.nan_to_num(steps)
-
-
-def _slipped(windows: Sequence[Window], name: str, joint: int, time: float, step: float) -> SpoiltReading:
-    spoilt = np.array([window.start <= time < window.start + window.length for window in windows])
-    back = [_shifted(window, joint, -step) if window.start > time else window for window in windows]
-    text = f'the reading of {name} jumps by {1e3 * step:+.3g} mrad (mm) at {time:.1f} s: look at its encoder'
-    return SpoiltReading(text, without(back, spoilt), without(windows, spoilt))
-
-
-def _shifted(window: Window, joint: int, step: float) -> Window:
-    positions = window.knots.joint_position.copy()
-    positions[:, joint] += step
-    return replace(window, knots=replace(window.knots, joint_position=positions))
 
 
 _SAME = 1e-12  # rad or m, by which means of equal numbers differ: rounding
