@@ -51,7 +51,7 @@ class JointFaults:
         self._shown: dict[str, Integers] = {}  # by symptom, how many of each joint's readings show it
         self._range: tuple[Array, Array] | None = None
 
-    def add(self, stream: JointStream) -> Iterator[tuple[Found, Severity]]:
+    def add(self, stream: JointStream) -> Iterator[Found]:
         """Add readings; yield the symptoms that are frequent enough, each from the reading on that makes it so."""
         joined = stream if self._last is None else stream.concatenate((self._last, stream))
         self._first = self._first if self._count else int(stream.stamp[0])
@@ -80,7 +80,7 @@ class JointFaults:
                     highest=highest[place, joint],
                     time=1e-9 * (int(joined.stamp[place]) - self._first),
                 )
-                yield (symptom, int(joined.stamp[place]), text), check.severity
+                yield symptom, int(joined.stamp[place]), text
         self._count += new
         self._range, self._last = (lowest[-1], highest[-1]), joined[-_LATEST:]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import groupby
 from operator import itemgetter
 
@@ -13,14 +13,6 @@ from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.noise import white_noise
-
-
-@dataclass(frozen=True)
-class SpoiltReading:
-    """A joint's reading that may be wrong in some of the windows."""
-
-    text: str  # the mistake and its remedy
-    windows: list[Window]  # the others, as they would be without it
 
 
 def without(windows: Sequence[Window], spoilt: Flags) -> list[Window]:
@@ -37,21 +29,24 @@ _SAME = 1e-12  # rad or m, by which means of equal numbers differ: rounding
 _LISTED = 3  # times that are listed: a line holds no more
 
 
-def stopped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[SpoiltReading]:
-    """Return the joints, by name, that stand still to the bit in some windows while others move; the longest first."""
+def stopped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[tuple[str, list[Window]]]:
+    """Return which joint stands still to the bit in some windows while others move, and the other windows.
+
+    The joint that stands still longest comes first.
+    """
     still = np.array([np.ptp(window.knots.joint_position, axis=0) <= _SAME for window in windows])  # False of NaN
     still[still.all(axis=1)] = False  # the robot may be at rest
     found = [place for place in np.argsort(-still.sum(axis=0), kind='stable') if still[:, place].any()]
     return [_stopped(windows, still[:, place], joints[place]) for place in found]
 
 
-def _stopped(windows: Sequence[Window], still: Flags, joint: str) -> SpoiltReading:
+def _stopped(windows: Sequence[Window], still: Flags, joint: str) -> tuple[str, list[Window]]:
     groups = groupby(enumerate(still.tolist()), key=itemgetter(1))
     stretches = [[place for place, _ in group] for stands, group in groups if stands]
     times = [f'{windows[each[0]].start:.1f} to {windows[each[-1]].start + windows[0].length:.1f}' for each in stretches]
     listed = ', '.join(times[:_LISTED]) + (' and more' if len(times) > _LISTED else '')
     text = f'the reading of {joint} repeats from {listed} s: check its encoder or driver'
-    return SpoiltReading(text, without(windows, still))  # the windows beside them may have a part of it
+    return text, without(windows, still)  # the windows beside them may have a part of it
 
 
 # The declared noise, so many times: all joints are tried with the first, the likeliest with the others. Where little is

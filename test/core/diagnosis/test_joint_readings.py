@@ -37,19 +37,19 @@ def standing(still: Flags) -> list[Window]:
 def test_windows_in_which_one_joint_stands_still_and_their_neighbours_are_left_out() -> None:
     still = np.zeros((9, 3), dtype=bool)
     still[3:5, 1] = True
-    (found,) = stopped_readings(standing(still), JOINTS)
-    assert found.text.startswith('the reading of elbow repeats from 3.0 to 5.0 s')
-    assert [each.start for each in found.windows] == [0.0, 1.0, 6.0, 7.0, 8.0]
-    assert [each.fresh for each in found.windows] == [False, False, True, False, False]
+    ((text, others),) = stopped_readings(standing(still), JOINTS)
+    assert text.startswith('the reading of elbow repeats from 3.0 to 5.0 s')
+    assert [each.start for each in others] == [0.0, 1.0, 6.0, 7.0, 8.0]
+    assert [each.fresh for each in others] == [False, False, True, False, False]
 
 
 def test_the_joint_that_stands_still_longest_comes_first_and_few_times_are_told() -> None:
     still = np.zeros((12, 3), dtype=bool)
     still[::2, 2], still[4, 0] = True, True
     found = stopped_readings(standing(still), JOINTS)
-    assert [each.text.split()[3] for each in found] == ['wrist', 'shoulder']
-    assert found[0].text.count(' to ') == 3
-    assert 'and more' in found[0].text
+    assert [text.split()[3] for text, _ in found] == ['wrist', 'shoulder']
+    assert found[0][0].count(' to ') == 3
+    assert 'and more' in found[0][0]
 
 
 @pytest.mark.parametrize('still', [np.zeros((5, 3), dtype=bool), np.ones((5, 3), dtype=bool)])
