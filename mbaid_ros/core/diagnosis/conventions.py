@@ -26,9 +26,8 @@ _MOST_PAIRS = 12  # joints, up to which all pairs (66) are tried: of twenty they
 _UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
 # s, late or early by 50 ms to half a second: less is within the prior of the time offset.
 _DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))
-_MOVES = 0.01  # rad or m, that a joint moves at least for the links on both sides to be separable
 _LIGHTEST = -0.05  # times the known mass, that a fitted one is at least: noise may make that of an empty hand negative
-_TURN = 2.0 * np.pi  # rad or m, which the readings of an arm hardly reach: in degrees or millimetres they go further
+_TURN = 2.0 * np.pi  # rad, which the readings of an arm hardly reach: in degrees they go further
 # Part of the misfit that a convention may leave to be tried, and that another target link or other axes may: a body
 # that slips in the grasp resembles another link, but less well.
 _LEFT, _RIGHT = 0.8, 0.2
@@ -42,18 +41,13 @@ class Convention:
     text: str  # the mistake and its remedy
     kernel: MomentumKernel  # of the robot under this hypothesis
     windows: Callable[[Sequence[Window]], Sequence[Window]] = list  # the windows under this hypothesis
-    joint_range: float = 0.0  # rad or m, that joint readings exceed at least where it may be so
+    joint_range: float = 0.0  # rad, that joint readings exceed at least where it may be so
     base_range: float = 0.0  # m, that positions of the base do
-    moving: int | None = None  # joint that has to move
     delay: float = 0.0  # s, of the joints' stamps
     left: float = _LEFT  # part of the misfit that it may leave to be tried
 
     def possible(self, windows: Sequence[Window]) -> bool:
-        """Return whether the windows may follow this convention: degrees make whole turns, millimetres are long."""
-        if self.moving is not None:
-            position = np.concatenate([each.knots.joint_position[:, self.moving] for each in windows])
-            if not np.nanmax(position, initial=-np.inf) - np.nanmin(position, initial=np.inf) > _MOVES:
-                return False
+        """Return whether windows may follow this convention: degrees make whole turns, millimetres are long."""
         if self.joint_range and _largest(each.knots.joint_position for each in windows) < self.joint_range:
             return False
         return not self.base_range or _largest(each.knots.base_position for each in windows) > self.base_range
@@ -81,18 +75,10 @@ def conventions(kernel: MomentumKernel) -> Iterator[Convention]:
             f'the joints are stamped some {how} against the poses: correct the stamps, or raise time_offset.prior_std'
         )
         yield Convention(text, kernel, partial(_stamped, delay=delay), delay=delay)
-    slides = np.array(kernel.model.prismatic, dtype=bool)
-    for text, scale in (
-        ('the joint positions are in degrees: in ROS they are in radians', np.where(slides, 1.0, np.deg2rad(1.0))),
-        (
-            'the positions of prismatic joints are in millimetres: in ROS they are in metres',
-            np.where(slides, 1e-3, 1.0),
-        ),
-    ):
-        # A robot without such joints reads the same in either unit.
-        if np.any(scale != 1.0):
-            change = partial(_joints, change=partial(np.multiply, scale))
-            yield Convention(text, kernel, change, joint_range=_TURN)
+    degrees = np.where(kernel.model.prismatic, 1.0, np.deg2rad(1.0))
+    if np.any(degrees != 1.0):  # a robot that only slides reads the same in either unit
+        text = 'the joint positions are in degrees: in ROS they are in radians'
+        yield Convention(text, kernel, partial(_joints, change=partial(np.multiply, degrees)), joint_range=_TURN)
     for text, pose, far in _POSES:
         yield _posed(text, kernel, pose, base_range=far)
     yield from _targets(kernel)
@@ -105,7 +91,7 @@ def _targets(kernel: MomentumKernel) -> Iterator[Convention]:
     for body, name in last.items() if len(kernel.unknown) == 1 else ():
         if body != kernel.target.body:
             text = f'the unknown body seems to be held by {name}, not {kernel.target.name}: set target_link: {name}'
-            yield Convention(text, kernel.identifying(name), moving=body - 1 if body else None, left=_RIGHT)
+            yield Convention(text, kernel.identifying(name), left=_RIGHT)
 
 
 def _masses(kernel: MomentumKernel) -> Iterator[Convention]:

@@ -50,6 +50,7 @@ class JointFaults:
         self._count, self._first = 0, 0  # readings so far, and ns, stamp of the first
         self._shown: dict[str, Integers] = {}  # by symptom, how many of each joint's readings show it
         self._range: tuple[Array, Array] | None = None
+        self.rows, self.jumped = 0, np.zeros(len(joints))  # number and sum of `_View.jump` until now
 
     def add(self, stream: JointStream) -> Iterator[Found]:
         """Add readings; yield the symptoms that are frequent enough, each from the reading on that makes it so."""
@@ -82,6 +83,7 @@ class JointFaults:
                 )
                 yield symptom, int(joined.stamp[place]), text
         self._count += new
+        self.rows, self.jumped = self.rows + len(view.jump), self.jumped + np.sum(view.jump, axis=0)
         self._range, self._last = (lowest[-1], highest[-1]), joined[-_LATEST:]
 
 
@@ -120,6 +122,11 @@ class _View:
         return np.where(wheel, _shorter(step - expected), np.where(goes_on, step, _shorter(step)))
 
     @cached_property
+    def jump(self) -> Array:
+        """By how much a step differs from those before and after it, size, (N - 3, k)."""
+        return np.asarray(np.abs(self.step[1:-1] - 0.5 * (self.step[:-2] + self.step[2:])))
+
+    @cached_property
     def spikes(self) -> tuple[Flags, Flags]:
         """Readings far from both neighbours, which agree with each other: of another source, and wrong ones.
 
@@ -147,10 +154,12 @@ def _held(view: _View) -> Flags:
 
 def _jumps(view: _View) -> Flags:
     """Return readings after a step between two that go on as before: known with the next, rows (N - 3, k)."""
-    before, step, after = view.step[:-2], view.step[1:-1], view.step[2:]
-    jump, size = np.abs(step - 0.5 * (before + after)), np.maximum(np.abs(before), np.abs(after))
-    # Those of a coarse encoder are less than two and a half others; it stands still before and after many.
-    far = (jump > _STEP * (view.joints.noise + np.abs(after - before))) & (jump > 2.5 * size)
+    before, after, jump = view.step[:-2], view.step[2:], view.jump
+    # The noise may be larger than declared. Jumps of a coarse encoder are less than two and a half of its steps, and it
+    # stands still before and after many.
+    number = view.joints.rows + 1 + np.arange(len(jump))[:, None]
+    usual = np.maximum(view.joints.noise, (view.joints.jumped + np.cumsum(jump, axis=0)) / number)
+    far = (jump > _STEP * usual) & (jump > 2.5 * np.maximum(np.abs(before), np.abs(after)))
     interval = np.diff(view.stamp)
     even = (interval[1:-1] < _BETWEEN * interval[:-2]) & (interval[1:-1] < _BETWEEN * interval[2:])
     return np.asarray(far & (before != 0.0) & (after != 0.0) & even[:, None] & ~view.joints.wheels)
