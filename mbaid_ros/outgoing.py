@@ -113,7 +113,7 @@ def inertia_message(estimate: Estimate, types: MessageTypes, frames: Frames) -> 
 def _event(event: Event, estimate: Estimate, types: MessageTypes) -> Any:
     stamp = max(0, estimate.stamp - round((estimate.time - event.time) * 1e9))
     return types.find('mbaid_msgs/msg/MomentumEvent')(
-        stamp=_time(stamp, types),
+        stamp=time_message(stamp, types),
         time=float(event.time),
         kind=event.kind,
         linear=_vector(event.linear, types),
@@ -122,15 +122,18 @@ def _event(event: Event, estimate: Estimate, types: MessageTypes) -> Any:
     )
 
 
-def _time(stamp: int, types: MessageTypes) -> Any:
+def time_message(stamp: int, types: MessageTypes) -> Any:
+    """Return a stamp in ns as a builtin_interfaces/Time."""
     seconds, nanoseconds = divmod(stamp, 1_000_000_000)
     return types.find('builtin_interfaces/msg/Time')(sec=seconds, nanosec=nanoseconds)
 
 
+def _stamped(stamp: int, frame: str, types: MessageTypes) -> Any:
+    return types.find('std_msgs/msg/Header')(stamp=time_message(stamp, types), frame_id=frame)
+
+
 def _header(estimate: Estimate, types: MessageTypes, frames: Frames) -> Any:
-    return types.find('std_msgs/msg/Header')(
-        stamp=_time(estimate.stamp, types), frame_id=f'{frames.prefix}{frames.target_link}'
-    )
+    return _stamped(estimate.stamp, f'{frames.prefix}{frames.target_link}', types)
 
 
 def _inertia(parameters: Array, types: MessageTypes) -> Any:
@@ -140,16 +143,18 @@ def _inertia(parameters: Array, types: MessageTypes) -> Any:
     )
 
 
-def _vector(values: Array, types: MessageTypes) -> Any:
-    return types.find('geometry_msgs/msg/Vector3')(x=float(values[0]), y=float(values[1]), z=float(values[2]))
+def _vector(values: Array, types: MessageTypes, name: str = 'Vector3') -> Any:
+    """Return values (3,) or (4,) as a type of geometry_msgs with fields x, y, z and w."""
+    return types.find(f'geometry_msgs/msg/{name}')(**dict(zip('xyzw', map(float, values), strict=False)))
 
 
 def trajectory_message(trajectory: JointTrajectory, types: MessageTypes) -> Any:
     """Return a motion as a trajectory_msgs/JointTrajectory; its stamp is 0: it begins when it is received."""
     point = types.find('trajectory_msgs/msg/JointTrajectoryPoint')
-    parts = [each if each.size else np.zeros((len(trajectory.time), 0)) for each in _derivatives(trajectory)]
+    derivatives = trajectory.position, trajectory.velocity, trajectory.acceleration
+    parts = [each if each.size else np.zeros((len(trajectory.time), 0)) for each in derivatives]
     return types.find('trajectory_msgs/msg/JointTrajectory')(
-        header=types.find('std_msgs/msg/Header')(stamp=_time(0, types), frame_id=''),
+        header=_stamped(0, '', types),
         joint_names=list(trajectory.joints),
         points=[
             point(
@@ -164,17 +169,101 @@ def trajectory_message(trajectory: JointTrajectory, types: MessageTypes) -> Any:
     )
 
 
-def _derivatives(trajectory: JointTrajectory) -> tuple[Array, Array, Array]:
-    return trajectory.position, trajectory.velocity, trajectory.acceleration
-
-
 def _duration(time: float, types: MessageTypes) -> Any:
     seconds, nanoseconds = divmod(round(time * 1e9), 1_000_000_000)
     return types.find('builtin_interfaces/msg/Duration')(sec=seconds, nanosec=nanoseconds)
 
 
+# -- Readings, each with its stamp in ns
+
+SENSOR_TYPES = {
+    'joint_states': 'sensor_msgs/msg/JointState',
+    'odom': 'nav_msgs/msg/Odometry',
+    'imu': 'sensor_msgs/msg/Imu',
+    'thrust': 'geometry_msgs/msg/WrenchStamped',
+    'stored_momentum': 'geometry_msgs/msg/Vector3Stamped',
+}
+_UNKNOWN = np.zeros(36)  # covariance that is not known
+_ABSENT = np.array([-1.0, *np.zeros(8)])  # covariance of a quantity that is not measured (REP 145)
+
+
+def joint_state_message(
+    types: MessageTypes, stamp: int, names: Sequence[str], position: Array, velocity: Array, effort: Array
+) -> Any:
+    """Return positions, velocities and efforts of joints, each (n,) or (0,), as a sensor_msgs/JointState."""
+    return types.find(SENSOR_TYPES['joint_states'])(
+        header=_stamped(stamp, '', types), name=list(names), position=position, velocity=velocity, effort=effort
+    )
+
+
+def odometry_message(
+    types: MessageTypes,
+    stamp: int,
+    frames: tuple[str, str],
+    pose: tuple[Array, Array],
+    twist: tuple[Array, Array],
+    covariances: tuple[Array, Array] = (_UNKNOWN, _UNKNOWN),
+) -> Any:
+    """Return a pose and a twist as a nav_msgs/Odometry.
+
+    Parameters
+    ----------
+    frames : of the odometry, and the one on the base
+    pose : position (3,) and quaternion x, y, z, w (4,) of this in that
+    twist : linear and angular velocity (3,) in its axes
+    covariances : of pose and twist, 36 numbers each
+    """
+    find = types.find
+    place = find('geometry_msgs/msg/Pose')(
+        position=_vector(pose[0], types, 'Point'), orientation=_vector(pose[1], types, 'Quaternion')
+    )
+    motion = find('geometry_msgs/msg/Twist')(linear=_vector(twist[0], types), angular=_vector(twist[1], types))
+    return find(SENSOR_TYPES['odom'])(
+        header=_stamped(stamp, frames[0], types),
+        child_frame_id=frames[1],
+        pose=find('geometry_msgs/msg/PoseWithCovariance')(pose=place, covariance=covariances[0].ravel()),
+        twist=find('geometry_msgs/msg/TwistWithCovariance')(twist=motion, covariance=covariances[1].ravel()),
+    )
+
+
+def imu_message(
+    types: MessageTypes,
+    stamp: int,
+    frame: str,
+    rate: Array,
+    acceleration: Array | None = None,
+    orientation: tuple[Array, Array] | None = None,
+) -> Any:
+    """Return an angular velocity (3,) as a sensor_msgs/Imu, with an acceleration (3,) where there is one.
+
+    `orientation` is a quaternion x, y, z, w (4,) with its covariance (9,); None where it is not measured.
+    """
+    quaternion, covariance = orientation or (np.array([0.0, 0.0, 0.0, 1.0]), _ABSENT)
+    return types.find(SENSOR_TYPES['imu'])(
+        header=_stamped(stamp, frame, types),
+        orientation=_vector(quaternion, types, 'Quaternion'),
+        orientation_covariance=covariance,
+        angular_velocity=_vector(rate, types),
+        angular_velocity_covariance=np.zeros(9),
+        linear_acceleration=_vector(np.zeros(3) if acceleration is None else acceleration, types),
+        linear_acceleration_covariance=_ABSENT if acceleration is None else np.zeros(9),
+    )
+
+
+def wrench_message(types: MessageTypes, stamp: int, frame: str, wrench: Array) -> Any:
+    """Return force and torque (6,) on a frame as a geometry_msgs/WrenchStamped."""
+    value = types.find('geometry_msgs/msg/Wrench')(force=_vector(wrench[:3], types), torque=_vector(wrench[3:], types))
+    return types.find(SENSOR_TYPES['thrust'])(header=_stamped(stamp, frame, types), wrench=value)
+
+
+def vector_message(types: MessageTypes, stamp: int, frame: str, vector: Array) -> Any:
+    """Return a vector (3,) in the axes of a frame as a geometry_msgs/Vector3Stamped."""
+    header = _stamped(stamp, frame, types)
+    return types.find(SENSOR_TYPES['stored_momentum'])(header=header, vector=_vector(vector, types))
+
+
 class SensorMessages:
-    """Makes the messages of a robot's sensors.
+    """Makes the messages of a simulated robot's sensors.
 
     Parameters
     ----------
@@ -191,83 +280,32 @@ class SensorMessages:
         wheels: Sequence[str] = (),
         unreported: Sequence[str] = (),
     ) -> None:
-        self._wheels = tuple(wheels)
         self._types = types
-        self._model = model
-        self._frame = odometry_frame
+        self._wheels = np.zeros(len(wheels))
+        self._frames = odometry_frame, model.base_link
         self._joints = [place for place, name in enumerate(model.joint_names) if name not in unreported]
+        self._names = [*(model.joint_names[joint] for joint in self._joints), *wheels]
 
     def joint_state(self, readings: JointReadings, index: int, stamp: int) -> Any:
-        """Return one of the readings as a sensor_msgs/JointState stamped in ns."""
+        """Return one of the readings as a JointState."""
         parts = (readings.position, readings.velocity, readings.effort)
         position, velocity, effort = (part[index][self._joints] for part in parts)
-        if self._wheels:
-            none = np.zeros(len(self._wheels))
-            position, effort = np.append(position, none), np.append(effort, none)
+        if len(self._wheels):
+            position, effort = np.append(position, self._wheels), np.append(effort, self._wheels)
             velocity = np.append(velocity, readings.wheel_speed[index])
-        return self._types.find('sensor_msgs/msg/JointState')(
-            header=self._header(stamp, ''),
-            name=[*(self._model.joint_names[joint] for joint in self._joints), *self._wheels],
-            position=position,
-            velocity=velocity,
-            effort=effort,
-        )
-
-    def stored_momentum(self, momentum: Array, stamp: int) -> Any:
-        """Return a momentum (3,) in the base link's axes as a geometry_msgs/Vector3Stamped stamped in ns."""
-        vector, header = self._of('Vector3', momentum, 'xyz'), self._header(stamp, self._model.base_link)
-        return self._types.find('geometry_msgs/msg/Vector3Stamped')(header=header, vector=vector)
-
-    def imu(self, readings: ImuReadings, index: int, stamp: int) -> Any:
-        """Return one of the readings as a sensor_msgs/Imu stamped in ns."""
-        find, absent = self._types.find, np.zeros(9)
-        absent[0] = -1.0  # REP 145: not measured
-        none = self._of('Vector3', np.zeros(3), 'xyz')
-        measured = readings.orientation.shape[1] > 0
-        orientation = readings.orientation[index] if measured else np.array([0.0, 0.0, 0.0, 1.0])
-        return find('sensor_msgs/msg/Imu')(
-            header=self._header(stamp, readings.link or self._model.base_link),
-            orientation=self._of('Quaternion', orientation, 'xyzw'),
-            orientation_covariance=(readings.orientation_std**2 * np.eye(3)).ravel() if measured else absent,
-            angular_velocity=self._of('Vector3', readings.angular_velocity[index], 'xyz'),
-            angular_velocity_covariance=np.zeros(9),
-            linear_acceleration=none,
-            linear_acceleration_covariance=absent,
-        )
-
-    def wrench(self, wrench: Array, link: str, stamp: int) -> Any:
-        """Return force and torque (6,) on a link as a geometry_msgs/WrenchStamped stamped in ns."""
-        find = self._types.find
-        force, torque = self._of('Vector3', wrench[:3], 'xyz'), self._of('Vector3', wrench[3:], 'xyz')
-        value = find('geometry_msgs/msg/Wrench')(force=force, torque=torque)
-        return find('geometry_msgs/msg/WrenchStamped')(header=self._header(stamp, link), wrench=value)
+        return joint_state_message(self._types, stamp, self._names, position, velocity, effort)
 
     def odometry(self, readings: BaseReadings, index: int, stamp: int) -> Any:
-        """Return one of the readings as a nav_msgs/Odometry stamped in ns."""
-        find = self._types.find
-        pose = find('geometry_msgs/msg/Pose')(
-            position=self._of('Point', readings.position[index], 'xyz'),
-            orientation=self._of('Quaternion', readings.orientation[index], 'xyzw'),
-        )
-        twist = find('geometry_msgs/msg/Twist')(
-            linear=self._of('Vector3', readings.linear_velocity[index], 'xyz'),
-            angular=self._of('Vector3', readings.angular_velocity[index], 'xyz'),
-        )
-        return find('nav_msgs/msg/Odometry')(
-            header=self._header(stamp, self._frame),
-            child_frame_id=self._model.base_link,
-            pose=find('geometry_msgs/msg/PoseWithCovariance')(pose=pose, covariance=readings.pose_covariance.ravel()),
-            twist=find('geometry_msgs/msg/TwistWithCovariance')(
-                twist=twist, covariance=readings.twist_covariance.ravel()
-            ),
-        )
+        """Return one of the readings as an Odometry."""
+        pose = readings.position[index], readings.orientation[index]
+        twist = readings.linear_velocity[index], readings.angular_velocity[index]
+        covariances = readings.pose_covariance, readings.twist_covariance
+        return odometry_message(self._types, stamp, self._frames, pose, twist, covariances)
 
-    def time(self, stamp: int) -> Any:
-        """Return a stamp in ns as a builtin_interfaces/Time."""
-        return _time(stamp, self._types)
-
-    def _of(self, name: str, values: Array, fields: str) -> Any:
-        return self._types.find(f'geometry_msgs/msg/{name}')(**dict(zip(fields, values.tolist(), strict=True)))
-
-    def _header(self, stamp: int, frame: str) -> Any:
-        return self._types.find('std_msgs/msg/Header')(stamp=self.time(stamp), frame_id=frame)
+    def imu(self, readings: ImuReadings, index: int, stamp: int) -> Any:
+        """Return one of the readings as an Imu."""
+        orientation = None
+        if readings.orientation.shape[1]:
+            orientation = readings.orientation[index], (readings.orientation_std**2 * np.eye(3)).ravel()
+        frame, rate = readings.link or self._frames[1], readings.angular_velocity[index]
+        return imu_message(self._types, stamp, frame, rate, orientation=orientation)

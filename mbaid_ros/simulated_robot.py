@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TypeGuard
 
 import numpy as np
 
@@ -45,11 +44,6 @@ from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
 _QUATERNION_TOLERANCE = 1e-3
 _NOT_OF_LINKS = ('seed', 'frequency_relative_std')  # of the model errors
 _FREQUENCIES = 2_000_003  # beside the seed of the model errors: a stream of its own
-
-
-def is_driven(motion: Motion) -> TypeGuard[Driven]:
-    """Return whether a motion is that of joints that follow something."""
-    return not isinstance(motion, Passive)
 
 
 def make_motion(config: SimulatorConfig, model: RobotModel) -> Motion:
@@ -141,7 +135,7 @@ def make_initial_state(config: SimulatorConfig, model: RobotModel, motion: Motio
     initial = config.initial
     driven = driven_joints(config, model)
     rates = _joint_values('initial.joint_velocities', initial.joint_velocities, model, driven)
-    if is_driven(motion):
+    if isinstance(motion, Driven):
         if rates.any():
             raise ParameterError(
                 f"parameter 'initial.joint_velocities' is {list(initial.joint_velocities)}; with motion.kind "
@@ -159,9 +153,9 @@ def make_initial_state(config: SimulatorConfig, model: RobotModel, motion: Motio
     twist = (initial.base_linear_velocity, initial.base_angular_velocity)
     linear, angular = (quaternions.rotate(back, np.array(values)) for values in twist)
     given = _joint_values('initial.joint_positions', initial.joint_positions, model, driven)
-    positions = motion.start if is_driven(motion) else given
+    positions = motion.reference(0.0)[0] if isinstance(motion, Driven) else given
     swinging = [model.joint_names.index(name) for name in config.flexible.passive(model.joint_names)]
-    if swinging and is_driven(motion):  # nothing drives them: they start where they are asked to, at rest
+    if swinging and isinstance(motion, Driven):  # nothing drives them: they start where they are asked to, at rest
         positions = positions.copy()
         positions[swinging], rates[swinging] = model.transmission.positions(given)[swinging], 0.0
     state = State(np.array(initial.base_position), orientation, positions, np.concatenate((linear, angular, rates)))
@@ -207,7 +201,7 @@ def make_model_errors(config: SimulatorConfig, model: RobotModel) -> ModelErrors
 
 def steered(motion: Motion) -> Motion:
     """Return a motion that takes trajectories on the way, where the joints are driven at all."""
-    return Steered(motion) if is_driven(motion) else motion
+    return Steered(motion) if isinstance(motion, Driven) else motion
 
 
 def make_simulation(
@@ -229,7 +223,7 @@ def make_simulation(
     around = Surroundings(make_wheels(config, model), make_orbit(config.orbit), make_springs(config, model))
     if pulse is not None:
         return ThrustSimulation(model, motion, start, pulse, around)
-    if target is not None and is_driven(motion):
+    if target is not None and isinstance(motion, Driven):
         return CaptureSimulation(model, motion, start, target, around)
     return Simulation(model, motion, start, surroundings=around)
 
@@ -289,4 +283,4 @@ def make_wheels(config: SimulatorConfig, model: RobotModel) -> Wheels | None:
     if not count:
         return None
     speeds = np.array(wheels.speeds or (0.0,) * count), np.array(wheels.accelerations or (0.0,) * count)
-    return Wheels.drawn(wheels.names, stored.axes, stored.inertias, speeds, (wheels.wander, wheels.seed))
+    return Wheels(wheels.names, stored.axes, stored.inertias, *speeds)

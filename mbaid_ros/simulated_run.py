@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from mbaid_ros import outgoing
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
@@ -100,9 +101,14 @@ class SimulatedRun:
         self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate, imu)
 
     @property
-    def publishes_momentum(self) -> bool:
-        """Whether the wheels' momentum is published."""
-        return self.wheels is not None and self.config.wheels.publish == 'stored_momentum'
+    def topics(self) -> dict[str, str]:
+        """The topics of its messages, with their types."""
+        wanted = {
+            'imu': self.config.imu.rate > 0.0,
+            'thrust': self.pulse is not None and self.config.thrust.publish,
+            'stored_momentum': self.wheels is not None and self.config.wheels.publish == 'stored_momentum',
+        }
+        return {topic: kind for topic, kind in outgoing.SENSOR_TYPES.items() if wanted.get(topic, True)}
 
     @property
     def target_inertia(self) -> Array:
@@ -120,7 +126,7 @@ class SimulatedRun:
 
     def clock(self, time: float) -> Any:
         """Return a rosgraph_msgs/Clock of a time (s) since the start of the run."""
-        return self._types.find('rosgraph_msgs/msg/Clock')(clock=self._messages.time(self.stamp(time)))
+        return self._types.find('rosgraph_msgs/msg/Clock')(clock=outgoing.time_message(self.stamp(time), self._types))
 
     def stamp(self, time: float) -> int:
         """Return the stamp in ns of a time (s) since the start of the run."""
@@ -137,11 +143,6 @@ class SimulatedRun:
         self._motion.follow(trajectory, self.model, begin)
         return begin
 
-    def come_to_rest(self, seconds: float) -> None:
-        """Let joints that are driven come to rest within some seconds, from just after the samples read."""
-        if isinstance(self._motion, Steered):
-            self._motion.come_to_rest(self.model, self._read + LONGEST_STEP, seconds)
-
     def read(self, until: float) -> list[TimedMessage]:
         """Return the messages due up to and including a time (s) that were not returned before, in order of time.
 
@@ -154,26 +155,22 @@ class SimulatedRun:
         frame = (
             self.pulse.link.name if self.pulse is not None and self.pulse.link is not None else self.config.odom_frame
         )
-        odometry, joint_state = self._messages.odometry, self._messages.joint_state
-        momenta = self.wheels.stored(joints.wheel_speed) if self.wheels is not None and self.publishes_momentum else ()
-        stored = self._messages.stored_momentum
-        messages = [
-            *(TimedMessage(t, 'thrust', self._messages.wrench(wrench, frame, self.stamp(t))) for t, wrench in due),
-            *(
-                TimedMessage(t, 'stored_momentum', stored(momentum, self.stamp(t)))
-                for t, momentum in zip(joints.time.tolist(), momenta, strict=False)
-            ),
-            *(TimedMessage(t, 'odom', odometry(base, i, self.stamp(t))) for i, t in enumerate(base.time.tolist())),
-            *(
-                TimedMessage(t, 'joint_states', joint_state(joints, i, self.stamp(t)))
-                for i, t in enumerate(joints.time.tolist())
-            ),
-        ]
+        stamp, types, made = self.stamp, self._types, self._messages
+        momenta = self.wheels.stored(joints.wheel_speed) if self.wheels and 'stored_momentum' in self.topics else ()
+        messages: list[TimedMessage] = []
+        add = messages.append
+        for t, wrench in due:
+            add(TimedMessage(t, 'thrust', outgoing.wrench_message(types, stamp(t), frame, wrench)))
+        for t, momentum in zip(joints.time.tolist(), momenta, strict=False):
+            message = outgoing.vector_message(types, stamp(t), self.model.base_link, momentum)
+            add(TimedMessage(t, 'stored_momentum', message))
+        for i, t in enumerate(base.time.tolist()):
+            add(TimedMessage(t, 'odom', made.odometry(base, i, stamp(t))))
+        for i, t in enumerate(joints.time.tolist()):
+            add(TimedMessage(t, 'joint_states', made.joint_state(joints, i, stamp(t))))
         if imu is not None:
-            delay, reading = self.config.imu.delay, self._messages.imu
-            messages += [
-                TimedMessage(t, 'imu', reading(imu, i, self.stamp(t + delay))) for i, t in enumerate(imu.time.tolist())
-            ]
+            for i, t in enumerate(imu.time.tolist()):
+                add(TimedMessage(t, 'imu', made.imu(imu, i, stamp(t + self.config.imu.delay))))
         return sorted(messages, key=lambda message: message.time)
 
 

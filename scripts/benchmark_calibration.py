@@ -12,10 +12,9 @@ import numpy as np
 from benchmarks.data import NOISE, drawn, exact_samples, model, target
 from benchmarks.data import motion as robot_motion
 from benchmarks.frame import Frame, Runs, declared
-from benchmarks.precapture import GENERAL, WEIGHED, cad_model, free_model, motion, windows
+from benchmarks.precapture import GENERAL, WEIGHED, cad_model, factors, free_model, motion, windows
 from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.calibration.result import Calibration
-from mbaid_ros.calibration.unknowns import LinkPrior
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
@@ -24,7 +23,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, displaced
-from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.core.robot.model_errors import BodyDeviations, ModelErrors
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.catalogue import CalibratedSide, Uncertainty
 from mbaid_ros.core.unknowns.declaration import NominalModel
@@ -87,15 +86,16 @@ def run(seed: int) -> Outcome:
         calibrated=_momentum(calibrated, fresh),
         error=np.asarray(error @ np.linalg.solve(found.block_covariance, error)),
         factor=np.array(loose.theta[::10].sum() / mass - 1.0),
-        factor_std=np.array(loose.scale.relative_std),
+        factor_std=np.array(loose.scale_std),
         residual=np.array(found.residual),
         capture=np.array([_compared(each) for each in (_target(after, own), ours, exact)]),
         reported=_sizes(ours.std),
     )
 
 
-def _calibrated(cad: RobotModel, before: list[Samples], priors: tuple[LinkPrior, ...]) -> Calibration:
-    return calibrate(MomentumKernel(cad, *LINKS), [before], CalibrationSettings(NOISE, priors, UNCERTAIN))
+def _calibrated(cad: RobotModel, before: list[Samples], priors: tuple[BodyDeviations, ...]) -> Calibration:
+    unknown = MomentumKernel(cad, *LINKS)
+    return calibrate(unknown, [before], CalibrationSettings(NOISE, factors(unknown, priors), UNCERTAIN))
 
 
 def _theta(robot: RobotModel) -> Array:
@@ -104,7 +104,7 @@ def _theta(robot: RobotModel) -> Array:
 
 def _placed(cad: RobotModel, errors: ModelErrors) -> Array:
     """Return the true errors of joints and mount in the order of a calibration."""
-    across = Kinematics(cad).axial[1:, :, :2]
+    across = Kinematics(cad).across
     tilts = (np.swapaxes(across, -1, -2) @ errors.tilts[..., None])[..., 0]
     return np.concatenate((np.column_stack((errors.zeros, errors.origins, tilts)).ravel(), errors.mount))
 

@@ -18,7 +18,7 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.outgoing import SensorMessages
+from mbaid_ros.outgoing import SensorMessages, wrench_message
 from mbaid_ros.replay.campaigns.statistics import coverage
 from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.session.session import Session
@@ -189,7 +189,7 @@ def _messages(row: Row, seed: int, session: Session) -> Iterator[tuple[Callable[
         stamp = START + round(time * 1e9)
         while thrust and thrust[0][0] <= time:
             begin, wrench = thrust.pop(0)
-            yield session.add_thrust, messages.wrench(wrench, robot.base_link, START + round(begin * 1e9))
+            yield session.add_thrust, wrench_message(BAG_TYPES, START + round(begin * 1e9), robot.base_link, wrench)
         yield session.add_odometry, messages.odometry(base, index, stamp)
         yield session.add_joint_state, messages.joint_state(joints, index, stamp + late)
 

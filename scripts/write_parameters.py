@@ -12,7 +12,7 @@ from pathlib import Path
 
 from mbaid_ros.config.calibration import CalibrationConfig
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import NOT_GIVEN, ParameterSpec, Value, named_specifications, specifications
+from mbaid_ros.config.parameters import ParameterSpec, Value, named_specifications, specifications
 from mbaid_ros.config.recorder import RecorderConfig
 from mbaid_ros.config.simulator import SimulatorConfig
 
@@ -72,10 +72,9 @@ def table(declared: type) -> str:
     """Return the parameters of a dataclass as a table in Markdown."""
     both = ((specifications(declared), True), (named_specifications(declared), False))
     rows = [
-        f'| `{spec.name}` | {f"`{_written(spec.default)}` " if given else ""}| {spec.unit} | {_meaning(spec)} |'
+        f'| `{spec.name}` | {f"`{_written(spec.default)}` " if defaults else ""}| {spec.unit} | {_meaning(spec)} |'
         for specs, defaults in both  # a single named thing has the defaults of all
         for spec in specs.values()
-        for given in (defaults and spec.default is not NOT_GIVEN,)
     ]
     return '\n'.join(['| parameter | default | unit | meaning |', '|---|---|---|---|', *rows]) + '\n'
 

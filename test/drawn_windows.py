@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.core.filter.chain import WindowModel
+from mbaid_ros.core.filter.measured_window import IntegratedTwist
 from mbaid_ros.core.filter.state import BODY
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow, prepared
@@ -17,8 +18,7 @@ STATE = BODY.stop + UNKNOWNS
 
 def prepare(window: WindowModel, variables: Variables) -> WhitenedWindow:
     """Return one window in the filter's variables."""
-    several = WindowModel(*(np.asarray(part)[None] for part in vars(window).values()))
-    return prepared(several, variables)[0]
+    return prepared(window[None], variables)[0]  # type: ignore[index]
 
 
 def variables(rng: np.random.Generator) -> Variables:
@@ -59,4 +59,5 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
         stepped=np.zeros((6, 0)),
         gained=np.zeros(0),
         body=rng.normal(size=10),
+        integrated=IntegratedTwist.none(1, STATE)[0],
     )

@@ -108,9 +108,7 @@ def test_the_readme_has_every_executable() -> None:
 def test_the_page_has_every_topic_and_service_of_the_estimator() -> None:
     text = (REFERENCE / 'topics.md').read_text(encoding='utf-8')
     named = set(re.findall(r'^\| `(~/\w+)` \|', text, re.MULTILINE))
-    sources = (
-        ROOT / 'mbaid_ros' / 'nodes' / f'{name}.py' for name in ('estimating', 'publishers', 'markers', 'planning')
-    )
+    sources = (ROOT / 'mbaid_ros' / 'nodes' / f'{name}.py' for name in ('estimator', 'publishers'))
     assert named == {name for path in sources for name in re.findall(r"'(~/\w+)'", path.read_text(encoding='utf-8'))}
 
 

@@ -33,8 +33,9 @@ _CALIBRATE = """calibrate:
           orientation_std: 1.0e-3}
     noise: {joint_position: 1.0e-3, joint_velocity: 1.0}
     time_offset: {prior_std: 1.0e-3}
-    prior: {mass_relative_std: 1.0e-3, com_std: 2.0e-3, inertia_relative_std: 0.2, zero_std: 0.0, origin_std: 0.0,
-            axis_std: 0.0}
+    known_links: {base_link: {mass_relative_std: 1.0e-3, com_std: 2.0e-3, inertia_relative_std: 0.2},
+                  wheel: {mass_relative_std: 1.0e-3, com_std: 2.0e-3, inertia_relative_std: 0.2}}
+    known_joints: {zero_std: 0.0, origin_std: 0.0, axis_std: 0.0}
 """
 _SIMULATOR: dict[str, object] = {
     'joint_rate': 1000.0,

@@ -44,6 +44,11 @@ class Block:
         """Return some that follow one another."""
         return Block(self.topics[begin:end], self.contents[begin:end], self.times[begin:end])
 
+    def at(self, places: npt.NDArray[np.intp]) -> Block:
+        """Return those at places, in that order."""
+        chosen = places.tolist()
+        return Block([self.topics[k] for k in chosen], [self.contents[k] for k in chosen], self.times[places])
+
     def with_more(self, other: Block) -> Block:
         """Return these and the bytes after them."""
         times = np.concatenate((self.times, other.times))
@@ -147,9 +152,7 @@ class ChunkReader(McapReader):
             raise ReaderError('the file is not open')
         topics = {connection.id: connection.topic for connection in connections}
         chunks = [chunk for chunk in self.chunks if any(chunk.channel_count.get(number, 0) for number in topics)]
-        for messages in _in_order(self.bio, chunks, topics):
-            names = [topics[channel] for channel in messages.channels.tolist()]
-            yield Block(names, messages.contents, messages.times)
+        yield from _in_order(self.bio, chunks, topics)
 
     def open(self) -> None:
         """Open the file and read its index; raise an UnindexedError if it has none, or none of its messages."""
@@ -181,52 +184,34 @@ class ChunkReader(McapReader):
         super().read_index()
 
 
-@dataclass(frozen=True)
-class _Messages:
-    """N messages of chunks: times (ns), places of their chunks in the file and channels, (N,) each, and their bytes."""
-
-    times: npt.NDArray[np.int64]
-    chunks: npt.NDArray[np.int64]
-    channels: npt.NDArray[np.uint16]
-    contents: list[bytes]
-
-    def part(self, begin: int, end: int | None = None) -> _Messages:
-        """Return some that follow one another."""
-        some = slice(begin, end)
-        return _Messages(self.times[some], self.chunks[some], self.channels[some], self.contents[some])
-
-    def with_more(self, other: _Messages) -> _Messages:
-        """Return these and others by time; of one time, by their place in the file."""
-        times = np.concatenate((self.times, other.times))
-        chunks = np.concatenate((self.chunks, other.chunks))
-        channels = np.concatenate((self.channels, other.channels))
-        contents = self.contents + other.contents
-        if np.all(times[1:] >= times[:-1]) and np.all(chunks[1:] >= chunks[:-1]):
-            return _Messages(times, chunks, channels, contents)
-        order = np.lexsort((chunks, times))
-        return _Messages(times[order], chunks[order], channels[order], [contents[place] for place in order])
-
-
-def _in_order(stream: BinaryIO, chunks: Collection[ChunkInfo], wanted: Collection[int]) -> Iterator[_Messages]:
+def _in_order(stream: BinaryIO, chunks: Collection[ChunkInfo], topics: Mapping[int, str]) -> Iterator[Block]:
     """Yield the messages of chunks by time; of one time, by their place in the file."""
-    nothing = np.zeros(0, dtype=np.int64)
-    waiting = _Messages(nothing, nothing, nothing.astype(np.uint16), [])
+    waiting: dict[int, Block] = {}  # by the place of the chunk in the file
     for chunk in sorted(chunks, key=lambda chunk: chunk.message_start_time):
         # Those of a chunk are no earlier than its start: earlier ones can go.
-        ready = int(np.searchsorted(waiting.times, chunk.message_start_time))
-        if ready:
-            yield waiting.part(0, ready)
-        waiting = waiting.part(ready)
-        if sum(map(len, waiting.contents)) > limits.OVERLAP_BYTES:
+        yield _taken(waiting, chunk.message_start_time)
+        if sum(len(data) for block in waiting.values() for data in block.contents) > limits.OVERLAP_BYTES:
             raise DataError(
                 f'chunks that overlap in time hold more than {limits.OVERLAP_BYTES} bytes, which is the limit'
             )
-        waiting = waiting.with_more(_content(stream, chunk, wanted))
-    yield waiting
+        waiting[chunk.chunk_start_offset] = _content(stream, chunk, topics)
+    yield _taken(waiting, np.inf)
 
 
-def _content(stream: BinaryIO, chunk: ChunkInfo, wanted: Collection[int]) -> _Messages:
-    """Return the messages of wanted channels in a chunk, in their order; raise one of DAMAGE if it is damaged."""
+def _taken(waiting: dict[int, Block], end: float) -> Block:
+    """Take the messages before a time (ns) out of chunks, and return them in order."""
+    ready = _block([])
+    for place, block in sorted(waiting.items()):
+        early = block.times < end
+        ready = ready.with_more(block.at(np.flatnonzero(early)))
+        waiting[place] = block.at(np.flatnonzero(~early))
+        if not len(waiting[place]):
+            del waiting[place]
+    return ready.at(np.argsort(ready.times, kind='stable'))
+
+
+def _content(stream: BinaryIO, chunk: ChunkInfo, topics: Mapping[int, str]) -> Block:
+    """Return the messages of some channels in a chunk, in their order; raise one of DAMAGE if it is damaged."""
     if chunk.compressed_size > limits.CHUNK_BYTES:
         raise DataError(f'a chunk of {chunk.compressed_size} bytes; at most {limits.CHUNK_BYTES} are accepted')
     stream.seek(chunk.chunk_start_offset + 9 + 24)
@@ -237,12 +222,12 @@ def _content(stream: BinaryIO, chunk: ChunkInfo, wanted: Collection[int]) -> _Me
     begin, head = _heads(data)
     first, last = chunk.message_start_time, chunk.message_end_time
     time = head['times'][:, 0]
-    chosen = np.isin(head['channel'], list(wanted)) & (time >= first) & (time <= last)
+    chosen = np.isin(head['channel'], list(topics)) & (time >= first) & (time <= last)
     begin, head, time = begin[chosen], head[chosen], time[chosen]
     end = begin + _BEFORE + head['length'].astype(np.intp)
     contents = [data[i:j] for i, j in zip((begin + _HEAD.itemsize).tolist(), end.tolist(), strict=True)]
-    number = np.full(len(begin), chunk.chunk_start_offset)
-    return _Messages(np.minimum(time, LATEST).astype(np.int64), number, head['channel'], contents)
+    names = [topics[channel] for channel in head['channel'].tolist()]
+    return Block(names, contents, np.minimum(time, LATEST).astype(np.int64))
 
 
 def _heads(data: bytes) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.void]]:

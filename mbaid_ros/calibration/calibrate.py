@@ -13,9 +13,8 @@ from mbaid_ros.calibration.iteration import (
     Motion,
     converge,
 )
-from mbaid_ros.calibration.result import Calibration, Scale
-from mbaid_ros.calibration.structure import Mechanism, structure
-from mbaid_ros.calibration.unknowns import LinkPrior, Normals, Prior, make_prior
+from mbaid_ros.calibration.result import Calibration, Mechanism
+from mbaid_ros.calibration.unknowns import Normals, Prior, make_prior
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.filter.state import MOMENTUM
 from mbaid_ros.core.geometry import Array, Flags, skew
@@ -24,7 +23,7 @@ from mbaid_ros.core.results.status import widening
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.unknowns.bodies import KnownTarget, TotalMass
+from mbaid_ros.core.unknowns.bodies import KnownTarget
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
@@ -39,7 +38,9 @@ class CalibrationSettings:
     """The settings of a calibration."""
 
     noise: SensorNoise  # of the joint sensors (the base's stands in the samples)
-    priors: tuple[LinkPrior, ...]  # of each of the kernel's unknown links
+    # of each of the kernel's unknown links the (10, e) factor of the covariance of its standard parameters; None where
+    # nothing is known
+    priors: tuple[Array | None, ...]
     uncertainty: Uncertainty = field(default_factory=Uncertainty)  # of joints, mount, stamps and linear momentum
     window: float = 0.5  # s, longest
     gyro: float = 0.0  # rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
@@ -49,14 +50,14 @@ class CalibrationSettings:
 def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: CalibrationSettings) -> Calibration:
     """Return the unknown links of a kernel, its joints and its odometry's mount after some motions of its robot.
 
-    Raises ModelError, ParameterError: The prior cannot be used.
+    Raises ModelError: The prior cannot be used.
     Raises DataError: There are no windows, or none that can be weighed.
 
     Parameters
     ----------
     runs : motions, each as a list of windows; momentum is constant within one, and may differ from one to the next
     """
-    prior = make_prior(kernel, settings.priors, scaled=settings.uncertainty.weighed is not None)
+    prior = make_prior(kernel, settings.priors)
     runs = [run for run in runs if run]
     detectors, mechanism = _mechanism(kernel, runs, settings.noise)
     settled, motions, normals = _filtered(prior, kernel, (runs, detectors), settings)
@@ -65,8 +66,6 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     values, covariance = widened.blocks()
     covariance = covariance * widening(gaussian.innovations, 1.0)
     values, corrections = _physical(values, covariance, kernel)
-    size = len(prior.mean)
-    gained = _gained(normals.links)
     momentum, momentum_covariance = _momenta(settled.passed, motions)
     return Calibration(
         prior=prior,
@@ -78,10 +77,8 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         momentum=momentum,
         momentum_covariance=momentum_covariance,
         mechanism=mechanism,
-        structure=structure(mechanism),
         gains=np.linalg.eigvalsh(_gained(normals.of_the_robot))[::-1],
         further_off=normals.prior_scales.sure,
-        scale=_scale(values[:size], covariance[:size, :size], prior, gained, settings.uncertainty.weighed),
         residual=float(np.sqrt(gaussian.nis / max(gaussian.measured, 1))),
         settled=settled.stays,
         redundancy=gaussian.measured,
@@ -131,17 +128,17 @@ def _mechanism(
     if spatial is not None:
         detectors = [spatial] * len(runs)
     plane = detectors[0].plane(kernel.model.links[0])
-    posture, moving = _moving([window for run in runs for window in run], noise)
+    moving = _moving([window for run in runs for window in run], noise)
     moving[list(kernel.springs.joints)] = True
-    return detectors, Mechanism(kernel, moving, posture, None if plane is None else plane.normal)
+    return detectors, Mechanism(kernel, moving, None if plane is None else plane.normal)
 
 
-def _moving(windows: list[Samples], noise: SensorNoise) -> tuple[Array, Flags]:
-    """Return where the joints are on average and which of them move."""
+def _moving(windows: list[Samples], noise: SensorNoise) -> Flags:
+    """Return which of the joints move, (n,)."""
     means = np.array([np.mean(window.joint_position, axis=0) for window in windows])
     count = float(np.median([len(window) for window in windows]))
     position = float(np.median([noise.found_in(window).joint_position for window in windows]))
-    return np.mean(means, axis=0), np.ptp(means, axis=0) > _MOVES * position / np.sqrt(count)
+    return np.asarray(np.ptp(means, axis=0) > _MOVES * position / np.sqrt(count))
 
 
 def _physical(x: Array, covariance: Array, kernel: MomentumKernel) -> tuple[Array, Array]:
@@ -183,25 +180,3 @@ def _momenta(passed: CalibrationIteration, motions: Sequence[Motion]) -> tuple[A
         own = factor @ factor.T + motion.variables.outside[MOMENTUM, MOMENTUM]
         covariances[index] = shift @ own @ shift.T
     return values, covariances
-
-
-def _scale(theta: Array, covariance: Array, prior: Prior, gained: Array, weighed: TotalMass | None) -> Scale:
-    """Return the uncertainty of the common factor, and whether prior or data determine it."""
-    masses = np.arange(0, len(theta), 10)
-    total = float(np.sum(theta[masses]))
-    relative = float(np.sqrt(np.sum(covariance[np.ix_(masses, masses)]))) / total
-    # Along theta itself: nothing but the factor changes.
-    along = np.concatenate(
-        [np.linalg.solve(root, link) for root, link in zip(prior.roots, theta.reshape(-1, 10), strict=True)]
-    )
-    scale = 0.0 if weighed is None else (total / weighed.std) ** 2
-    parts = [('the total mass', scale), ('the known bodies', max(float(along @ gained @ along) - scale, 0.0))]
-    for index, (link, std) in enumerate(zip(prior.links, prior.stds, strict=True)):
-        if prior.given[index, 0]:
-            parts.append((f'mass of {link.name}', 1.0 / std.mass**2))
-        if prior.given[index, 4]:
-            # A factor changes the moments alike; the products are nearly zero.
-            parts.append((f'inertia of {link.name}', 3.0 / std.inertia**2))
-    whole = max(sum(part for _, part in parts), 1e-300)
-    shares = sorted(((name, part / whole) for name, part in parts), key=lambda each: -each[1])
-    return Scale(relative, tuple(each for each in shares if each[1] > 0.01))

@@ -7,11 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
-from mbaid_ros.calibration.structure import Mechanism, Structure
 from mbaid_ros.calibration.unknowns import Prior
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.estimate import PassiveJoint, Thruster
 from mbaid_ros.core.results.physical_consistency import InertiaRatios, inertia_ratios
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian
 
@@ -20,11 +20,12 @@ _MOVED = 0.5
 
 
 @dataclass(frozen=True)
-class Scale:
-    """The uncertainty of the common factor of all masses, and its source."""
+class Mechanism:
+    """The moving parts of a robot."""
 
-    relative_std: float  # of the unknown links' total mass
-    fixed_by: tuple[tuple[str, float], ...]  # (name, part of the information), the largest first
+    kernel: MomentumKernel  # with the unknown links
+    moving: Flags  # (n,) True for the joints that do not rest
+    normal: Array | None  # (3,) of the plane of motion in the base link's frame; None in space
 
 
 @dataclass(frozen=True)
@@ -82,13 +83,11 @@ class Calibration:
     momentum: Array
     momentum_covariance: Array
     mechanism: Mechanism  # the moving bodies
-    structure: Structure  # combinations that momentum determines
     # information of the data on links, joints and mount in units of the prior's, along its principal directions, the
     # largest first
     gains: Array
     # (kind of thing, error over its prior deviation) of those that surely are; covariances allow for it
     further_off: tuple[tuple[str, float], ...]
-    scale: Scale  # how well the common factor is known
     residual: float  # root mean square of the normalised innovations: 1 matches the noise
     settled: bool  # whether the iterations have converged
     redundancy: int  # number of innovations
@@ -119,6 +118,11 @@ class Calibration:
         return self.block_covariance[:size, :size]
 
     @property
+    def scale_std(self) -> float:
+        """Relative standard deviation of the common factor of all masses: of the links' total mass."""
+        return float(np.sqrt(np.sum(self.covariance[::10, ::10])) / np.sum(self.theta[::10]))
+
+    @property
     def joints(self) -> Array:
         """(n, 6) of each joint: zero, displacement of its frame (3), tilts of its axis (2)."""
         return self.values[len(self.prior.mean) : -6].reshape(-1, 6)
@@ -126,7 +130,7 @@ class Calibration:
     @property
     def displacements(self) -> tuple[Array, Array]:
         """(n, 3) m and (n, 3) rad: displacement and turn of each joint's frame, in that frame."""
-        across = Kinematics(self.mechanism.kernel.model).axial[1:, :, :2]
+        across = Kinematics(self.mechanism.kernel.model).across
         return self.joints[:, 1:4], (across @ self.joints[:, 4:, None])[..., 0]
 
     @property

@@ -6,25 +6,26 @@ filter sees combinations of them (in a plane, fewer than there are); the rest st
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from mbaid_ros.calibration.iteration import CalibrationIteration
-from mbaid_ros.core.errors import ModelError, ParameterError
+from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.state import BODY
 from mbaid_ros.core.filter.variables import Variables
-from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PassiveJoint, Thruster
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.model_errors import KnownErrors, to_bodies
-from mbaid_ros.core.robot.momentum import body_sizes, physical, physical_jacobian, pseudo_inertia
+from mbaid_ros.core.robot.momentum import body_sizes, physical, pseudo_inertia
 from mbaid_ros.core.unknowns.base import OdometryMount
 from mbaid_ros.core.unknowns.bodies import masses
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
@@ -34,6 +35,9 @@ from mbaid_ros.core.unknowns.flexible import SpringErrors, resolved
 from mbaid_ros.core.unknowns.joints import JointPlacements
 from mbaid_ros.core.unknowns.priors import UnknownsPrior, in_plane_map
 
+U = TypeVar('U', bound=Unknown)
+
+OF_A_LINK = ('m', 'hx', 'hy', 'hz', 'Ixx', 'Ixy', 'Ixz', 'Iyy', 'Iyz', 'Izz')
 OF_A_JOINT = ('zero', 'origin_x', 'origin_y', 'origin_z', 'tilt_1', 'tilt_2')
 OF_THE_MOUNT = ('turn_x', 'turn_y', 'turn_z', 'x', 'y', 'z')
 
@@ -96,12 +100,6 @@ class Normals:
         )
 
     @property
-    def links(self) -> UnknownsPrior:
-        """Mean and covariance of the links' numbers, ten each."""
-        count = len(self.prior.mean)
-        return UnknownsPrior(self.gaussian.mean[:count], self.gaussian.factor[:count])
-
-    @property
     def of_the_robot(self) -> UnknownsPrior:
         """Mean and covariance of links, joints, mount, wheels and thrusters: all but the sensors."""
         of_the_run = (unknown for unknown in self.unknowns if unknown.read and not isinstance(unknown, OdometryMount))
@@ -111,26 +109,29 @@ class Normals:
     def thrusters(self) -> tuple[Thruster, ...]:
         """Return by how much thrusters are off their commands."""
         found: list[Thruster] = []
-        place = 10
-        for unknown in self.unknowns:
-            numbers = slice(place, place + unknown.count)
-            place = numbers.stop
-            if isinstance(unknown, Thrusters):
-                stds = np.linalg.norm(unknown.factor @ self.gaussian.factor[numbers], axis=1)
-                found += Thruster.all_of(unknown.frames, unknown.factor @ self.gaussian.mean[numbers], stds)
+        for unknown, value, std in self._values_of(Thrusters):
+            found += Thruster.all_of(unknown.frames, value, std)
         return tuple(found)
+
+    def _values_of(self, kind: type[U]) -> Iterator[tuple[U, Array, Array]]:
+        """Yield the unknowns of a kind, with their (k,) values and standard deviations."""
+        for unknown, numbers in self._numbers():
+            if isinstance(unknown, kind):
+                std = np.linalg.norm(unknown.factor @ self.gaussian.factor[numbers], axis=1)
+                yield unknown, unknown.factor @ self.gaussian.mean[numbers], std
+
+    def _numbers(self) -> Iterator[tuple[Unknown, slice]]:
+        """Yield each unknown, and the place of its independent numbers."""
+        ends = 10 + np.cumsum([unknown.count for unknown in self.unknowns], dtype=int)
+        for unknown, end in zip(self.unknowns, ends.tolist(), strict=True):
+            yield unknown, slice(end - unknown.count, end)
 
     def passive_joints(self, kernel: MomentumKernel, seconds: float) -> tuple[PassiveJoint, ...]:
         """Return the passive joints of a kernel as estimated from motions so long; how far they swing is not asked."""
-        springs, place = kernel.springs, 10
+        springs = kernel.springs
         value, std, prior = np.zeros((3, springs.count, 2))
-        for unknown in self.unknowns:
-            numbers = slice(place, place + unknown.count)
-            place = numbers.stop
-            if isinstance(unknown, SpringErrors):
-                value = (unknown.factor @ self.gaussian.mean[numbers]).reshape(-1, 2)
-                std = np.linalg.norm(unknown.factor @ self.gaussian.factor[numbers], axis=1).reshape(-1, 2)
-                prior = np.linalg.norm(unknown.factor, axis=1).reshape(-1, 2)
+        for unknown, *numbers in self._values_of(SpringErrors):
+            value, std, prior = (each.reshape(-1, 2) for each in (*numbers, np.linalg.norm(unknown.factor, axis=1)))
         names = [kernel.model.joint_names[joint] for joint in springs.joints]
         declared, unasked = (springs.rate, springs.ratio, prior), np.full(springs.count, np.nan)
         found = resolved(springs.rate, springs.ratio, std[:, 0], seconds)
@@ -145,10 +146,7 @@ class Normals:
         size = len(self.prior.mean)
         rows = np.zeros((size + 6 * self.joints + 6, len(self.gaussian.mean)))
         rows[:size, :size] = block_diag(*self.prior.roots)
-        place = 10
-        for unknown in self.unknowns:
-            columns = slice(place, place + unknown.count)
-            place = columns.stop
+        for unknown, columns in self._numbers():
             if isinstance(unknown, JointPlacements):
                 rows[size:-6, columns] = unknown.factor
             elif isinstance(unknown, OdometryMount):
@@ -163,25 +161,6 @@ NO_PRIOR = 100.0
 _EXACT = 1e-6  # relative standard deviation of numbers declared exact: a covariance has to be regular
 # Smallest eigenvalue of a pseudo-inertia, relative to the largest, that still counts as a body: flat ones are common.
 _FLAT = -1e-9
-# Least size of an element of inertia that its deviation is relative to, in thirds of the trace: a thin rod has zeros.
-_SMALLEST = 1e-3
-_ROWS = np.array([4, 4, 4, 7, 7, 9])
-_COLUMNS = np.array([4, 7, 9, 7, 9, 9])
-
-
-@dataclass(frozen=True)
-class LinkPrior:
-    """How far the values of a link's <inertial> may be off: one standard deviation; 0 means that nothing is known."""
-
-    mass: float  # relative; the inertia goes with it
-    com: float  # m, of each coordinate of the centre of mass
-    inertia: float  # of the element I_ij about the centre of mass at a given mass, relative to sqrt(I_ii I_jj)
-    factor: Array | None = None  # (10, e) of the covariance of the standard parameters, as the estimator declares it
-
-    @property
-    def given(self) -> Flags:
-        """(10,) True for each of mass, CoM and inertia that something is known of."""
-        return np.repeat([self.mass > 0.0, self.com > 0.0, self.inertia > 0.0], (1, 3, 6))
 
 
 @dataclass(frozen=True)
@@ -189,10 +168,9 @@ class Prior:
     """The Gaussian prior of k links."""
 
     links: tuple[Link, ...]  # the unknown links
-    stds: tuple[LinkPrior, ...]  # of each link, as asked for
     mean: Array  # (10 k,) standard parameters
     covariance: Array  # (10 k, 10 k), block diagonal
-    given: Flags  # (k, 10) True for each of (mass, CoM, inertia) that something is known of
+    given: tuple[bool, ...]  # k, whether anything is known of each
 
     @cached_property
     def roots(self) -> tuple[Array, ...]:
@@ -206,64 +184,27 @@ class Prior:
         return KnownErrors(bodies, carry @ block_diag(*self.roots[but:]) if bodies else np.zeros((0, 0)))
 
 
-def make_prior(kernel: MomentumKernel, stds: Sequence[LinkPrior], *, scaled: bool = False) -> Prior:
+def make_prior(kernel: MomentumKernel, factors: Sequence[Array | None]) -> Prior:
     """Return the prior of a kernel's unknown links.
 
     Raises ModelError: The robot description gives a link an inertia that no body has.
-    Raises ParameterError: Nothing fixes the scale: every massive body is unknown, and nothing is known of any mass or
-    inertia.
 
     Parameters
     ----------
-    stds : one for each of its unknown links
-    scaled : whether the mass of the whole robot is known
+    factors : (10, e) of the covariance of each link's standard parameters; None where nothing is known
     """
-    scale = unknown_scale(kernel)[:10]
-    size = 10 * len(kernel.unknown)
-    mean, covariance = np.zeros(size), np.zeros((size, size))
-    given = np.zeros((len(kernel.unknown), 10), dtype=bool)
-    for index, (link, std) in enumerate(zip(kernel.unknown, stds, strict=True)):
-        place = slice(10 * index, 10 * index + 10)
-        mean[place] = link.parameters
-        # A link without <inertial> has no values to be near to.
-        if link.parameters[0] > 0.0 and np.any(std.given):
-            given[index] = std.given
-            covariance[place, place] = _covariance(link, std, scale)
-        else:
-            covariance[place, place] = np.diag((NO_PRIOR * scale) ** 2)
-    if not (scaled or np.any(kernel.known[:, 0]) or np.any(given[:, [0, 4]])):
-        raise ParameterError(
-            'nothing fixes the scale: all bodies are unknown, and no mass or inertia has a prior; accepted: '
-            'known_links.total_mass, prior.links.<link>.mass_relative_std for one body at least, or a body left out of '
-            '--unknown'
-        )
-    return Prior(kernel.unknown, tuple(stds), mean, covariance, given)
+    blocks = [
+        np.diag((NO_PRIOR * unknown_scale(kernel)[:10]) ** 2) if factor is None else _covariance(link, factor)
+        for link, factor in zip(kernel.unknown, factors, strict=True)
+    ]
+    mean = np.concatenate([link.parameters for link in kernel.unknown])
+    return Prior(kernel.unknown, mean, block_diag(*blocks), tuple(factor is not None for factor in factors))
 
 
-def physical_std(link: Link, std: LinkPrior) -> Array:
-    """Return the (10,) standard deviations of (m, r_c, I_c at that m); infinite where nothing is known."""
-    values = physical(link.parameters)
-    diagonal = values[[4, 7, 9]]
-    floor = _SMALLEST * float(np.sum(diagonal)) / 3.0
-    inertia = np.maximum(np.sqrt(np.maximum(values[_ROWS] * values[_COLUMNS], 0.0)), floor)
-    deviation = np.concatenate(([std.mass * values[0]], np.full(3, std.com), std.inertia * inertia))
-    return np.where(std.given, deviation, np.inf)
-
-
-def _covariance(link: Link, std: LinkPrior, scale: Array) -> Array:
-    """Return the (10, 10) covariance of a link's standard parameters."""
+def _covariance(link: Link, factor: Array) -> Array:
+    """Return the (10, 10) covariance of a link's standard parameters, regular also where they are exact."""
     _require_a_body(link)
-    if std.factor is not None:
-        exact = np.diag((_EXACT * body_sizes(link.parameters)) ** 2)
-        return np.asarray(std.factor @ std.factor.T + exact)
-    # Rows of unknowns without a prior vanish; the wide prior keeps the matrix regular.
-    rows = physical_jacobian(link.parameters)
-    if std.mass > 0.0:
-        rows[4:] -= np.outer(physical(link.parameters)[4:] / link.parameters[0], rows[0])
-    rows /= physical_std(link, std)[:, None]
-    information = scale[:, None] * (rows.T @ rows) * scale + np.eye(10) / NO_PRIOR**2
-    covariance = np.linalg.inv(information)
-    return np.asarray(0.5 * (covariance + covariance.T) * scale[:, None] * scale)
+    return np.asarray(factor @ factor.T + np.diag((_EXACT * body_sizes(link.parameters)) ** 2))
 
 
 def _root(covariance: Array) -> Array:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
-from math import isnan
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbaid_ros import limits
-from mbaid_ros.config.capture import CaptureConfig
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import LinkPriorConfig, TargetPriorConfig
-from mbaid_ros.config.parameters import NOT_GIVEN, build, by_name, parameter
+from mbaid_ros.config.estimator import CaptureConfig, EstimatorConfig
+from mbaid_ros.config.model_errors import TargetPriorConfig
+from mbaid_ros.config.parameters import build, parameter
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.files import parse_json, read_text
@@ -94,34 +92,7 @@ def _is_covariance(matrix: Array) -> bool:
 
 
 NODE = 'calibrate'
-_OWN = ('prior.', 'unknown_links')
-
-
-@dataclass(frozen=True)
-class LinkPriorsConfig:
-    """The same of single links."""
-
-    own: Mapping[str, Mapping[str, float]] = by_name(LinkPriorConfig, 'link')
-
-
-@dataclass(frozen=True)
-class PriorConfig(LinkPriorConfig):
-    """How far links, joints and the odometry's mount may be off, where it is another than the estimator's parameters.
-
-    One standard deviation each.
-    """
-
-    zero_std: float = parameter(NOT_GIVEN, 'rad', minimum=0.0)
-    """The same of every joint as known_joints.zero_std."""
-    origin_std: float = parameter(NOT_GIVEN, 'm', minimum=0.0)
-    """The same of every joint as known_joints.origin_std."""
-    axis_std: float = parameter(NOT_GIVEN, 'rad', minimum=0.0)
-    """The same of every joint as known_joints.axis_std."""
-    mount_position_std: float = parameter(NOT_GIVEN, 'm', minimum=0.0)
-    """The same as odometry_mount.position_std."""
-    mount_orientation_std: float = parameter(NOT_GIVEN, 'rad', minimum=0.0)
-    """The same as odometry_mount.orientation_std."""
-    links: LinkPriorsConfig = field(default_factory=LinkPriorsConfig)
+_OWN = 'unknown_links'
 
 
 @dataclass(frozen=True)
@@ -130,31 +101,24 @@ class CalibrationConfig:
 
     unknown_links: tuple[str, ...] = parameter(())
     """Links to calibrate; the others count as known. Empty means every link that has an <inertial>."""
-    prior: PriorConfig = field(default_factory=PriorConfig)
 
 
 @dataclass(frozen=True)
 class CalibrationParameters:
     """All settings of `calibrate`."""
 
-    estimator: EstimatorConfig  # noise, windows, frames: as for the estimator
-    calibration: CalibrationConfig  # CalibrationConfig
-
-    def prior(self, link: str) -> dict[str, float]:
-        """Return the given parts of the prior of a link: its own, or those for all links."""
-        prior = self.calibration.prior
-        shared = {item.name: getattr(prior, item.name) for item in fields(LinkPriorConfig)}
-        return {**{name: value for name, value in shared.items() if not isnan(value)}, **prior.links.own.get(link, {})}
+    estimator: EstimatorConfig  # noise, windows, frames, and the uncertainty of the robot: as for the estimator
+    unknown_links: tuple[str, ...]  # as of CalibrationConfig
 
 
 def calibration_parameters(values: Mapping[str, object]) -> CalibrationParameters:
-    """Return the parameters of dotted names: the estimator's, ``unknown_links``, ``prior.*``, ``prior.links.<link>.*``.
+    """Return the parameters of dotted names: the estimator's, and ``unknown_links``.
 
     Those of a run that follows the calibration do not count: target, capture and the calibration itself.
 
     Raises ParameterError: An unknown name, or a value that is not accepted.
     """
-    own = {name: value for name, value in values.items() if name.startswith(_OWN)}
+    own = {name: value for name, value in values.items() if name == _OWN}
     estimator = build(EstimatorConfig, {name: value for name, value in values.items() if name not in own})
     estimator = replace(
         estimator,
@@ -162,4 +126,4 @@ def calibration_parameters(values: Mapping[str, object]) -> CalibrationParameter
         target_prior=TargetPriorConfig(),
         capture=CaptureConfig(),
     )
-    return CalibrationParameters(estimator, build(CalibrationConfig, own))
+    return CalibrationParameters(estimator, build(CalibrationConfig, own).unknown_links)

@@ -9,24 +9,20 @@ from itertools import product
 from pathlib import Path
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import dotted, load_parameter_file, read_robot_description, read_yaml
-from mbaid_ros.config.parameters import build, shown
+from mbaid_ros.config.files import load_parameter_file, read_robot_description, read_yaml
+from mbaid_ros.config.parameters import build, dotted, shown
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import MbaidError, ParameterError, listing
-from mbaid_ros.planning.motions import SIMPLE
 
 MOST_RUNS = 1_000_000
-PLANNED = 'planned'
-THEN = (PLANNED, *SIMPLE)  # motions that may follow the first one
 _NODES = ('simulator', 'estimator')
-_THEN = 'then'
-_SETTINGS = (*_NODES, 'noise', _THEN)
+_SETTINGS = (*_NODES, 'noise')
 _KEYS = ('model', 'simulator_params', 'estimator_params', *_SETTINGS, 'seeds', 'motions', 'robots', 'cases')
 # Parameters that have a key of their own.
 _ELSEWHERE = {'seed': 'seeds', 'model_errors.seed': 'robots', 'robot_description_file': 'model'}
 _SEEDS = 'a whole number >= 1, of seeds from 0, or a list of different whole numbers >= 0'
 
-# Parameters by dotted name, of each of _NODES; and under _THEN the motion that follows, if any does.
+# Parameters by dotted name, of each of _NODES.
 Settings = dict[str, dict[str, object]]
 
 
@@ -38,7 +34,6 @@ class Case:
     # simulator, estimator: the parameters; the seeds vary from run to run
     simulator: SimulatorConfig
     estimator: EstimatorConfig
-    then: str = ''  # the motion that follows, of THEN; empty where none does
 
     def __str__(self) -> str:
         """Return the choices: ``noise=mid method=difference``."""
@@ -94,7 +89,7 @@ def _campaign(content: Mapping[str, object], folder: Path) -> Campaign:
     if 'model' not in content:
         raise ParameterError("the key 'model' is missing; accepted: the path of a URDF file")
     urdf = read_robot_description(folder / _path('model', content['model']))
-    basis: Settings = {part: {} for part in (*_NODES, _THEN)}
+    basis: Settings = {node: {} for node in _NODES}
     for node in _NODES:
         if f'{node}_params' in content:
             path = _path(f'{node}_params', content[f'{node}_params'])
@@ -128,22 +123,20 @@ def _groups(content: object) -> dict[str, dict[str, Settings]]:
 def _case(choice: tuple[str, ...], groups: Mapping[str, dict[str, Settings]], basis: Settings, motions: object) -> Case:
     """Return one combination."""
     choices = dict(zip(groups, choice, strict=True))
-    chosen: Settings = {part: {} for part in (*_NODES, _THEN)}
+    chosen: Settings = {node: {} for node in _NODES}
     by: dict[tuple[str, str], str] = {}
     for group, name in choices.items():
         for node, own in groups[group][name].items():
             for parameter in own:
                 other = by.setdefault((node, parameter), group)
-                of = f' of the {node}' if node in _NODES else ''
                 if other != group:
                     raise ParameterError(
-                        f"'{parameter}'{of} is set by the groups '{other}' and '{group}'; accepted: by one"
+                        f"'{parameter}' of the {node} is set by the groups '{other}' and '{group}'; accepted: by one"
                     )
         chosen = _over(chosen, groups[group][name])
     values = _over(basis, chosen)
     try:
-        configs = build(SimulatorConfig, values['simulator']), build(EstimatorConfig, values['estimator'])
-        case = Case(choices, *configs, _then(values[_THEN].get(_THEN, ''), *configs))
+        case = Case(choices, build(SimulatorConfig, values['simulator']), build(EstimatorConfig, values['estimator']))
     except ParameterError as error:
         where = f'case {" ".join(f"{group}={name}" for group, name in choices.items())}: ' if choices else ''
         raise ParameterError(f'{where}{error}') from error
@@ -169,25 +162,11 @@ def _settings(prefix: str, content: Mapping[str, object]) -> Settings:
             if name in values:
                 raise ParameterError(f"'{prefix}{name}' and '{prefix}{node}.{name}' are both given; accepted: one")
             values[name] = value
-    settings[_THEN] = {_THEN: content[_THEN]} if _THEN in content else {}
     return settings
 
 
-def _then(kind: object, simulator: SimulatorConfig, estimator: EstimatorConfig) -> str:
-    """Return the motion that follows the first one."""
-    if kind == '':
-        return ''
-    if kind not in THEN:
-        raise ParameterError(f"'{_THEN}' is {shown(kind)}; accepted: {listing(THEN)}")
-    if simulator.motion.kind == 'passive':
-        raise ParameterError(f"'{_THEN}' is '{kind}' with motion.kind 'passive'; accepted: joints that are driven")
-    if not estimator.plan.duration:
-        raise ParameterError(f"'{_THEN}' is '{kind}', and 'plan.duration' is 0; accepted: the length of that motion, s")
-    return str(kind)
-
-
 def _over(below: Settings, above: Settings) -> Settings:
-    return {part: {**below[part], **above[part]} for part in below}
+    return {node: {**below[node], **above[node]} for node in below}
 
 
 def _mapping(where: str, content: object, keys: Sequence[str] = (), *, required: bool = False) -> Mapping[str, object]:

@@ -119,10 +119,6 @@ class SimulatedWheelsConfig(WheelBodies):
     """Speed of each wheel relative to the base at time 0; empty means zero."""
     accelerations: tuple[float, ...] = parameter((), 'rad/s^2')
     """Constant acceleration of each wheel; empty means zero."""
-    wander: float = parameter(0.0, 'rad/s', minimum=0.0)
-    """Largest amplitude of an additional variation of the wheel speeds, as drawn sinusoids."""
-    seed: int = parameter(0, minimum=0)
-    """The same seed gives the same wander."""
     speed_noise: float = parameter(0.0, 'rad/s', minimum=0.0)
     """Noise of the speeds that are read."""
     publish: str = parameter('joint_states', choices=('joint_states', 'stored_momentum', 'none'))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mbaid_ros.config.parameters import NOT_GIVEN, by_name, parameter
+from mbaid_ros.config.parameters import by_name, parameter
 
 
 @dataclass(frozen=True)
@@ -51,19 +51,6 @@ class LinkDeviations:
     inertia_relative_std: float = parameter(0.01, minimum=0.0, maximum=1.0)
     """Standard deviation of each element of this link's inertia about the centre of mass at a given mass, relative to
     the mean moment."""
-
-
-@dataclass(frozen=True)
-class LinkPriorConfig:
-    """The prior of the <inertial> of links to calibrate, where it is another than that of known_links."""
-
-    mass_relative_std: float = parameter(NOT_GIVEN, minimum=0.0)
-    """Relative standard deviation of each mass; 0: unknown; not given: as known_links declares it."""
-    com_std: float = parameter(NOT_GIVEN, 'm', minimum=0.0)
-    """Standard deviation of each coordinate of a centre of mass; 0: unknown; not given: as known_links declares it."""
-    inertia_relative_std: float = parameter(NOT_GIVEN, minimum=0.0)
-    """Standard deviation of each element I_ij about the centre of mass at a given mass, relative to sqrt(I_ii I_jj); 0:
-    unknown; not given: as known_links declares it."""
 
 
 @dataclass(frozen=True)

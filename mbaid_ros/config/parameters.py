@@ -17,7 +17,6 @@ from typing import Any, Literal, TypeVar, cast, get_type_hints
 from mbaid_ros import limits
 from mbaid_ros.core.errors import ParameterError, listing
 
-NOT_GIVEN = math.nan  # default of a number that another parameter stands for
 METHODS = ('trajectory', 'difference', 'paper_difference', 'paper_main')
 
 
@@ -60,7 +59,6 @@ class ParameterSpec:
     # choices, lengths: accepted strings, accepted lengths of a list; empty is any
     choices: tuple[str, ...] = ()
     lengths: tuple[int, ...] = ()
-    read_only: bool = True  # True if the value cannot change while the node runs
     field: tuple[Owner, str] = (object, '')  # its dataclass and the name there, below which the description stands
 
     @property
@@ -166,7 +164,6 @@ def parameter(
     exclusive_minimum: bool = False,
     choices: tuple[str, ...] = (),
     lengths: tuple[int, ...] = (),
-    read_only: bool = True,
 ) -> T:
     """Return a dataclass field that is a parameter, its description as a string below; arguments as of ParameterSpec.
 
@@ -181,7 +178,6 @@ def parameter(
         'exclusive_minimum': exclusive_minimum,
         'choices': choices,
         'lengths': lengths,
-        'read_only': read_only,
     }
     # A type checker sees the default; the dataclass decorator sees the field.
     return field(default=default, metadata={_METADATA: metadata})
@@ -207,22 +203,16 @@ def named_specifications(cls: type) -> Mapping[str, ParameterSpec]:
     return {spec.name: spec for spec in _walk(cls, '', named=True)}
 
 
-def specification_of(name: str, cls: type) -> ParameterSpec | None:
-    """Return the specification of a parameter by its full name, None if the dataclass has none."""
-    if name in specifications(cls):
-        return specifications(cls)[name]
-    named = named_specifications(cls).values()
-    return next((replace(spec, name=name) for spec in named if _fits(name, spec.name)), None)
-
-
 def specification(name: str, cls: type) -> ParameterSpec:
     """Return the specification of a parameter by its full name.
 
     Raises ParameterError: The dataclass has none of that name; the text lists the known ones, the most similar first.
     """
-    found = specification_of(name, cls)
-    if found is not None:
-        return found
+    if name in specifications(cls):
+        return specifications(cls)[name]
+    for spec in named_specifications(cls).values():
+        if _fits(name, spec.name):
+            return replace(spec, name=name)
     known = [*specifications(cls), *named_specifications(cls)]
     beginning = name[: 2 * max(map(len, known), default=0)]  # comparing takes the square of the length
     known.sort(key=lambda other: -difflib.SequenceMatcher(None, beginning, other).ratio())
@@ -276,22 +266,26 @@ def build(cls: type[T], values: Mapping[str, object]) -> T:
     values : by dotted name or as nested mappings
     """
     checked: dict[str, Value] = {}
-    for name, value in _flatten(values, ''):
+    for name, value in dotted(values).items():
         if name not in specifications(cls) and name.startswith(_OF_ROS):  # type: ignore[arg-type] # mypy takes type[T] for unhashable
             continue
         spec = specification(name, cls)
-        if name in checked:
-            raise ParameterError(f"parameter '{name}' is given twice, nested and dotted")
         checked[name] = spec.check(value)
     return _construct(cls, checked, '')
 
 
-def _flatten(values: Mapping[str, object], prefix: str) -> Iterator[tuple[str, object]]:
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _flatten(value, f'{prefix}{name}.')
-        else:
-            yield f'{prefix}{name}', value
+def dotted(values: Mapping[Any, object], prefix: str = '') -> dict[str, object]:
+    """Return the values of nested mappings by dotted name.
+
+    Raises ParameterError: A name has two values.
+    """
+    flat: dict[str, object] = {}
+    for key, value in values.items():
+        below = dotted(value, f'{prefix}{key}.') if isinstance(value, Mapping) else {f'{prefix}{key}': value}
+        if twice := flat.keys() & below.keys():
+            raise ParameterError(f"parameter '{min(twice)}' is given twice, nested and dotted")
+        flat.update(below)
+    return flat
 
 
 def _construct(cls: type[T], values: Mapping[str, Value], prefix: str) -> T:

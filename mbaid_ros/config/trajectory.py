@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from mbaid_ros.config.files import read_yaml
 from mbaid_ros.core.errors import DataError, ParameterError
@@ -56,24 +58,17 @@ def _numbers(points: list[dict[str, Any]], name: str, required: bool) -> Array: 
 
 def as_yaml(trajectory: JointTrajectory) -> str:
     """Return a motion as such a file, to the last bit of its numbers."""
-    lines = [
-        '# trajectory_msgs/msg/JointTrajectory, as ros2 topic pub takes it: ... "$(cat FILE)"',
-        "header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}",
-        f'joint_names: [{", ".join(map(_quoted, trajectory.joints))}]',
-        'points:',
-    ]
+    parts = {
+        'positions': trajectory.position,
+        'velocities': trajectory.velocity,
+        'accelerations': trajectory.acceleration,
+    }
+    points = []
     for place, time in enumerate(trajectory.time.tolist()):
         seconds, nanoseconds = divmod(round(time * 1e9), 1_000_000_000)
-        parts = {
-            'positions': trajectory.position,
-            'velocities': trajectory.velocity,
-            'accelerations': trajectory.acceleration,
-        }
-        rows = [f'{name}: [{", ".join(map(repr, part[place].tolist()))}]' for name, part in parts.items() if part.size]
-        first, *others = [*rows, f'time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}']
-        lines += [f'- {first}', *(f'  {other}' for other in others)]
-    return '\n'.join(lines) + '\n'
-
-
-def _quoted(name: str) -> str:
-    return "'" + name.replace("'", "''") + "'"
+        numbers = {name: part[place].tolist() for name, part in parts.items() if part.size}
+        points.append({**numbers, 'time_from_start': {'sec': seconds, 'nanosec': nanoseconds}})
+    header = {'stamp': {'sec': 0, 'nanosec': 0}, 'frame_id': ''}
+    content = {'header': header, 'joint_names': list(trajectory.joints), 'points': points}
+    text: str = yaml.safe_dump(content, default_flow_style=None, sort_keys=False, width=math.inf)
+    return f'# trajectory_msgs/msg/JointTrajectory, as ros2 topic pub takes it: ... "$(cat FILE)"\n{text}'

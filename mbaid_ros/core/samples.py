@@ -36,7 +36,13 @@ class ArrayRecord:
         """Return the entries of the parts, in order."""
         if len(parts) == 1:
             return parts[0]
-        return cls(*[np.concatenate([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__])
+        return cls(*[_joined([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__])
+
+
+def _joined(values: Sequence[Any]) -> Any:
+    """Return arrays, or records of arrays within records, joined along their first axes."""
+    first = values[0]
+    return first.concatenate(values) if isinstance(first, ArrayRecord) else np.concatenate(values)
 
 
 class Queue(Generic[S]):

@@ -34,10 +34,7 @@ _YOUNG = 6.0
 # s since the first stage's first number, in which stage 2 starts where the model is right.
 _ALONE = 10.0
 
-FIRST_STAGE = (
-    'first stage: its numbers contradict the data, and are withheld until the trajectory filter starts, which knows '
-    'late stamps, too'
-)
+FIRST_STAGE = 'first stage: its numbers are withheld until the trajectory filter starts, which knows late stamps, too'
 YOUNG = 'first estimate: a wrong URDF cannot be detected from so short a motion'
 LATE = 'first stage: stamps that are late by some 10 ms, or velocities that lag, are not known yet'
 DISAGREE = Reason(
@@ -134,7 +131,7 @@ class TwoStageEstimator:
         self._waiting: tuple[Samples, int, Estimate] | None = None  # window of stage 1, origin, estimate of stage 2
         self._began = np.inf  # s, of the first published number
         self._alone_since = np.inf  # s, of the first stage's first number
-        self._doubted = False  # whether that stage's numbers have contradicted the data
+        self._doubted = False  # whether that stage's numbers have contradicted the data, or lack a twist
         self._restarted = False
         self._consistency = IntervalConsistency()
 
@@ -212,14 +209,15 @@ class TwoStageEstimator:
         return self._compared(early, late)
 
     def _alone(self, early: Estimate) -> Estimate:
-        """Return the first stage's estimate, at first without numbers once they have contradicted the data.
+        """Return the first stage's estimate, at first without numbers if they contradict the data or lack a twist.
 
         Neither stamps that are late nor velocities that lag are among its unknowns: ten milliseconds of either move its
-        numbers by many standard deviations.
+        numbers by many standard deviations. Poses alone come from a camera with a clock of its own.
         """
-        if early.identifiable.any():
-            self._alone_since = min(self._alone_since, early.time)
         self._doubted |= early.status == 'inconsistent'
+        if not early.identifiable.any():
+            return early
+        self._alone_since = min(self._alone_since, early.time)
         if not self._doubted or early.time >= self._alone_since + _ALONE:
             return early
         return replace(
@@ -269,6 +267,7 @@ class TwoStageEstimator:
     def _early(self, first: Estimator, window: Samples, origin: int) -> Estimate | None:
         """Return the first stage's estimate after a window, offered to the second; None where it cannot be used."""
         if any(window.missing_rates):
+            self._doubted |= window.missing_rates[1]
             if len(window) < FEWEST:
                 return None
             window = with_rates(window)

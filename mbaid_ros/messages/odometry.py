@@ -15,8 +15,7 @@ from mbaid_ros.cdr import OdometryLayout
 from mbaid_ros.core.geometry import Array, Flags, rotate, rotation_from_quaternion
 from mbaid_ros.core.samples import BaseStream, SensorNoise, Stamps
 from mbaid_ros.core.sensors.base import AttachedFrame, Usable, usable_covariance
-from mbaid_ros.messages.fields import OdometryShape, number_of, odometry_shape
-from mbaid_ros.messages.poses import (
+from mbaid_ros.messages.fields import (
     BAD_QUATERNION,
     LOST_TRACKING,
     NOT_FINITE,
@@ -25,6 +24,9 @@ from mbaid_ros.messages.poses import (
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
     BasePoseShape,
+    OdometryShape,
+    number_of,
+    odometry_shape,
 )
 
 _LARGEST_POSITION = 1e12  # m: beyond the planets
@@ -78,13 +80,17 @@ class OdometryReader:
     def read(self, messages: Sequence[Any]) -> tuple[BaseStream | None, Counter[str]]:
         """Return the measurements, and dropped messages by cause; a missing twist is NaN, packets may be together."""
         dropped: Counter[str] = Counter()
-        accepted = self._accepted(messages, dropped)
-        if not accepted:
-            return None, dropped
-        (stamp, numbers, pose, twist), frames = _joined(accepted)
+        read = [(group.places, *self._measured(group, dropped)) for group in self._accepted(messages, dropped)]
+        parts = [(places[good], stream) for places, good, stream in read if np.any(good)]
+        if len(parts) < 2:
+            return parts[0][1] if parts else None, +dropped
+        places, streams = zip(*parts, strict=True)
+        return BaseStream.concatenate(list(streams))[np.argsort(np.concatenate(places))], +dropped
+
+    def _measured(self, group: _Group, dropped: Counter[str]) -> tuple[Flags, BaseStream]:
+        """Return which messages of a frame are usable, and the base link's measurements; the others are counted."""
+        stamp, numbers, pose, twist = group.columns
         good = self._usable(numbers, dropped)
-        if not np.any(good):
-            return None, +dropped
         pose, of_pose, wrong_pose = self._covariances(pose, self._pose_default)
         twist, of_twist, wrong_twist = self._covariances(twist, self._twist_default)
         for cause, wrong in ((POSE_COVARIANCE, wrong_pose), (TWIST_COVARIANCE, wrong_twist)):
@@ -93,7 +99,8 @@ class OdometryReader:
         if not np.all(good):
             stamp, numbers, pose, twist = stamp[good], numbers[good], pose[good], twist[good]
             declared = declared[good]
-        return _of_base(self._stream(stamp, numbers, pose, twist, declared), frames, good), +dropped
+        stream = self._stream(stamp, numbers, pose, twist, declared)
+        return good, stream if group.frame.is_base else group.frame.to_base(stream)
 
     def _accepted(self, messages: Sequence[Any], dropped: Counter[str]) -> list[_Group]:
         """Return the messages of frames on the base, by their shapes; the others are counted."""
@@ -196,40 +203,3 @@ class _Group(NamedTuple):
     frame: AttachedFrame
     places: npt.NDArray[np.intp]
     columns: _Columns
-
-
-def _joined(groups: Sequence[_Group]) -> tuple[_Columns, dict[AttachedFrame, npt.NDArray[np.intp]]]:
-    """Return the numbers of all messages in their order, and which of them are of which frame."""
-    if len(groups) == 1:
-        frame, places, columns = groups[0]
-        return columns, {frame: np.arange(len(places))}
-    order = np.argsort(np.concatenate([group.places for group in groups]))
-    stamp, numbers, pose, twist = (
-        np.concatenate(parts)[order] for parts in zip(*(group.columns for group in groups), strict=True)
-    )
-    number = np.repeat(np.arange(len(groups)), [len(group.places) for group in groups])[order]
-    frames: dict[AttachedFrame, npt.NDArray[np.intp]] = {}
-    for frame in dict.fromkeys(group.frame for group in groups):
-        frames[frame] = np.flatnonzero(np.isin(number, [k for k, group in enumerate(groups) if group.frame is frame]))
-    return (stamp, numbers, pose, twist), frames
-
-
-def _of_base(stream: BaseStream, frames: Mapping[AttachedFrame, npt.NDArray[np.intp]], good: Flags) -> BaseStream:
-    """Return the base link's measurements from those of frames on it.
-
-    Parameters
-    ----------
-    stream : those that are good
-    frames : which of all are of which frame
-    good : which of all are good
-    """
-    place = np.cumsum(good) - 1
-    parts = [(frame, place[which[good[which]]]) for frame, which in frames.items() if np.any(good[which])]
-    if len(parts) == 1:
-        return _converted(stream, parts[0][0])
-    joined = [_converted(stream[places], frame) for frame, places in parts]
-    return BaseStream.concatenate(joined)[np.argsort(np.concatenate([places for _, places in parts]))]
-
-
-def _converted(stream: BaseStream, frame: AttachedFrame) -> BaseStream:
-    return stream if frame.is_base else frame.to_base(stream)

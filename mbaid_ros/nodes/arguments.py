@@ -7,7 +7,7 @@ from mbaid_ros.cli import ArgumentParser, number
 
 def estimator_arguments() -> ArgumentParser:
     """Return the parser of the node `estimator`."""
-    parser = ArgumentParser(
+    return ArgumentParser(
         'estimator',
         'Identify the inertia of a captured body from joint_states and odom; publish it on ~/estimate and ~/inertia.\n'
         'Parameters are ROS parameters (config/estimator.yaml has them all); a running node describes them:\n'
@@ -15,8 +15,6 @@ def estimator_arguments() -> ArgumentParser:
         'ros2 run mbaid_ros estimator --ros-args -p robot_description_file:=robot.urdf -p noise.joint_position:=1e-4\n'
         '  ros2 run mbaid_ros estimator --ros-args --params-file estimator.yaml -r __ns:=/servicer -r odom:=/base/odom',
     )
-    parser.add_argument('--lifecycle', action='store_true', help='run as a managed (lifecycle) node')
-    return parser
 
 
 def simulator_arguments() -> ArgumentParser:

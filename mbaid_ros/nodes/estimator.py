@@ -1,126 +1,287 @@
-"""The executable `estimator`: a plain node, or a managed one that is configured, then activated."""
+"""The node `estimator`: joint states and odometry in, the inertia of the captured body out."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
+import gc
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from time import monotonic
+from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+import scipy.optimize  # noqa: F401 - a window that needed it first would wait for it
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, Vector3Stamped, WrenchStamped
+from nav_msgs.msg import Odometry
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
 
-from mbaid_ros.cli import run
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import specification_of
-from mbaid_ros.core.errors import MbaidError
+from mbaid_ros.config.estimator import DebrisConfig, EstimatorConfig
+from mbaid_ros.config.files import read_robot_description
+from mbaid_ros.config.model_errors import KnownLinksConfig
+from mbaid_ros.core.errors import DataError, MbaidError
 from mbaid_ros.nodes.arguments import estimator_arguments
-from mbaid_ros.nodes.estimating import LiveEstimator
-from mbaid_ros.nodes.runner import changed, declare_parameters, own_arguments, ros, spin
+from mbaid_ros.nodes.diagnostics import Diagnostics
+from mbaid_ros.nodes.publishers import EstimatePublication
+from mbaid_ros.nodes.reports import RunLog, RunState, remarks
+from mbaid_ros.nodes.runner import declare_parameters, own_arguments, ros, spin
+from mbaid_ros.nodes.subscriptions import DescriptionSubscription, Subscriptions, qos, quiet_publisher, tf_message
+from mbaid_ros.session.planning import advice  # at the start: an import in a run would delay estimates
+from mbaid_ros.session.session import Session
 
 NAME = 'estimator'
+PERIOD = 1.0  # s, of /diagnostics
+_ADVICE_PERIOD = 5.0  # s, between two searches for the most informative motion, at least
+_ADVICE_SHARE = 0.01  # of the time that these searches may take
+_SLICE_PERIOD = 1e-3  # s, between two time slices of the background task, at least
+
+# A robot that fits any method: finds parameters that no robot description can be used with.
+_ANY_ROBOT = """\
+<robot name="any"><link name="base_link"><inertial><mass value="1"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link></robot>"""
 
 
 class EstimatorNode(Node):
-    """Identifies from its start on.
+    """Hands messages to the session, and publishes its estimates.
 
     Raises ParameterError, ModelError: A parameter, or the robot description file it names, cannot be used.
     """
 
     def __init__(self) -> None:
         super().__init__(NAME)
-        self._estimator = LiveEstimator(self, declare_parameters(self, EstimatorConfig))
-        self.add_on_set_parameters_callback(self._on_parameters)
+        self._config = declare_parameters(self, EstimatorConfig)
+        self._log = RunLog(self.get_logger())  # type: ignore[no-untyped-call]
+        self._state = RunState()
+        self._advice_due = 0.0  # monotonic time
+        self._report_due = False  # a report waits for the estimate of a window
+        self._awaited: int | None = None  # end of the window that one waited for
+        # Refusals come first: nothing is on the graph then.
+        self._read_robot()
+        self._inputs = {
+            'joint_states': Subscriptions(self, JointState, 'joint_states', self._on_joint_state),
+            **self._base_subscriptions(),
+        }
+        self._thrust = Subscriptions(self, WrenchStamped, 'thrust', self._on_thrust)
+        self._imu = self._inputs.get('imu') or Subscriptions(self, Imu, 'imu', self._on_imu)
+        self._stored_momentum = Subscriptions(self, Vector3Stamped, 'stored_momentum', self._on_stored_momentum)
+        description = None if self._state.session else DescriptionSubscription(self, self._on_description)
+        self._diagnostics = Diagnostics(self._inputs, self._thrust, description.topic if description else '')
+        self._diagnostics_publisher = quiet_publisher(self, DiagnosticArray, '/diagnostics', qos(10))
+        self._publication = EstimatePublication(
+            self, self._config, self._state, self._log, lambda: self._diagnostics.missing(self._state)
+        )
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        self.create_service(SetBool, '~/pause', self._on_pause)
+        self.create_service(Trigger, '~/capture', self._on_capture)
+        # A steady clock: reports come with use_sim_time and no /clock, too.
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(PERIOD, self._on_timer, clock=clock)
+        # Runs the background task between messages, a few milliseconds at a time, before the next window.
+        self._idle_timer: Any = self.create_timer(_SLICE_PERIOD, self._on_idle, clock=clock, autostart=False)
+        self._publication.publish_waiting()
 
-    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Change parameters at run time; the others are read-only."""
+    def _base_subscriptions(self) -> dict[str, Subscriptions]:
+        """Return the subscriptions that may locate the base, or replace that."""
+        if self._config.imu.alone:
+            return {'imu': Subscriptions(self, Imu, 'imu', self._on_imu)}
+        if self._config.pose.tf_child_frame:
+            return {'tf': Subscriptions(self, tf_message(), '/tf', self._on_odometry)}
+        others = (PoseWithCovarianceStamped, TransformStamped)
+        return {
+            'odom': Subscriptions(self, Odometry, 'odom', self._on_odometry),
+            'pose': Subscriptions(self, PoseStamped, 'pose', self._on_odometry, others),
+        }
+
+    def _all_subscriptions(self) -> set[Subscriptions]:
+        return {*self._inputs.values(), self._thrust, self._stored_momentum, self._imu}
+
+    # Robot description
+
+    def _read_robot(self) -> None:
+        """Read the robot description file; without one, check the parameters that need none."""
+        path = self._config.robot_description_file
+        if path:
+            self._state.session = Session(self._config, read_robot_description(path))
+            self._log.robot(self._state.session.model_summary(), self._config.method)
+            return
+        # Names of links, and files of a robot, can only be checked with the robot.
+        config = replace(self._config, base_link='', target_link='', debris=DebrisConfig())
+        Session(replace(config, known_links=KnownLinksConfig(), continue_from=''), _ANY_ROBOT)
+
+    def _on_description(self, message: String) -> None:
+        state = self._state
+        if state.session is not None and state.session.robot.model.urdf == message.data:
+            state.problem = ''
+            return
         try:
-            self._estimator.adjust(changed(self, EstimatorConfig, parameters))
+            session = Session(self._config, message.data)
         except MbaidError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
+            kept = '; the one before stays in use' if state.session is not None else ''
+            state.problem = f'robot description refused: {error}{kept}'
+            self._log.warn_once(state.problem)
+            self._publication.publish_waiting()
+            return
+        replaced = state.session is not None
+        state.session, state.problem = session, ''
+        self._log.robot(session.model_summary(), self._config.method)
+        if replaced:
+            self._start_again()
 
+    # Messages
 
-class ManagedEstimatorNode(LifecycleNode):
-    """Identifies while it is active.
+    def _on_joint_state(self, message: Any) -> None:
+        session = self._open_session()
+        if session is not None:
+            self._add(session.add_joint_state, message)
 
-    `configure` reads the parameters, which may be set until then, and the robot; `activate` and `deactivate` begin and
-    end to use messages; `cleanup` forgets everything.
+    def _on_odometry(self, message: Any) -> None:
+        session = self._open_session()
+        if session is not None:
+            self._add(session.add_odometry, message)
 
-    Raises ParameterError: A parameter cannot be used.
-    """
+    def _on_imu(self, message: Imu) -> None:
+        session = self._open_session()
+        if session is not None:
+            self._add(session.add_imu, message)
 
-    def __init__(self, name: str) -> None:
-        super().__init__(name)
-        declare_parameters(self, EstimatorConfig, settable=True)
-        self._estimator: LiveEstimator | None = None
-        self.add_on_set_parameters_callback(self._on_parameters)
+    def _on_stored_momentum(self, message: Vector3Stamped) -> None:
+        session = self._open_session()
+        if session is not None:
+            session.add_stored_momentum(message)
 
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Read parameters and robot; fail, with the reason in the log, if these cannot be used."""
+    def _on_thrust(self, message: WrenchStamped) -> None:
+        # Also while paused: it changes the momentum of the next samples.
+        if self._state.session is not None:
+            self._state.session.add_thrust(message)
+
+    def _open_session(self) -> Session | None:
+        """Return the session if it takes messages now; count the message otherwise."""
+        state = self._state
+        if state.session is None:
+            state.ignored['no robot description'] += 1
+        elif state.paused:
+            state.ignored['paused'] += 1
+        else:
+            return state.session
+        return None
+
+    def _add(self, add: Callable[[Any], bool], message: Any) -> None:
+        if add(message):
+            self._process()
+
+    def _process(self) -> None:
+        """Process the queued messages and publish their estimates."""
+        session = self._state.session
+        if session is None:
+            return
+        estimates = session.process()
+        self._publication.publish(session, estimates)
+        if estimates:
+            self._idle_timer.reset()  # the background task comes after the estimates
+            if self._report_due:
+                self._report()
+
+    def _on_idle(self) -> None:
+        if self._state.session is None or not self._state.session.run_slice():
+            self._idle_timer.cancel()
+            self._advise()
+
+    def _advise(self) -> None:
+        """Look for the most informative motion, if it is time to; it takes one or two tenths of a second."""
+        begin, session, estimate = monotonic(), self._state.session, self._state.estimate
+        if begin < self._advice_due or session is None:
+            return
+        posterior = None if estimate is None or estimate.contradicted else session.posterior()
+        self._state.advice = '' if posterior is None else advice(self._config, posterior)
+        self._log.advice(self._state.advice)
+        end = monotonic()
+        self._advice_due = end + max(_ADVICE_PERIOD, (end - begin) / _ADVICE_SHARE)
+
+    # Services
+
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._start_again()
+        response.success, response.message = True, 'everything forgotten, started again'
+        self._log.event(response.message)
+        return response
+
+    def _on_capture(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        session = self._state.session
         try:
-            self._estimator = LiveEstimator(self, changed(self, EstimatorConfig, []), active=False)
-        except MbaidError as error:
-            self.get_logger().error(str(error))  # type: ignore[no-untyped-call]
-            return TransitionCallbackReturn.FAILURE
-        return super().on_configure(state)
+            if session is None:
+                raise DataError('there is no robot description yet; accepted: a capture after the first sample')
+            response.message = session.capture()
+        except DataError as error:
+            response.message = str(error)
+            return response
+        response.success = True
+        self._log.event(response.message)
+        return response
 
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to use messages."""
-        return self._switch(super().on_activate(state), active=True)
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        state = self._state
+        self._count_lost()
+        if request.data and not state.paused:
+            self._process()  # so that the last estimate holds everything that has come
+        state.paused = bool(request.data)
+        response.success = True
+        response.message = f'paused: no samples are taken; {state.account}' if request.data else 'taking samples'
+        self._log.event(response.message)
+        self._publication.publish_waiting()
+        return response
 
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """End to use messages; the run stays."""
-        return self._switch(super().on_deactivate(state), active=False)
+    def _start_again(self) -> None:
+        if self._state.session is not None:
+            self._state.session.reset()
+        self._state.ignored = Counter()
+        for each in self._all_subscriptions():
+            each.lost = 0
+        self._publication.withdraw()
 
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget everything and leave the graph but for the node itself."""
-        self._close()
-        return super().on_cleanup(state)
+    # Reports
 
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """End for good."""
-        self._close()
-        return super().on_shutdown(state)
+    def _on_timer(self) -> None:
+        session = self._state.session
+        if session is not None:
+            if session.closing not in (None, self._awaited):
+                # The estimate due in a moment goes first; if it does not come, the next report does not wait.
+                self._awaited, self._report_due = session.closing, True
+                return
+            self._process()  # also messages that complete no window: one stream without the other must not pile up
+        self._report()
 
-    def _switch(self, result: TransitionCallbackReturn, *, active: bool) -> TransitionCallbackReturn:
-        if self._estimator is not None:
-            self._estimator.activate(active=active)
-        return result
+    def _count_lost(self) -> None:
+        self._state.lost = {each.topic: each.lost for each in self._all_subscriptions()}
 
-    def _close(self) -> None:
-        if self._estimator is not None:
-            self._estimator.close()
-            self._estimator = None
+    def _report(self) -> None:
+        """Publish /diagnostics, log problems, and mark the estimate stale if nothing follows it."""
+        self._report_due = False
+        for each in self._all_subscriptions():
+            each.refresh()
+        state = self._state
+        self._count_lost()
+        if state.session is not None:
+            for remark in remarks(state.session, stuck=self._diagnostics.stuck):
+                self._log.warn_once(remark)
+            if state.session.used:
+                self._log.joints(state.session.model_summary())
+        self._log.waiting(self._diagnostics.awaited(state))
+        self._publication.publish_waiting()
+        statuses = self._diagnostics.statuses(state, self.get_fully_qualified_name().lstrip('/'))
+        array = DiagnosticArray(status=statuses)
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics_publisher.publish(array)
+        self._publication.publish_stale(self._diagnostics.silence(state))
+        gc.collect()  # delays no estimate here: one has just been published, or none is due in a moment
 
-    def _on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Change any parameter before `configure`, and the run-time ones after it."""
-        try:
-            config = changed(self, EstimatorConfig, parameters)
-            if self._estimator is not None:
-                specs = (specification_of(each.name, EstimatorConfig) for each in parameters)
-                fixed = [spec.name for spec in specs if spec is not None and spec.read_only]
-                if fixed:
-                    reason = f"'{fixed[0]}' is read when the node is configured: clean up first"
-                    return SetParametersResult(successful=False, reason=reason)
-                self._estimator.adjust(config)
-        except MbaidError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
 
-
-def _main(argv: list[str]) -> int:
-    arguments = estimator_arguments().parse(own_arguments(argv))
+def main(argv: list[str]) -> int:
+    """Run the node on its arguments and return the exit code; `mbaid_ros.cli.run` catches its errors."""
+    estimator_arguments().parse(own_arguments(argv))
     with ros(argv) as interrupt:
-        node: Node = ManagedEstimatorNode(NAME) if arguments.lifecycle else EstimatorNode()
-        spin(node, lambda: interrupt.requested)
+        spin(EstimatorNode(), lambda: interrupt.requested)
     return 0
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node and return the exit code."""
-    return run(_main, argv, name=NAME)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

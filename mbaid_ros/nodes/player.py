@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
 from mbaid_ros.bags import BagReader
-from mbaid_ros.cli import EXIT_NOT_DETERMINED, run, warn
+from mbaid_ros.cli import EXIT_NOT_DETERMINED, warn
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.nodes.arguments import player_arguments
 from mbaid_ros.nodes.runner import LATENCY, Interrupt, NoParameters, declare_parameters, own_arguments, ros
@@ -158,19 +157,11 @@ def _play(arguments: argparse.Namespace, bag: BagReader, interrupt: Interrupt) -
     return [] if interrupt.requested else node.finish()
 
 
-def _main(argv: list[str]) -> int:
+def main(argv: list[str]) -> int:
+    """Run the node on its arguments and return the exit code; `mbaid_ros.cli.run` catches its errors."""
     arguments = player_arguments().parse(own_arguments(argv))
     with BagReader(arguments.bag) as bag:
         with ros(argv) as interrupt:
             lost = _play(arguments, bag, interrupt)
         warn(NAME, [*bag.warnings, *lost])
     return EXIT_NOT_DETERMINED if lost else 0
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node and return the exit code."""
-    return run(_main, argv, name=NAME)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -12,14 +12,11 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import String
-from visualization_msgs.msg import MarkerArray
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.published_inertia import DebrisPublication, InertiaPublication, is_complete
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
-from mbaid_ros.nodes.markers import cleared, markers
-from mbaid_ros.nodes.planning import Planning
 from mbaid_ros.nodes.reports import RunLog, RunState
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, quiet_publisher
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
@@ -29,7 +26,7 @@ _PATIENCE = Duration(nanoseconds=50_000_000)  # with a subscriber that has died,
 
 
 class Publishers:
-    """The latched topics: ~/estimate, ~/inertia, ~/robot_description, ~/markers and, if asked for, ~/debris."""
+    """The latched topics: ~/estimate, ~/inertia, ~/robot_description and, if asked for, ~/debris."""
 
     def __init__(self, node: Node, *, with_debris: bool = False) -> None:
         self._node = node
@@ -37,7 +34,6 @@ class Publishers:
             '~/estimate': InertiaEstimate,
             '~/inertia': InertiaStamped,
             '~/robot_description': String,
-            '~/markers': MarkerArray,
         }
         if with_debris:
             self._topics['~/debris'] = InertiaEstimate
@@ -46,21 +42,16 @@ class Publishers:
 
     def clear(self) -> None:
         """Withdraw everything: later subscribers get nothing of it."""
-        self.close()
-        for topic in self._topics:
-            self._open(topic)
-
-    def close(self) -> None:
-        """Publish no more."""
         for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
-        self._publishers, self._inertia = {}, InertiaPublication()
+        for topic in self._topics:
+            self._open(topic)
+        self._inertia = InertiaPublication()
         self._described = False  # whether ~/robot_description holds a robot
 
     def publish(self, estimate: Estimate, frames: Frames, urdf: str) -> None:
         """Publish an estimate in all the forms that it determines, and withdraw the last one from the others."""
         self.send('~/estimate', estimate_message(estimate, TYPES, frames))
-        self.send('~/markers', markers(estimate, f'{frames.prefix}{frames.target_link}'))
         inertia = self._inertia.follow(estimate)
         if inertia is not None:
             self.send('~/inertia', inertia_message(inertia, TYPES, frames))
@@ -90,7 +81,6 @@ class EstimatePublication:
     ----------
     node, config, log : of the node
     state : of the node; its estimate is the last one published
-    planning : whose motion is withdrawn with the run that it was planned from
     missing : returns the obstacles to an estimate
     """
 
@@ -100,14 +90,12 @@ class EstimatePublication:
         config: EstimatorConfig,
         state: RunState,
         log: RunLog,
-        planning: Planning,
         missing: Callable[[], tuple[str, ...]],
     ) -> None:
         self._node = node
         self._config = config
         self._state = state
         self._log = log
-        self._planning = planning
         self._missing = missing
         self._publishers = Publishers(node, with_debris=config.debris.report)
         self._restarted = 0  # restarts of the session that have been reported
@@ -162,14 +150,8 @@ class EstimatePublication:
             self._restarted = 0
         self._log.begin(warned=warned)
         self._debris = DebrisPublication()
-        self._planning.withdraw()
         self._publishers.clear()
-        self._publishers.send('~/markers', cleared())
         self.publish_waiting()
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._publishers.close()
 
     def _report_restart(self, session: Session) -> None:
         self._restarted = session.restarted

@@ -16,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from mbaid_ros.bags import BagWriter
-from mbaid_ros.cli import one_line, run
+from mbaid_ros.cli import one_line
 from mbaid_ros.config.recorder import RecorderConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.nodes.arguments import recorder_arguments
@@ -164,7 +164,8 @@ def record(node: RecorderNode, interrupt: Interrupt) -> None:
         idle = 0 if node.messages > before else idle + 1
 
 
-def _main(argv: list[str]) -> int:
+def main(argv: list[str]) -> int:
+    """Run the node on its arguments and return the exit code; `mbaid_ros.cli.run` catches its errors."""
     recorder_arguments().parse(own_arguments(argv))
     with ros(argv) as interrupt:
         node = RecorderNode()
@@ -174,12 +175,3 @@ def _main(argv: list[str]) -> int:
             account = node.close()
         print(one_line(account))
     return 0
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node and return the exit code."""
-    return run(_main, argv, name=NAME)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

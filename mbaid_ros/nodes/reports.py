@@ -18,7 +18,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
 from mbaid_ros.nodes.subscriptions import LOST
 from mbaid_ros.nodes.watch import NEXT
-from mbaid_ros.session.explanation import doubts, explain, obstacles
+from mbaid_ros.session.explanation import apart, doubts, explain, obstacles
 from mbaid_ros.session.model_summary import ModelSummary
 from mbaid_ros.session.session import Session
 
@@ -48,19 +48,14 @@ class RunState:
     problem: str = ''  # why the last robot description was refused; empty if it was not
     estimate: Estimate | None = None  # the last one
     paused: bool = False  # True while the service ~/pause stops samples
-    active: bool = True  # False while a managed node is not
     stale: str = ''  # why no estimate follows the last one; empty while one does
     advice: str = ''  # the most informative motion, in words; empty if none is needed or known
-    # of the motion on ~/motion whether it reaches the wanted precision, and the verdict; None without one
-    plan: tuple[bool, str] | None = None
     ignored: Counter[str] = field(default_factory=Counter)  # messages not handed to a session, by reason
     lost: Mapping[str, int] = field(default_factory=dict)  # messages that have not come between others, by topic
 
     @property
     def halted(self) -> str:
-        """Why a user has stopped samples; empty while they are taken."""
-        if not self.active:
-            return 'not active: no samples are taken'
+        """That a user has stopped samples; empty while they are taken."""
         return 'paused: no samples are taken' if self.paused else ''
 
     @property
@@ -101,7 +96,7 @@ class SampleReport:
             ('used', session.used),
             *((f'dropped, {cause}', count) for cause, count in sorted(session.dropped.items())),
             *((f'partly used, {cause}', count) for cause, count in sorted(session.replaced.items())),
-            *((f'reason {index + 1}', reason) for index, reason in enumerate(remarks(session))),
+            *((f'reason {index + 1}', reason) for index, reason in enumerate(remarks(session, stuck=not used))),
         ]
         if state.halted:
             return WARN, state.halted, values
@@ -138,10 +133,14 @@ def complaints(session: Session) -> list[str]:
     return [*(f'messages dropped: {reason}' for reason in explain(session, session.dropped)), *obstacles(session)]
 
 
-def remarks(session: Session) -> list[str]:
-    """Return the complaints, and the unusable parts of used messages, one sentence each."""
+def remarks(session: Session, *, stuck: bool) -> list[str]:
+    """Return the complaints, and the unusable parts of used messages, one sentence each.
+
+    Stamps that are apart count if no sample has been used lately (`stuck`).
+    """
     partly = (f'messages partly used: {reason}' for reason in explain(session, session.replaced))
-    return [*complaints(session), *partly]
+    passing = [] if stuck else apart(session)
+    return [*(each for each in complaints(session) if each not in passing), *partly]
 
 
 def estimate_report(state: RunState) -> Report:
@@ -150,7 +149,6 @@ def estimate_report(state: RunState) -> Report:
     if estimate is None:
         return WARN, f'waiting: {state.halted.partition(":")[0]}' if state.halted else 'waiting', []
     causes = [cause for cause, _ in estimate.likely_causes[:_CAUSES]]
-    reached, verdict = state.plan or (False, '')
     noise = estimate.noise.shown() if estimate.noise else []
     values: Values = [
         ('stale', bool(state.stale)),
@@ -164,7 +162,6 @@ def estimate_report(state: RunState) -> Report:
         *_parameters(estimate),
         *((f'likely cause {index + 1}', cause) for index, cause in enumerate(causes)),
         (NEXT, state.advice),
-        *([('plan reaches the wanted precision', reached), ('plan', verdict)] if state.plan else []),
         (MAIN_CAUSES, '' if estimate.budget is None else estimate.budget.main_causes(estimate.std)),
         (UNOBSERVABLE, '' if estimate.budget is None else estimate.budget.unobservable()),
         ('linear momentum (N s)', numbers(estimate.momentum[:3])),
@@ -209,7 +206,6 @@ class RunLog:
         if not warned:
             self._warned.clear()
         self._since = monotonic()
-        self._logged_waiting = False
         self._status = ''
         self._logged_joints = False
         self._advised: set[str] = {''}
@@ -228,11 +224,10 @@ class RunLog:
         self._logged_joints = True
 
     def waiting(self, awaited: Sequence[str]) -> None:
-        """Log awaited messages, once, after a while; call it regularly."""
-        if awaited and not self._logged_waiting and monotonic() - self._since > PATIENCE:
-            self._logged_waiting = True
+        """Log awaited messages after a while, once for each likely reason; call it regularly."""
+        if monotonic() - self._since > PATIENCE:
             for each in awaited:
-                self._log.warning(one_line(f'waiting for {each}'))
+                self.warn_once(f'waiting for {each}')
 
     def estimate(self, estimate: Estimate) -> None:
         """Log the first estimate, and each whose status differs from the last one's."""

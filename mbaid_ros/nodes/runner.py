@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from types import FrameType
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -29,7 +29,7 @@ from rclpy.time_source import TimeSource
 from rclpy.utilities import remove_ros_args
 
 from mbaid_ros.config.files import load_parameter_file, parse_assignment
-from mbaid_ros.config.parameters import ParameterSpec, build, specification, specification_of, specifications, values_of
+from mbaid_ros.config.parameters import ParameterSpec, build, specification, specifications, values_of
 from mbaid_ros.core.errors import ParameterError
 
 T = TypeVar('T')
@@ -63,11 +63,10 @@ def own_arguments(argv: Sequence[str]) -> list[str]:
 # Parameters
 
 
-def declare_parameters(node: Node, cls: type[T], *, settable: bool = False) -> T:
+def declare_parameters(node: Node, cls: type[T]) -> T:
     """Declare every parameter of a dataclass on a node and return an instance with the values given to the node.
 
     Unlike rclpy alone, it refuses unknown names and accepts a whole number for a double, as `replay` and `simulate` do.
-    With `settable`, also parameters can be set that are read only once.
 
     Raises ParameterError: An override has an unknown name, or a value that is not accepted.
     """
@@ -79,10 +78,10 @@ def declare_parameters(node: Node, cls: type[T], *, settable: bool = False) -> T
     for name, value in values_of(config).items():
         spec = specification(name, cls)
         if value == ():
-            _declare_empty_list(node, spec, settable=settable)
+            _declare_empty_list(node, spec)
         else:
             plain = list(value) if isinstance(value, tuple) else value
-            node.declare_parameter(spec.name, plain, _descriptor(spec, settable=settable), ignore_override=True)
+            node.declare_parameter(spec.name, plain, _descriptor(spec), ignore_override=True)
     return config
 
 
@@ -106,34 +105,22 @@ def _given(node: Node) -> dict[str, Any]:
     return values
 
 
-def changed(node: Node, cls: type[T], parameters: Sequence[Parameter]) -> T:
-    """Return the parameters of a node with some set to other values.
-
-    Raises ParameterError: A value is not accepted.
-    """
-    declared = cast('dict[str, Parameter]', node.get_parameters_by_prefix(''))  # those of ROS itself among them
-    values = {name: one.value for name, one in declared.items() if specification_of(name, cls)}
-    values |= {parameter.name: parameter.value for parameter in parameters if parameter.name in values}
-    return build(cls, values)
-
-
-def _declare_empty_list(node: Node, spec: ParameterSpec, *, settable: bool) -> None:
+def _declare_empty_list(node: Node, spec: ParameterSpec) -> None:
     """Declare a list by its type: rclpy takes an empty one for a list of bytes."""
     kind = Parameter.Type[spec.type.upper()]
     # Declared by type, a parameter has no value; it can be given one before it becomes read-only.
     node.declare_parameter(spec.name, kind, ignore_override=True)
     node.set_parameters([Parameter(spec.name, kind, [])])  # type: ignore[no-untyped-call]
-    descriptor = _descriptor(spec, settable=settable)
+    descriptor = _descriptor(spec)
     descriptor.name, descriptor.type = spec.name, kind.value
     node.set_descriptor(spec.name, descriptor)
 
 
-def _descriptor(spec: ParameterSpec, *, settable: bool) -> ParameterDescriptor:
-    when = 'is configured' if settable else 'starts'
+def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         description=spec.description,
-        additional_constraints=f'{spec.accepted}; read when the node {when}' if spec.read_only else spec.accepted,
-        read_only=spec.read_only and not settable,
+        additional_constraints=f'{spec.accepted}; read when the node starts',
+        read_only=True,
     )
     if spec.minimum is None and spec.maximum is None:
         return descriptor

@@ -3,30 +3,26 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
-from geometry_msgs.msg import InertiaStamped, Vector3Stamped, WrenchStamped
-from nav_msgs.msg import Odometry
+from geometry_msgs.msg import InertiaStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
-from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from mbaid_ros.cli import run
 from mbaid_ros.config.files import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.messages.joints import trajectory_of
 from mbaid_ros.nodes.arguments import simulator_arguments
 from mbaid_ros.nodes.runner import declare_parameters, own_arguments, ros, spin
-from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, qos
+from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, message_class, qos
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 
 
@@ -92,20 +88,12 @@ class SimulatorNode(Node):
             raise ParameterError("parameter 'robot_description_file' is empty; accepted: the path of a URDF file")
         urdf = read_robot_description(self._config.robot_description_file)
         self._run = SimulatedRun(self._config, urdf, TYPES)
-        config, simulated = self._config, self._run
-        topics: dict[str, tuple[type, bool]] = {
-            'joint_states': (JointState, True),
-            'odom': (Odometry, True),
-            'thrust': (WrenchStamped, simulated.pulse is not None and config.thrust.publish),
-            'imu': (Imu, config.imu.rate > 0.0),
-            'stored_momentum': (Vector3Stamped, simulated.publishes_momentum),
-        }
         self._topics = {
-            topic: self.create_publisher(message_type, topic, qos(_DEPTH))
-            for topic, (message_type, wanted) in topics.items()
-            if wanted
+            topic: self.create_publisher(message_class(kind), topic, qos(_DEPTH))
+            for topic, kind in self._run.topics.items()
         }
-        self._clock_topic = self.create_publisher(ClockMessage, '/clock', qos(10)) if config.publish_clock else None
+        clock = self._config.publish_clock
+        self._clock_topic = self.create_publisher(ClockMessage, '/clock', qos(10)) if clock else None
         self._description = self.create_publisher(String, 'robot_description', LATCHED)
         self._truth = self.create_publisher(InertiaStamped, '~/truth', LATCHED)
         self.create_subscription(JointTrajectory, 'joint_trajectory', self._on_trajectory, qos(1))
@@ -193,18 +181,10 @@ class SimulatorNode(Node):
         )
 
 
-def _main(argv: list[str]) -> int:
+def main(argv: list[str]) -> int:
+    """Run the node on its arguments and return the exit code; `mbaid_ros.cli.run` catches its errors."""
     simulator_arguments().parse(own_arguments(argv))
     with ros(argv) as interrupt:
         node = SimulatorNode()
         spin(node, lambda: interrupt.requested or node.over)
     return 0
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the node and return the exit code."""
-    return run(_main, argv, name=NAME)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

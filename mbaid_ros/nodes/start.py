@@ -21,13 +21,12 @@ def _start(name: str) -> int:
     """Import a node, run it and return the exit code; `runner.ros` handles signals from its call on."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _leave)
-    if not {'-h', '--help'}.isdisjoint(sys.argv):
-        from mbaid_ros.cli import run  # noqa: PLC0415 - after the signals
-        from mbaid_ros.nodes.arguments import PARSERS  # noqa: PLC0415
+    from mbaid_ros.cli import run  # noqa: PLC0415 - after the signals
+    from mbaid_ros.nodes.arguments import PARSERS  # noqa: PLC0415
 
+    if not {'-h', '--help'}.isdisjoint(sys.argv):
         return run(lambda argv: bool(PARSERS[name]().parse(argv)), name=name)
-    code: int = import_module(f'mbaid_ros.nodes.{name}').main()
-    return code
+    return run(import_module(f'mbaid_ros.nodes.{name}').main)
 
 
 estimator, player, recorder, simulator, watch = (

@@ -1,13 +1,20 @@
-"""How the base moves when the joints do: its pose integrated from the conserved momentum, for many motions at once."""
+"""How the base moves when the joints do: its pose integrated from the conserved momentum, for many motions at once.
+
+Passive joints do not move the base here. They swing along with it from rest, to first order in their deflections.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.filter.state import Point, in_plane
+from mbaid_ros.core.filter.exponential import composed, steps_of
+from mbaid_ros.core.filter.knots import Midpoints
+from mbaid_ros.core.filter.passive_prediction import started
+from mbaid_ros.core.filter.state import Layout, Point, in_plane
+from mbaid_ros.core.filter.twist_prediction import predict
 from mbaid_ros.core.geometry import Array, cross, log, rotate, rotate_back
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from mbaid_ros.core.samples import ArrayRecord
@@ -20,13 +27,17 @@ class BaseMotion(ArrayRecord):
     rotation: Array  # (T, B, 3, 3)
     position: Array  # (T, B, 3) m
     twist: Array  # (T, B, 6) (v, w)
+    deflection: Array  # (T, B, f) rad or m, of passive joints
 
     def away_from(self, other: BaseMotion) -> Array:
-        """Return how far this is from another motion: (T, B, 3) rad, m, rad/s."""
+        """Return how far this is from another motion: (T, B, 4) rad, m, rad/s, and rad or m of passive joints."""
         turned = np.linalg.norm(log(self.rotation @ np.swapaxes(other.rotation, -1, -2)), axis=-1)
         moved = np.linalg.norm(self.position - other.position, axis=-1)
         faster = np.linalg.norm(self.twist[..., 3:] - other.twist[..., 3:], axis=-1)
-        return np.stack((turned, moved, faster), axis=-1)
+        swung = np.zeros_like(turned)
+        if self.deflection.shape[-1]:
+            swung = np.max(np.abs(self.deflection - other.deflection), axis=-1)
+        return np.stack((turned, moved, faster, swung), axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +64,26 @@ class Floating:
         """
         parts = self.bodies(joint_position, joint_velocity)
         momentum = np.tile(self.point.parameters[:6], (joint_position.shape[1], 1))
-        return _integrated(*parts, momentum, (self.rotation, self.position), step)
+        base = _integrated(*parts, momentum, (self.rotation, self.position), step)
+        return self.swinging(base, joint_position[::2], joint_velocity[::2], step)
 
-    def coasting(self, joint_position: Array, instants: int, step: float) -> BaseMotion:
-        """Return how the base moves while joints (n,) rest: one motion."""
-        still = np.broadcast_to(joint_position, (2 * instants - 1, 1, len(joint_position)))
-        return self.moved(still, np.zeros(still.shape), step)
+    def swinging(self, base: BaseMotion, joint_position: Array, joint_velocity: Array, step: float) -> BaseMotion:
+        """Return motions with the deflections of passive joints from rest; of joints (T, B, n) at their instants."""
+        kernel, count = self.point.side.kernel, base.twist[..., 0].size
+        if not kernel.springs.count:
+            return base
+        shape, size = base.twist.shape[:2], kernel.springs.count
+        motion = (joint_position + self.point.side.zeros, joint_velocity, base.rotation, base.position, base.twist)
+        flat = [each.reshape(count, *each.shape[2:]) for each in motion]
+        none, stored = np.zeros((count, 3)), np.tile(self.stored, (count, 1))
+        middle = Midpoints(*(*flat, none, none, np.zeros((count, 6)), stored))
+        layout = Layout.of(kernel, (), plane=self.plane)
+        passive = predict(layout, middle, self.point, np.zeros((count, size)))[1].passive
+        assert passive is not None, 'there are passive joints'
+        by_state, slope = passive.by_state.reshape(*shape, 2 * size, -1), passive.slope.reshape(*shape, -1, 1)
+        x = composed(*steps_of(np.mean(passive.by_state, axis=0), by_state, slope, step))
+        begin = started(np.zeros((2, size, 1)), by_state[0], slope[0])
+        return replace(base, deflection=(x[..., : 2 * size] @ begin + x[..., 2 * size :])[..., :size, 0])
 
     def bodies(self, joint_position: Array, joint_velocity: Array) -> tuple[Array, Array]:
         """Return M^-1 (..., 6, 6) and the momentum (..., 6) of the joints' motion at a resting base, base axes."""
@@ -95,7 +120,13 @@ def as_they_may_be(robots: Sequence[Floating], joint_position: Array, joint_velo
     parts = [robot.bodies(joint_position[:, None], joint_velocity[:, None]) for robot in robots]
     mobility, moving = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
     momentum = np.stack([robot.point.parameters[:6] for robot in robots])
-    return _integrated(mobility, moving, momentum, (robots[0].rotation, robots[0].position), step)
+    base = _integrated(mobility, moving, momentum, (robots[0].rotation, robots[0].position), step)
+    if not robots[0].point.side.kernel.springs.count:
+        return base
+    each = [BaseMotion(*(part[:, [place]] for part in vars(base).values())) for place in range(len(robots))]
+    joints = joint_position[::2, None], joint_velocity[::2, None]
+    swung = [robot.swinging(own, *joints, step).deflection for robot, own in zip(robots, each, strict=True)]
+    return replace(base, deflection=np.concatenate(swung, axis=1))
 
 
 def _integrated(mobility: Array, moving: Array, momentum: Array, begin: tuple[Array, Array], step: float) -> BaseMotion:
@@ -125,7 +156,7 @@ def _integrated(mobility: Array, moving: Array, momentum: Array, begin: tuple[Ar
             place = place + step / 6.0 * _simpson([slope[1] for slope in slopes])
             # One of Newton's steps to the nearest rotation, from which a step of fourth order is hardly away.
             turned = turned @ (1.5 * np.eye(3) - 0.5 * np.swapaxes(turned, 1, 2) @ turned)
-    return BaseMotion(rotation, position, twist)
+    return BaseMotion(rotation, position, twist, np.zeros((count, batch, 0)))
 
 
 def _rates(

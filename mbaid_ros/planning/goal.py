@@ -46,15 +46,19 @@ class JointLimits:
 
 @dataclass(frozen=True)
 class BaseLimits:
-    """How far a motion of the joints may move the base from where it would be if they rested; infinite for no limit."""
+    """How far a motion of the joints may move base and passive joints from where they would be if the joints rested.
+
+    Infinite for no limit.
+    """
 
     rotation: float = np.inf  # rad
     translation: float = np.inf  # m, of the base link's origin
     rate: float = np.inf  # rad/s
+    deflection: float = np.inf  # rad or m, of passive joints that begin at rest
 
     @property
     def array(self) -> Array:
-        """(3,) rotation, translation, rate."""
+        """(4,) rotation, translation, rate, deflection."""
         return np.array([getattr(self, each.name) for each in fields(self)])
 
 

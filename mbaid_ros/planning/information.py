@@ -14,13 +14,12 @@ import numpy as np
 from scipy.linalg.lapack import dtrtrs
 
 from mbaid_ros.core.filter.chain import window_models
-from mbaid_ros.core.filter.joint_noise import no_bias
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY, Point
 from mbaid_ros.core.filter.swing import SwingCourse
 from mbaid_ros.core.filter.time_update import advance
-from mbaid_ros.core.filter.whitened import MOST, WhitenedWindow, prepared
+from mbaid_ros.core.filter.whitened import TOGETHER, WhitenedWindow, prepared
 from mbaid_ros.core.filter.window import Stack, Window, WindowNoise
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.reporting import Reporting, relative_std
@@ -173,8 +172,8 @@ class Information:
         layout = self._known.layout
         course = SwingCourse(layout) if layout.kernel.springs.count else None
         made: list[WhitenedWindow] = []
-        for begin in range(0, len(windows), MOST):
-            part = tuple(windows[begin : begin + MOST])
+        for begin in range(0, len(windows), TOGETHER):
+            part = tuple(windows[begin : begin + TOGETHER])
             models = window_models(layout, [Stack(part, tuple(range(len(part))))], self._point, course)
             made += prepared(models, self._known.variables)
         return made
@@ -189,7 +188,7 @@ class Information:
             joint_position=position[cut, each],
             base_rotation=base.rotation[cut, each],
             base_position=base.position[cut, each],
-            base_twist=base.twist[cut, each] + (0.0 if self._known.end.sensing.measures_twist else np.nan),
+            base_twist=base.twist[cut, each] + (0.0 if self._known.end.measures_twist else np.nan),
             spread=np.zeros(count),
             offset=np.zeros(count),
             impulse=np.zeros((count, 6)),
@@ -201,10 +200,10 @@ class Information:
         )
 
     def _noise(self, length: float) -> WindowNoise:
-        sensing = self._known.end.sensing
-        samples = max(round(sensing.rate * length), 1)
-        twist = np.where(np.isfinite(sensing.twist), sensing.twist, np.eye(6))
-        return WindowNoise(samples, sensing.joint_position, sensing.pose, twist)
+        end, noise = self._known.end, self._known.end.noise
+        samples = max(round(end.rate * length), 1)
+        twist = np.where(np.isfinite(noise.twist), noise.twist, np.eye(6))
+        return WindowNoise(samples, noise.joint_position, noise.pose, twist)
 
     def _belief(self) -> SquareRootInformation:
         """Return the prior of the motion, without the pose error: the chain begins anew."""
@@ -219,7 +218,7 @@ class Information:
         triangle = np.linalg.qr(factor.T, mode='r')
         root[poses:count, poses:count] = np.linalg.qr(np.linalg.inv(triangle).T, mode='r')
         root[count:, count:size] = np.eye(extra)
-        return SquareRootInformation(root, Innovations.none(poses), no_bias(variables))
+        return SquareRootInformation(root, Innovations.none(poses), variables.bias)
 
     def _covariance(self, gaussian: SquareRootInformation) -> Array:
         """Return the (10, 10) covariance of the body's standard parameters."""

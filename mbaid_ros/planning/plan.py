@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from mbaid_ros.core.results.parameters import PARAMETERS
 _WHOLE = 0.95  # of the longest motion that is looked for, from which one counts as that long
 _MARGIN = 1.02  # ratio to the wanted precision, from which a plan is reported to possibly miss it
 BINDING = 0.9  # part of a limit from which a motion is at it
-# In order: limits of the joints, of the base, and the clearance of the robot from itself.
+# In order: limits of the joints, of base and passive joints, and the clearance of the robot from itself.
 LIMITS = (
     'the position limits of the joints',
     'the velocity limits of the joints',
@@ -22,9 +23,16 @@ LIMITS = (
     'plan.base_rotation',
     'plan.base_translation',
     'plan.base_rate',
+    'plan.deflection',
     'plan.clearance',
 )
-_UNITS = ('rad', 'm', 'rad/s')
+# Name, unit and words of the effects of a motion on the base and on passive joints.
+_EFFECTS = (
+    ('rotation', 'rad', 'base turned by'),
+    ('translation', 'm', 'base displaced by'),
+    ('rate', 'rad/s', 'base turned faster or slower by'),
+    ('deflection', 'rad (m)', 'passive joints swung by'),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +45,7 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """How far a motion moves the base at most from where it would coast, (3,): rad, m, rad/s."""
+    """How far a motion moves base and passive joints at most from where they would coast, (4,): rad, m, rad/s, rad."""
 
     nominal: Array  # of the robot as it is known best
     sure: Array  # of robots as they may be as well, five standard deviations and more
@@ -54,8 +62,8 @@ class Plan:
     wanted: Array
     asked: Flags  # (10,) which of them a motion can determine
     course: Course  # relative standard deviations on the way, (W, 10)
-    bounds: Bounds  # of the base's displacement from its coasting motion
-    base_limits: Array  # (3,) its limits, infinite where there is none
+    bounds: Bounds  # of the displacement of base and passive joints from their coasting motion
+    base_limits: Array  # (4,) its limits, infinite where there is none
     use: Array  # (4, k) share of position, velocity, acceleration and effort limits that the joints use; 1 is all
     binding: tuple[str, ...]  # names of the limits that it is at
     shortest: bool  # whether the search was for the shortest that reaches the wanted precision
@@ -118,14 +126,17 @@ class Plan:
         return f'{length} of motion bring {known} from {now} to {then}, not to the wanted {wanted}{at}'
 
     @property
+    def effects(self) -> Iterator[tuple[tuple[str, str, str], tuple[float, float, float]]]:
+        """Those on base and passive joints, if there are any: name, unit, words; most, for certain, limit."""
+        values = zip(self.bounds.nominal.tolist(), self.bounds.sure.tolist(), self.base_limits.tolist(), strict=True)
+        return (each for each in zip(_EFFECTS, values, strict=True) if each[0][0] != 'deflection' or each[1][1] > 0.0)
+
+    @property
     def excursions(self) -> tuple[str, ...]:
-        """The effects of the motion on the base, a line each."""
+        """The effects of the motion on base and passive joints, a line each."""
         lines = []
-        names = ('turned by', 'displaced by', 'turned faster or slower by')
-        for name, unit, value, sure, limit in zip(
-            names, _UNITS, self.bounds.nominal, self.bounds.sure, self.base_limits, strict=True
-        ):
+        for (_, unit, words), (value, sure, limit) in self.effects:
             most = f' of {limit:.3g}' if np.isfinite(limit) else ''
-            degrees = f' ({np.degrees(sure):.2g} deg{"/s" if unit == "rad/s" else ""})' if unit != 'm' else ''
-            lines.append(f'base {name} {value:.3g} {unit}, for certain below {sure:.3g}{most} {unit}{degrees}')
+            degrees = f' ({np.degrees(sure):.2g} deg{unit[3:]})' if unit in {'rad', 'rad/s'} else ''
+            lines.append(f'{words} {value:.3g} {unit}, for certain below {sure:.3g}{most} {unit}{degrees}')
         return tuple(lines)

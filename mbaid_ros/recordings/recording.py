@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from mbaid_ros import outgoing
 from mbaid_ros.bags import BagWriter, message_class
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
@@ -25,13 +26,7 @@ MODEL_FILE, PARAMETER_FILE, TRUTH_FILE = 'robot.urdf', 'estimator.yaml', 'truth.
 ODOMETRY_FRAME = 'odom'
 _LATEST = 4e9  # s, about the largest stamp
 
-_TYPES = {
-    JOINT_STATES: 'sensor_msgs/msg/JointState',
-    ODOMETRY: 'nav_msgs/msg/Odometry',
-    THRUST: 'geometry_msgs/msg/WrenchStamped',
-    IMU: 'sensor_msgs/msg/Imu',
-    STORED_MOMENTUM: 'geometry_msgs/msg/Vector3Stamped',
-}
+_CLASSES = outgoing.MessageTypes(find=message_class, flags=np.asarray)
 
 
 @dataclass(frozen=True)
@@ -127,9 +122,8 @@ def write_recording(recording: Recording, path: Path) -> int:
         if recording.robot:
             bag.add_topic(DESCRIPTION, 'std_msgs/msg/String', latched=True)
             bag.write(DESCRIPTION, message_class('std_msgs/msg/String')(data=recording.robot), messages[0][0])
-        for topic, kind in _TYPES.items():
-            if any(topic == own for _, own, _ in messages):
-                bag.add_topic(topic, kind)
+        for topic in dict.fromkeys(own for _, own, _ in messages):
+            bag.add_topic(topic, outgoing.SENSOR_TYPES[topic[1:]])
         for stamp, topic, message in messages:
             bag.write(topic, message, stamp)
     texts = {
@@ -189,63 +183,23 @@ def _stamps(time: Array) -> list[int]:
 def _joint_state(joints: Joints, index: int, stamp: int) -> Any:
     none = np.zeros(0)
     velocity = none if joints.velocity is None else joints.velocity[index]
-    return message_class(_TYPES[JOINT_STATES])(
-        header=_header(stamp, ''),
-        name=list(joints.names),
-        position=joints.position[index],
-        velocity=velocity,
-        effort=none,
-    )
+    return outgoing.joint_state_message(_CLASSES, stamp, joints.names, joints.position[index], velocity, none)
 
 
 def _odometry(poses: Poses, index: int, stamp: int) -> Any:
-    unset, twist = np.zeros(36), poses.twist[index]  # zeros: not known
-    position, orientation = _xyz('Point', poses.position[index]), _xyz('Quaternion', poses.orientation[index])
-    pose = _geometry('Pose', position=position, orientation=orientation)
-    velocity = _geometry('Twist', linear=_xyz('Vector3', twist[:3]), angular=_xyz('Vector3', twist[3:]))
-    return message_class(_TYPES[ODOMETRY])(
-        header=_header(stamp, ODOMETRY_FRAME),
-        child_frame_id=poses.frame,
-        pose=_geometry('PoseWithCovariance', pose=pose, covariance=unset),
-        twist=_geometry('TwistWithCovariance', twist=velocity, covariance=unset),
-    )
+    pose, twist = (poses.position[index], poses.orientation[index]), poses.twist[index]
+    return outgoing.odometry_message(_CLASSES, stamp, (ODOMETRY_FRAME, poses.frame), pose, (twist[:3], twist[3:]))
 
 
 def _imu(imu: Imu, index: int, stamp: int) -> Any:
-    unset, absent = np.zeros(9), np.zeros(9)
-    absent[0] = -1.0  # REP 145: not measured
-    quaternion = (0.0, 0.0, 0.0, 1.0) if imu.orientation is None else imu.orientation[index]
-    return message_class(_TYPES[IMU])(
-        header=_header(stamp, imu.frame),
-        orientation=_xyz('Quaternion', quaternion),
-        orientation_covariance=absent if imu.orientation is None else unset,
-        angular_velocity=_xyz('Vector3', imu.angular_velocity[index]),
-        angular_velocity_covariance=unset,
-        linear_acceleration=_xyz('Vector3', imu.linear_acceleration[index]),
-        linear_acceleration_covariance=unset,
-    )
+    orientation = None if imu.orientation is None else (imu.orientation[index], np.zeros(9))
+    rate, acceleration = imu.angular_velocity[index], imu.linear_acceleration[index]
+    return outgoing.imu_message(_CLASSES, stamp, imu.frame, rate, acceleration, orientation)
 
 
 def _vector(stored: StoredMomentum, index: int, stamp: int) -> Any:
-    vector = _xyz('Vector3', stored.momentum[index])
-    return message_class(_TYPES[STORED_MOMENTUM])(header=_header(stamp, stored.frame), vector=vector)
+    return outgoing.vector_message(_CLASSES, stamp, stored.frame, stored.momentum[index])
 
 
 def _wrench(thrust: Thrust, index: int, stamp: int) -> Any:
-    force, torque = (_xyz('Vector3', thrust.wrench[index, part]) for part in (slice(0, 3), slice(3, 6)))
-    wrench = _geometry('Wrench', force=force, torque=torque)
-    return message_class(_TYPES[THRUST])(header=_header(stamp, thrust.frame), wrench=wrench)
-
-
-def _header(stamp: int, frame: str) -> Any:
-    seconds, nanoseconds = divmod(stamp, 1_000_000_000)
-    time = message_class('builtin_interfaces/msg/Time')(sec=seconds, nanosec=nanoseconds)
-    return message_class('std_msgs/msg/Header')(stamp=time, frame_id=frame)
-
-
-def _geometry(name: str, **fields: Any) -> Any:
-    return message_class(f'geometry_msgs/msg/{name}')(**fields)
-
-
-def _xyz(name: str, values: Sequence[float] | Array) -> Any:
-    return _geometry(name, **dict(zip('xyzw', map(float, values), strict=False)))
+    return outgoing.wrench_message(_CLASSES, stamp, thrust.frame, thrust.wrench[index])

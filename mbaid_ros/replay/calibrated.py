@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from mbaid_ros.calibration.result import Calibration, LinkResult
-from mbaid_ros.calibration.structure import BaseParameter
 from mbaid_ros.cli import one_line
 from mbaid_ros.config.calibration import CalibrationParameters
 from mbaid_ros.core.errors import listing
@@ -19,12 +18,12 @@ from mbaid_ros.core.results.reporting import LENGTH
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.words import underestimated_text
 from mbaid_ros.replay.run import BagMotions
+from mbaid_ros.session.methods import IDENTIFIABLE_STD, LARGEST_RESIDUAL
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
 
 _FIRST, _SECOND = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])
 # Thresholds of warnings: relative standard deviation of the scale; standard deviations of the prior; of the estimate.
 _LOOSE_SCALE, _UNLIKELY, _LARGE_CORRECTION = 0.01, 4.0, 3.0
-_PRIORS = ('prior.mass_relative_std', *('prior.com_std',) * 3, *('prior.inertia_relative_std',) * 6)
 
 
 @dataclass(frozen=True)
@@ -39,12 +38,7 @@ class Calibrated:
     @property
     def contradicted(self) -> bool:
         """Whether the data contradict the model: the result must not be trusted."""
-        return self.calibration.residual > self.parameters.estimator.convergence.largest_residual
-
-    @cached_property
-    def base_parameters(self) -> tuple[BaseParameter, ...]:
-        """The combinations of parameters that momentum determines."""
-        return self.calibration.structure.base_parameters()
+        return self.calibration.residual > LARGEST_RESIDUAL
 
     @cached_property
     def survey(self) -> ModelSummary:
@@ -73,15 +67,16 @@ def why_not(result: Calibrated) -> str:
     if not calibration.settled:
         remedy = result.unmoved or 'correct its large errors, or declare priors as wide as they are'
         return f'the iteration does not converge near the robot description; {remedy}'
-    limit = result.parameters.estimator.convergence.identifiable_std
-    left_open: dict[str, list[str]] = {}
-    for link in calibration.links:
-        size = _sizes(link)
-        for index in np.flatnonzero(np.isinf(link.prior_std) & ~(link.std < limit * size)):
-            left_open.setdefault(_PRIORS[index], []).append(f'{link.name}.{PARAMETERS[index]}')
+    left_open = [
+        f'{link.name}.{PARAMETERS[index]}'
+        for link in calibration.links
+        for index in np.flatnonzero(np.isinf(link.prior_std) & ~(link.std < IDENTIFIABLE_STD * _sizes(link)))
+    ]
     if left_open:
-        names = listing((name for group in left_open.values() for name in group), limit=6)
-        return f'data and prior do not determine {names}; add {listing(left_open)}, or move more joints'
+        return (
+            f'the data do not determine {listing(left_open, limit=6)}; give these links an <inertial>, or move more '
+            'joints'
+        )
     if calibration.determined == 0:
         return 'the data add nothing to the prior: move all joints while the base floats freely'
     return ''
@@ -120,9 +115,9 @@ def _about_values(result: Calibrated) -> list[str]:
     if result.contradicted:
         notes.append(f'residuals are {calibration.residual:.1f} times as large as the noise parameters explain')
         notes += [f'likely cause: {result.unmoved}'] if result.unmoved else []
-    if calibration.scale.relative_std > _LOOSE_SCALE:
+    if calibration.scale_std > _LOOSE_SCALE:
         notes.append(
-            f'the scale is known to {100.0 * calibration.scale.relative_std:.2g} % only: all masses and inertias may '
+            f'the scale is known to {100.0 * calibration.scale_std:.2g} % only: all masses and inertias may '
             'be off by one factor; weigh the robot, and add known_links.total_mass'
         )
     for link in calibration.links:
@@ -150,14 +145,9 @@ def headline(result: Calibrated) -> str:
 def sentences(result: Calibrated) -> list[str]:
     """Return sentences on identifiability, scale, mount, thrusters and inertia ratios."""
     calibration = result.calibration
-    shares = ', '.join(f'{name} ({100.0 * share:.0f} %)' for name, share in calibration.scale.fixed_by[:3])
-    structure = calibration.structure
-    determined = (
-        f'momentum can determine {structure.rank} combinations of {structure.unknowns} parameters; the data improve '
-        f'{calibration.determined} over the prior, joints and mount included'
-    )
-    std = f'{100.0 * calibration.scale.relative_std:.2g} %'
-    lines = [determined, f'scale: total mass known to {std} (one standard deviation), fixed by {shares or "nothing"}']
+    determined = f'the data improve {calibration.determined} combinations of links, joints and mount over the prior'
+    std = f'{100.0 * calibration.scale_std:.2g} %'
+    lines = [determined, f'scale: total mass known to {std} (one standard deviation)']
     if np.any(calibration.stds[-6:]):
         mount = _beside(1e3 * calibration.mount[3:], 1e3 * calibration.stds[-3:])
         turn = _beside(1e3 * calibration.mount[:3], 1e3 * calibration.stds[-6:-3])

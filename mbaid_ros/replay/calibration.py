@@ -5,34 +5,31 @@ from __future__ import annotations
 import argparse
 import sys
 from dataclasses import replace
-from math import isnan
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from mbaid_ros.calibration.calibrate import CalibrationSettings
 from mbaid_ros.calibration.calibrate import calibrate as estimate_bodies
 from mbaid_ros.calibration.result import Calibration, LinkResult
-from mbaid_ros.calibration.structure import BaseParameter, formula, parameter
-from mbaid_ros.calibration.unknowns import OF_A_JOINT, OF_THE_MOUNT, LinkPrior
+from mbaid_ros.calibration.unknowns import OF_A_JOINT, OF_A_LINK, OF_THE_MOUNT
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line
 from mbaid_ros.config.calibration import NODE, CalibrationParameters, calibration_parameters
 from mbaid_ros.config.files import load_parameter_file, parse_assignment, read_robot_description
+from mbaid_ros.config.model_errors import KnownLinksConfig
 from mbaid_ros.core.errors import DataError, ModelError, ParameterError, listing
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import Link, RobotModel, displaced, load_model
 from mbaid_ros.core.robot.model_errors import relative_factor
 from mbaid_ros.core.robot.urdf_edit import displace_joint, replace_inertial
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.files import write_text
 from mbaid_ros.replay.calibrated import Calibrated, summary, why_not
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import check_outputs, passive_joints, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.replay.run import read_motions
 from mbaid_ros.session.known_robot import link_deviations, weighed
-from mbaid_ros.session.settings import joint_values, springs, storage, with_surroundings
+from mbaid_ros.session.settings import springs, storage, surroundings
 
 CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
 _INERTIA = PARAMETERS[4:]
@@ -88,7 +85,7 @@ def _text(result: Calibrated, arguments: argparse.Namespace) -> str:
 
 def _kernel(model: RobotModel, parameters: CalibrationParameters) -> MomentumKernel:
     """Return the momentum of a robot with the unknown links that the parameters name, or all that have an inertia."""
-    names = parameters.calibration.unknown_links
+    names = parameters.unknown_links
     if not names:
         names = tuple(link.name for link in model.links if link.parameters[0] > 0.0)
     twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
@@ -101,60 +98,35 @@ def _kernel(model: RobotModel, parameters: CalibrationParameters) -> MomentumKer
 
 
 def _settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> CalibrationSettings:
-    """Return noise and priors; refuse a prior about a link that is not calibrated."""
-    names = [link.name for link in kernel.unknown]
-    for link in parameters.calibration.prior.links.own:
-        if kernel.model.link(link).name not in names:
-            raise ParameterError(
-                f'prior.links.{link} is given, but {link} is not calibrated; accepted: {listing(names)}'
-            )
-    estimator = parameters.estimator
+    """Return noise and priors, which are the estimator's; refuse those of a link that the robot does not have."""
+    estimator, model = parameters.estimator, kernel.model
+    for link in estimator.known_links.links:
+        model.link(link)
+    total = weighed(estimator.known_links)
     return CalibrationSettings(
         noise=estimator.noise.declared,
-        priors=tuple(_link_prior(link, parameters) for link in kernel.unknown),
-        uncertainty=_uncertainty(kernel.model, parameters),
+        priors=tuple(_link_prior(link, estimator.known_links) for link in kernel.unknown),
+        uncertainty=replace(
+            surroundings(estimator, model), weighed=None if total is None else replace(total, with_target=True)
+        ),
         window=estimator.window,
         gyro=estimator.imu.noise_density,
         orientation_measured=not estimator.imu.alone or estimator.imu.orientation,
     )
 
 
-def _link_prior(link: Link, parameters: CalibrationParameters) -> LinkPrior:
-    """Return the prior of a link: as `prior` has it, or else the very one that the estimator has of it."""
-    known, given = parameters.estimator.known_links, parameters.prior(link.name)
+def _link_prior(link: Link, known: KnownLinksConfig) -> Array | None:
+    """Return the factor (10, e) of a link's prior covariance, the very one of the estimator; None without a prior."""
     if link.parameters[0] <= 0.0:
-        return LinkPrior(0.0, 0.0, 0.0)
-    if not (given or known.links.get(link.name) or known.relative_std):
+        return None
+    if link.name in known.links:
+        return link_deviations(link.parameters, known, known.links[link.name]).factor(link.parameters)
+    if known.relative_std == 0.0:
         raise ParameterError(
             f"parameter 'known_links.relative_std' is 0, and declares {link.name} exact; accepted: above 0, or "
-            f'prior.links.{link.name}, or a link left out of --unknown'
+            f'known_links.{link.name}, or a link left out of --unknown'
         )
-    stds = link_deviations(link.parameters, known, {**known.links.get(link.name, {}), **given})
-    factor = None
-    if not given:
-        factor = (
-            stds.factor(link.parameters)
-            if link.name in known.links
-            else relative_factor(link.parameters, known.relative_std)
-        )
-    return LinkPrior(stds.mass, stds.com, stds.inertia, factor)
-
-
-def _uncertainty(model: RobotModel, parameters: CalibrationParameters) -> Uncertainty:
-    """Return the uncertainty of joints, mount, wheels, thrusters, stamps and momentum."""
-    prior, estimator = vars(parameters.calibration.prior), parameters.estimator
-    given = {name: value for name, value in prior.items() if isinstance(value, float) and not isnan(value)}
-    zeros, origins, axes = (
-        [given[part]] * model.joints if part in given else joint_values(estimator.known_joints, part, model)
-        for part in ('zero_std', 'origin_std', 'axis_std')
-    )
-    mount, total = estimator.odometry_mount, weighed(estimator.known_links)
-    position = given.get('mount_position_std', mount.position_std)
-    orientation = given.get('mount_orientation_std', mount.orientation_std)
-    return replace(
-        with_surroundings(estimator, model, (zeros, origins, axes), (position, orientation)),
-        weighed=None if total is None else replace(total, with_target=True),
-    )
+    return relative_factor(link.parameters, known.relative_std)
 
 
 def _calibrated_urdf(urdf: str, calibration: Calibration) -> str:
@@ -168,7 +140,7 @@ def _calibrated_urdf(urdf: str, calibration: Calibration) -> str:
 
 def _as_json(result: Calibrated) -> dict[str, Any]:
     """Return the result as scripts read it; None for unknown values."""
-    calibration, structure = result.calibration, result.calibration.structure
+    calibration = result.calibration
     model, links = result.kernel.model, result.kernel.unknown
     bags = [motion.bag for motion in result.motions for _ in motion.runs]
     return {
@@ -186,23 +158,15 @@ def _as_json(result: Calibrated) -> dict[str, Any]:
         'flexible': passive_joints(calibration.flexible),
         'covariance': {
             'order': [
-                *(parameter(links, index) for index in range(len(calibration.theta))),
+                *(f'{link.name}.{number}' for link in links for number in OF_A_LINK),
                 *(f'{name}.{number}' for name in model.joint_names for number in OF_A_JOINT),
                 *(f'odometry_mount.{number}' for number in OF_THE_MOUNT),
             ],
             'values': calibration.values.tolist(),
             'matrix': calibration.block_covariance.tolist(),
         },
-        'identifiability': {
-            'unknowns': structure.unknowns,
-            'rank': structure.rank,
-            'determined': calibration.determined,
-            'base_parameters': [_base_parameter(result, each) for each in result.base_parameters],
-        },
-        'scale': {
-            'relative_std': calibration.scale.relative_std,
-            'fixed_by': [{'name': name, 'share': share} for name, share in calibration.scale.fixed_by],
-        },
+        'identifiability': {'determined': calibration.determined},
+        'scale': {'relative_std': calibration.scale_std},
         'momentum': [
             {'bag': bag, **shaped_momentum(value, covariance)}
             for bag, value, covariance in zip(bags, calibration.momentum, calibration.momentum_covariance, strict=True)
@@ -245,17 +209,4 @@ def _joints(calibration: Calibration) -> dict[str, Any]:
     rows = zip(*columns, after.positions, after.rotations, strict=True)
     return {
         joint: plain(dict(zip(names, row, strict=True))) for joint, row in zip(before.joint_names, rows, strict=True)
-    }
-
-
-def _base_parameter(result: Calibrated, combination: BaseParameter) -> dict[str, Any]:
-    calibration, links = result.calibration, result.kernel.unknown
-    factors = combination.factors
-    return {
-        'formula': formula(links, factors),
-        'factors': {parameter(links, int(index)): float(factors[index]) for index in np.flatnonzero(factors)},
-        'cad': float(factors @ calibration.prior.mean),
-        'value': float(factors @ calibration.theta),
-        'std': float(np.sqrt(factors @ calibration.covariance @ factors)),
-        'prior_std': float(np.sqrt(factors @ calibration.prior.covariance @ factors)),
     }

@@ -7,14 +7,12 @@ import gc
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, MutableSequence, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from ctypes import c_double
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing import active_children, get_context, parent_process
-from multiprocessing.sharedctypes import RawArray
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -26,11 +24,10 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file, parse_assignment, read_robot_description
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError, ParameterError
-from mbaid_ros.replay.holdout import DEFAULT_FRACTION, LONG_ENOUGH, Holdout, holdout_of
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import as_json, check_outputs, texts, write_results
 from mbaid_ros.replay.provenance import hashes, made_by
-from mbaid_ros.replay.results import Run
+from mbaid_ros.replay.results import DEFAULT_FRACTION, LONG_ENOUGH, Holdout, Run, holdout_of
 from mbaid_ros.replay.run import EstimateWriter, progress_bar, replay_bag
 from mbaid_ros.replay.saved import Truth, read_truth, truth_beside
 
@@ -91,25 +88,11 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-_LOOK = 0.2  # s between two looks at how far the processes are
+Task = tuple[EstimatorConfig, str, Inputs]
 
 
-@dataclass(frozen=True)
-class _Task:
-    """What every process gets at its start; `done` is shared memory: the part of each bag that is done, 0 to 1."""
-
-    config: EstimatorConfig
-    urdf: str
-    inputs: Inputs
-    done: MutableSequence[float]
-
-    def replay(self, place: int, bag: str) -> Run:
-        """Replay the bag at a place in the list."""
-
-        def advance(done: int, total: int) -> None:
-            self.done[place] = done / total if total else 1.0
-
-        return replay_bag(bag, self.config, self.urdf, self.inputs, progress=advance)
+def _replayed(task: Task, bag: str) -> Run:
+    return replay_bag(bag, *task)
 
 
 def replay_bags(bags: Sequence[str], config: EstimatorConfig, urdf: str, inputs: Inputs, processes: int) -> list[Run]:
@@ -118,28 +101,20 @@ def replay_bags(bags: Sequence[str], config: EstimatorConfig, urdf: str, inputs:
     Raises DataError, ModelError, ParameterError: The error of the first bag, in the order given, that cannot be
     replayed.
     """
-    done: Any = RawArray(c_double, len(bags))
-    task = _Task(config, urdf, inputs, done)
-    shape = '{l_bar}{bar}| {n:.1f}/{total} bags [{elapsed}<{remaining}]'
+    task: Task = (config, urdf, inputs)
     with (
-        tqdm(total=len(bags), bar_format=shape, disable=None, leave=False) as bar,
+        tqdm(total=len(bags), unit=' bags', disable=None, leave=False) as bar,
         Workers(min(processes, len(bags)), task) as workers,
     ):
-        futures = [workers.submit(_Task.replay, *each) for each in enumerate(bags)]
-        return [_result(future, done, bar) for future in futures]
-
-
-def _result(future: Future[Run], done: MutableSequence[float], bar: tqdm[None]) -> Run:
-    """Return a result as soon as it is there; show until then how far all are."""
-    while not future.done():
-        wait([future], _LOOK)
-        bar.update(sum(done) - bar.n)
-    try:
-        return future.result()
-    except BrokenProcessPool as error:
-        raise DataError(
-            'a process died over a bag: it was killed, or memory ran out; fewer --processes take less of it'
-        ) from error
+        futures = [workers.submit(_replayed, bag) for bag in bags]
+        for future in futures:
+            future.add_done_callback(lambda _: bar.update())
+        try:
+            return [future.result() for future in futures]
+        except BrokenProcessPool as error:
+            raise DataError(
+                'a process died over a bag: it was killed, or memory ran out; fewer --processes take less of it'
+            ) from error
 
 
 def replay(arguments: argparse.Namespace) -> int:

@@ -34,7 +34,6 @@ from mbaid_ros.replay.run import BAG_TYPES, progress_bar, replay_bag
 from mbaid_ros.session.planning import make_planner
 
 TOPIC, TYPE = '/joint_trajectory', 'trajectory_msgs/msg/JointTrajectory'
-_BASE = (('rotation', 'rad'), ('translation', 'm'), ('rate', 'rad/s'))
 
 
 @dataclass(frozen=True)
@@ -160,9 +159,7 @@ def _as_json(plan: Plan) -> dict[str, Any]:
         'course': {'t': plan.course.time.tolist(), 'relative_std': plan.course.value.tolist()},
         'base': {
             name: {'unit': unit, **plain(dict(zip(('most', 'certain', 'limit'), values, strict=True)))}
-            for (name, unit), *values in zip(
-                _BASE, plan.bounds.nominal, plan.bounds.sure, plan.base_limits, strict=True
-            )
+            for (name, unit, _), values in plan.effects
         },
         'binding': list(plan.binding),
         'stuck': list(plan.stuck),

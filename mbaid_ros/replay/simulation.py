@@ -71,16 +71,9 @@ def _config(arguments: argparse.Namespace) -> SimulatorConfig:
 
 
 def _record(run: SimulatedRun, bag: BagWriter) -> None:
-    topics = {'joint_states': 'sensor_msgs/msg/JointState', 'odom': 'nav_msgs/msg/Odometry'}
-    if run.config.imu.rate > 0.0:
-        topics['imu'] = 'sensor_msgs/msg/Imu'
-    if run.pulse is not None and run.config.thrust.publish:
-        topics['thrust'] = 'geometry_msgs/msg/WrenchStamped'
-    if run.publishes_momentum:
-        topics['stored_momentum'] = 'geometry_msgs/msg/Vector3Stamped'
     bag.add_topic(DESCRIPTION, 'std_msgs/msg/String', latched=True)
     bag.add_topic(TRUTH, 'geometry_msgs/msg/InertiaStamped', latched=True)
-    for topic, kind in topics.items():
+    for topic, kind in run.topics.items():
         bag.add_topic(f'/{topic}', kind)
     bag.write(DESCRIPTION, run.description(), run.stamp(0.0))
     bag.write(TRUTH, run.truth(), run.stamp(0.0))

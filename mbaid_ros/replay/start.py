@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Callable, Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -14,43 +15,11 @@ from mbaid_ros.replay.inputs import Inputs
 FORMATS = ('urdf-link', 'urdf', 'mjcf', 'mjcf-body', 'basilisk-hub', 'basilisk-effector', 'json')
 
 
-def replay(argv: Sequence[str] | None = None) -> int:
-    """Replay bags: 0 if every bag led to an estimate; else 2, 4 or 3, as in the help."""
-    return _start(argv, 'replay', _replay_parser, 'command:replay')
+def _start(name: str, parser: Callable[[], ArgumentParser], command: str, argv: Sequence[str] | None = None) -> int:
+    """Run `module:function` of this package on the arguments and return the exit code, which the help explains.
 
-
-def simulate(argv: Sequence[str] | None = None) -> int:
-    """Simulate a run into a bag: 0 if it is written, 2 after a user's error."""
-    return _start(argv, 'simulate', _simulate_parser, 'simulation:simulate')
-
-
-def plan(argv: Sequence[str] | None = None) -> int:
-    """Plan a motion: 0 if it reaches the wanted precision; else 2, 3 or 4, as in the help."""
-    return _start(argv, 'plan', _plan_parser, 'planning:plan')
-
-
-def calibrate(argv: Sequence[str] | None = None) -> int:
-    """Calibrate a robot: 0 if there is a calibration; else 2, 3 or 4, as in the help."""
-    return _start(argv, 'calibrate', _calibrate_parser, 'calibration:calibrate')
-
-
-def campaign(argv: Sequence[str] | None = None) -> int:
-    """Make a campaign: 0 if every run was made, 3 if one failed, 2 after a user's error."""
-    return _start(argv, 'campaign', _campaign_parser, 'campaigns.command:make_campaign')
-
-
-def export(argv: Sequence[str] | None = None) -> int:
-    """Export an identified body: 0 if it is written; else 2, 3 or 4, as in the help."""
-    return _start(argv, 'export', _export_parser, 'exporting:export')
-
-
-def noise_at_rest(argv: Sequence[str] | None = None) -> int:
-    """Measure the noise of a robot at rest: 0 if it is printed, 2 after a user's error."""
-    return _start(argv, 'noise_at_rest', _noise_parser, 'at_rest:print_noise')
-
-
-def _start(argv: Sequence[str] | None, name: str, parser: Callable[[], ArgumentParser], command: str) -> int:
-    """Run `module:function` of this package on the arguments, which hold the words they were parsed from as `argv`."""
+    The arguments hold the words that they were parsed from as `argv`.
+    """
 
     def body(words: list[str]) -> int:
         arguments = parser().parse(words)
@@ -114,7 +83,7 @@ def _plan_parser() -> ArgumentParser:
         'Plan the joint motion that reduces the uncertainty of a run most, or the shortest one that reaches a wanted\n'
         'precision, within the limits of the joints (URDF) and of the base.\n'
         'It moves nothing. The parameters plan.* hold the wanted precision and the limits: relative_std, duration,\n'
-        'joint_velocity, joint_acceleration, base_rotation, base_translation, base_rate, clearance, stuck, ...\n'
+        'joint_velocity, joint_acceleration, base_rotation, base_translation, base_rate, deflection, stuck, ...\n'
         'Ctrl-C takes the best motion so far.\n'
         'Exit code: 0 the motion reaches the precision, 2 bad input, 3 no motion within the limits does: the best is\n'
         'written, 4 the data of the run contradict the model.',
@@ -291,3 +260,12 @@ def _whole(least: int) -> Callable[[str], int]:
         return int(text)
 
     return convert
+
+
+replay = partial(_start, 'replay', _replay_parser, 'command:replay')
+simulate = partial(_start, 'simulate', _simulate_parser, 'simulation:simulate')
+plan = partial(_start, 'plan', _plan_parser, 'planning:plan')
+calibrate = partial(_start, 'calibrate', _calibrate_parser, 'calibration:calibrate')
+campaign = partial(_start, 'campaign', _campaign_parser, 'campaigns.command:make_campaign')
+export = partial(_start, 'export', _export_parser, 'exporting:export')
+noise_at_rest = partial(_start, 'noise_at_rest', _noise_parser, 'at_rest:print_noise')

@@ -48,15 +48,17 @@ def with_known_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> tuple
     """
     link = kernel.target.parameters
     if not config.calibration:
-        target = declared(link[None], config.relative_std)
+        given = config.links.get(kernel.target.name)
+        own = {0: link_deviations(link, config, given)} if given and link[0] > 0.0 else {}
+        target = declared(link[None], config.relative_std, own)
         return kernel.with_uncertainty(declared_errors(kernel, config)), target.covariance if target.count else None
     found = _calibration(kernel.model, config)
     count = 10 * len(found.links)
     links = [kernel.model.link(name) for name in found.links]
     errors = calibrated(links, found.covariance[:count, :count], [link.name for link in kernel.unknown])
     place = 10 * found.links.index(kernel.target.name) if kernel.target.name in found.links else None
-    own = None if place is None else found.covariance[place : place + 10, place : place + 10]
-    return kernel.with_uncertainty(errors), own
+    alone = None if place is None else found.covariance[place : place + 10, place : place + 10]
+    return kernel.with_uncertainty(errors), alone
 
 
 def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot:
@@ -66,7 +68,8 @@ def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot
     """
     uncertainty = declared_uncertainty(config, kernel.model)
     if not config.known_links.calibration:
-        if (given := config.known_links.links.get(kernel.target.name)) is not None:
+        given = config.known_links.links.get(kernel.target.name)
+        if given is not None and not config.debris.report:  # otherwise it is of the <inertial>, without what is held
             uncertainty = replace(uncertainty, target=_described(config, kernel, given))
         return KnownRobot(kernel, replace(uncertainty, weighed=_without_target(config.known_links, kernel)))
     found = _calibration(kernel.model, config.known_links)

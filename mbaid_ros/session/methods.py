@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal, cast
 
-from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
+from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.capture.estimator import CaptureEstimator
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
 from mbaid_ros.core.errors import ParameterError
@@ -25,6 +25,8 @@ START_WINDOWS = 10  # before the first estimate of trajectory: 5 s of motion, fr
 _RELINEARISED_WINDOWS = 120  # at most, before the linearisation of trajectory freezes: bounds the time of an update
 _DESCRIBED_WINDOWS = 600  # the same where the target has a prior: hours of a station, of which minutes lead nowhere
 _ADAPT = True  # whether trajectory tries hypotheses of disturbances that walk
+IDENTIFIABLE_STD = 0.5  # relative standard deviation below which a parameter counts as identifiable
+LARGEST_RESIDUAL = 2.0  # times the noise: noise that is declared half as large as it is, or a wrong model
 _SOLVED_WINDOWS = 40  # that difference solves again at each update; older ones are marginalised
 
 
@@ -34,7 +36,6 @@ def make_estimator(
     known: KnownRobot | None = None,
     *,
     before: Continuation | None = None,
-    judge: Callable[[EstimatorConfig, MomentumKernel], Reporting] | None = None,
 ) -> Estimator:
     """Return the method that the parameters name.
 
@@ -45,7 +46,6 @@ def make_estimator(
     kernel : of the robot, with the errors of its known bodies
     known : nominal model with its uncertainty; None for the one that the parameters declare
     before : the run that this one continues
-    judge : makes the thresholds of publication; `make_reporting` where not given
     """
     _check_imu(config)
     if not kernel.errors.count:
@@ -55,7 +55,7 @@ def make_estimator(
             f"parameter 'continue_from' goes on with a run; method is {config.method}, capture.phase "
             f'{config.capture.phase}; accepted: trajectory, and no capture'
         )
-    reporting = (judge or make_reporting)(config, kernel)
+    reporting = make_reporting(config, kernel)
     if config.method == 'difference':
         return _difference(config, known or nominal_model(config, kernel), reporting)
     if config.method == 'trajectory':
@@ -77,16 +77,8 @@ def _varies(config: EstimatorConfig) -> bool:
 
 def make_reporting(config: EstimatorConfig, kernel: MomentumKernel) -> Reporting:
     """Return the thresholds of publication of a method."""
-    reporting = Reporting(unknown_scale(kernel)[:10], 0.0, 0.0, 0.0)
-    set_thresholds(reporting, config.convergence)
-    return reporting
-
-
-def set_thresholds(reporting: Reporting, convergence: ConvergenceConfig) -> None:
-    """Change the thresholds of publication, from the next window on."""
-    reporting.identifiable_std = convergence.identifiable_std
-    reporting.converged_std = convergence.relative_std
-    reporting.largest_residual = convergence.largest_residual
+    relative = config.convergence.relative_std
+    return Reporting(unknown_scale(kernel)[:10], IDENTIFIABLE_STD, relative, LARGEST_RESIDUAL)
 
 
 def _trajectory(
@@ -110,31 +102,22 @@ def _trajectory(
 
 def _difference(config: EstimatorConfig, known: KnownRobot, reporting: Reporting) -> DifferenceEstimator:
     """Return the weighted difference form: a method by itself, and the first stage of trajectory."""
-    if config.disturbance.constant != 'none':
-        raise ParameterError(
-            f"parameter 'disturbance.constant' is '{config.disturbance.constant}' with method difference, which "
-            'assumes constant momentum; accepted: none, or method trajectory'
-        )
-    if _varies(config):
-        raise ParameterError(
-            "parameters 'disturbance.torque_time' and '.force_time' are set with method difference, which assumes both "
-            'constant in a motion; accepted: 0, or method trajectory'
-        )
-    if config.method == 'difference' and isinstance(known.uncertainty.target, KnownTarget):
-        raise ParameterError(
-            f"parameter 'known_links.{known.kernel.target.name[:60]}' is of the link that is identified, with method "
-            'difference, which uses no prior of the target; accepted: none, or method trajectory'
-        )
-    if config.method == 'difference' and known.uncertainty.weighed is not None:
-        raise ParameterError(
-            f"parameter 'known_links.total_mass' is {config.known_links.total_mass:g} kg with method difference, which "
-            'does not use it; accepted: 0, or method trajectory'
-        )
-    if config.method == 'difference' and config.target_prior.mass_std > 0.0:
-        raise ParameterError(
-            f"parameter 'target_prior.mass_std' is {config.target_prior.mass_std:g} kg with method difference, which "
-            'uses no prior of the target; accepted: 0, or method trajectory'
-        )
+    disturbance, target = config.disturbance, known.uncertainty.target
+    unused = {
+        f"'disturbance.constant' is '{disturbance.constant}'": disturbance.constant != 'none',
+        "'disturbance.torque_time' or '.force_time' is above 0": _varies(config),
+        f"'known_links.{known.kernel.target.name[:60]}' is of the link that is identified": isinstance(
+            target, KnownTarget
+        ),
+        f"'known_links.total_mass' is {config.known_links.total_mass:g} kg": known.uncertainty.weighed is not None,
+        f"'target_prior.mass_std' is {config.target_prior.mass_std:g} kg": config.target_prior.mass_std > 0.0,
+    }
+    for given, present in unused.items():
+        if present and config.method == 'difference':
+            raise ParameterError(
+                f'parameter {given} with method difference, which assumes constant momentum and has no prior of the '
+                'target; accepted: none, or method trajectory'
+            )
     settings = DifferenceSettings(
         noise=config.noise.declared,
         kept_windows=_SOLVED_WINDOWS,
@@ -207,7 +190,7 @@ def make_capture(
         kernel,
         make,
         config.noise.declared,
-        config.convergence.largest_residual,
+        LARGEST_RESIDUAL,
         detect=config.capture.detect,
     )
     capture.time = config.capture.time or None

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.plan import PlanConfig
+from mbaid_ros.config.estimator import EstimatorConfig, PlanConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.posterior import Posterior
@@ -41,12 +40,13 @@ def plan_settings(config: EstimatorConfig) -> PlanSettings:
     Raises ParameterError: A wanted precision is not positive.
     """
     plan = config.plan
+    limits = plan.base_rotation, plan.base_translation, plan.base_rate, plan.deflection
     return PlanSettings(
         relative=_wanted(plan, config.convergence.relative_std),
         duration=plan.duration,
         joint_velocity=plan.joint_velocity or np.inf,
         joint_acceleration=plan.joint_acceleration,
-        base=BaseLimits(*(given or np.inf for given in (plan.base_rotation, plan.base_translation, plan.base_rate))),
+        base=BaseLimits(*(each or np.inf for each in limits)),
         clearance=plan.clearance,
         stuck=plan.stuck,
         held=plan.held,

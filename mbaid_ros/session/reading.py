@@ -20,11 +20,10 @@ from mbaid_ros.core.sensors.external_momentum import StoredMomentum
 from mbaid_ros.core.sensors.gyro import DeadReckoning, Gyro
 from mbaid_ros.core.sensors.joints import JointMerge
 from mbaid_ros.core.sensors.streams import OTHER_CLOCK, Gate, Reorder
-from mbaid_ros.messages.fields import stamps_of
+from mbaid_ros.messages.fields import PoseReader, Source, source_of, stamps_of
 from mbaid_ros.messages.imu import ImuReader
 from mbaid_ros.messages.joints import JointReader
 from mbaid_ros.messages.odometry import OdometryReader
-from mbaid_ros.messages.poses import PoseReader, Source, source_of
 from mbaid_ros.session.robot import Robot
 from mbaid_ros.session.settings import imu_link, imu_reader
 
@@ -32,6 +31,7 @@ JOINTS, ODOMETRY, IMU = 'joint_states', 'odom', 'imu'
 SPOKEN = {JOINTS: 'the joint states', ODOMETRY: 'the poses of the base', IMU: 'the IMU'}  # whatever their topics are
 
 TIME_JUMP = 1.0  # s between consecutive stamps of a topic: no sensor pauses and resumes in its own past
+REORDER_TIME = 0.05  # s, that messages wait for late ones at most: longer waits would delay every estimate
 OTHER_SOURCE = 'the pose of the base comes from another source'
 
 
@@ -196,7 +196,7 @@ class Intake:
         self.imu_reader: ImuReader = imu_reader(config, robot.model)
         self.stored_momentum = StoredMomentum(robot.model, config.wheels.momentum_frame)
         self.alone = config.imu.alone
-        limit, beside = round(config.reorder_time * 1e9), robot.kernel.storage.count
+        limit, beside = round(REORDER_TIME * 1e9), robot.kernel.storage.count
         turning = ~np.array(robot.model.prismatic, dtype=bool)[robot.model.transmission.independent]
         turning = np.append(turning, np.zeros(beside, dtype=bool))
         self.merge = JointMerge(

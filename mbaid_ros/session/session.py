@@ -10,14 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from mbaid_ros.config.estimator import ConvergenceConfig, EstimatorConfig
-from mbaid_ros.config.plan import PlanConfig
+from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.diagnosis.rate_checks import JointRates, gyro_check, twist_check
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.reporting import Reporting
-from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust
 from mbaid_ros.core.sensors.levels import FoundNoise
@@ -27,7 +24,7 @@ from mbaid_ros.core.window_checks import Check, HeldBase, WindowChecks
 from mbaid_ros.messages.fields import number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact
-from mbaid_ros.session.methods import make_capture, make_estimator, make_reporting, set_thresholds
+from mbaid_ros.session.methods import make_capture, make_estimator
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
 from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, BaseSource, Intake, MessageQueue, make_gyro
 from mbaid_ros.session.robot import Robot
@@ -183,11 +180,6 @@ class Session:
         self._ready += self._work()
         return self._segment.captured(self.queue.latest)
 
-    def judge_by(self, convergence: ConvergenceConfig, plan: PlanConfig | None = None) -> None:
-        """Change the thresholds from the next window on, and the parameters of planned motions."""
-        self.config = replace(self.config, convergence=convergence, plan=plan or self.config.plan)
-        self._segment.judge_by(convergence)
-
     # State
 
     def model_summary(self) -> ModelSummary:
@@ -278,12 +270,11 @@ class _Segment:
     ) -> None:
         self._config = config
         self._robot = robot
-        self._reportings: list[Reporting] = []
         self._left = [round(1e9 * part * config.window) for part in _LEFT]
         self._processed = (-1, 0)  # end of the window last processed in, and how many of the times of `_LEFT` passed
         self.intake = Intake(config, robot)
         model, described = robot.model, robot.kernel
-        make = make or partial(make_estimator, judge=self._make_reporting, before=before)
+        make = make or partial(make_estimator, before=before)
         method = partial(make, config, described, robot.known)
         self._capture = make_capture(config, described, method)
         robot.begin(self._capture)
@@ -377,14 +368,3 @@ class _Segment:
             raise DataError(f'the capture was announced before, at {before:.6g} s; accepted: a later one, or reset')
         capture.move(time)
         return f'captured {time:.3f} s after the first sample, not {before:.3f} s: the estimate since then is dropped'
-
-    def judge_by(self, convergence: ConvergenceConfig) -> None:
-        """Change the thresholds from the next window on."""
-        self._config = replace(self._config, convergence=convergence)
-        for reporting in self._reportings:
-            set_thresholds(reporting, convergence)
-
-    def _make_reporting(self, _config: EstimatorConfig, kernel: MomentumKernel) -> Reporting:
-        # The present thresholds: a capture that is moved makes its method with the parameters of the segment's begin.
-        self._reportings.append(make_reporting(self._config, kernel))
-        return self._reportings[-1]

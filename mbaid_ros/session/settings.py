@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import cast
 
 import numpy as np
 
-from mbaid_ros.config.capture import ThrustConfig
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig, make_orbit, make_storage
-from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.estimator import EstimatorConfig, ThrustConfig
 from mbaid_ros.config.flexible import FlexibleConfig
 from mbaid_ros.config.model_errors import KnownJointsConfig, TargetPriorConfig
 from mbaid_ros.core.errors import ParameterError, listing
@@ -22,7 +19,7 @@ from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.sensors.falling_frame import FallingFrame
 from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.environment import Circle, PushAxes, Pushing
+from mbaid_ros.core.unknowns.environment import Circle, Pushing
 from mbaid_ros.core.unknowns.sensors import GyroErrors
 from mbaid_ros.messages.imu import ImuReader
 
@@ -158,35 +155,29 @@ def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertai
 
     Raises ParameterError: A name is not that of a joint, or half of a prior is missing.
     """
-    mount = config.odometry_mount
-    zeros, origins, axes = (
-        joint_values(config.known_joints, part, model) for part in ('zero_std', 'origin_std', 'axis_std')
-    )
-    uncertainty = with_surroundings(config, model, (zeros, origins, axes), (mount.position_std, mount.orientation_std))
+    uncertainty = surroundings(config, model)
     orbit = 0.0 if config.imu.alone or config.orbit.mean_motion > 0.0 else config.orbit.undeclared_rate
     return replace(
         uncertainty, target=_target_prior(config.target_prior), orbit=orbit, circle=_uncertain_circle(config.orbit)
     )
 
 
-def with_surroundings(
-    config: EstimatorConfig,
-    model: RobotModel,
-    joints: tuple[Sequence[float], Sequence[float], Sequence[float]],
-    mount: tuple[float, float],
-) -> Uncertainty:
-    """Return a given uncertainty of joints and mount with the declared one of wheels, thrusters, stamps and momentum.
+def surroundings(config: EstimatorConfig, model: RobotModel) -> Uncertainty:
+    """Return the declared uncertainty of joints, mount, wheels, thrusters, stamps and momentum.
 
-    `joints` has (n,) standard deviations of zeros, origins and axes, `mount` the odometry's, m and rad.
+    Raises ParameterError: A name is not that of a joint.
     """
-    position, orientation = mount
+    parts = ('zero_std', 'origin_std', 'axis_std', 'tracking_std')
+    zeros, origins, axes, tracking = (joint_values(config.known_joints, part, model) for part in parts)
+    mount = config.odometry_mount
     alone = config.imu.alone  # without odometry there is no mount, and the frame has no momentum
-    tracking = joint_values(config.known_joints, 'tracking_std', model)
     passive = config.flexible.passive(model.joint_names).values()
     return Uncertainty(
-        *joints,
-        mount_position=0.0 if alone else position,
-        mount_orientation=0.0 if alone else orientation,
+        zeros,
+        origins,
+        axes,
+        mount_position=0.0 if alone else mount.position_std,
+        mount_orientation=0.0 if alone else mount.orientation_std,
         marker=marker_frame(config),
         spin_inertias=_spin_deviations(config.wheels),
         thrusters=uncertain_thrusters(config.thrust, model),
@@ -211,20 +202,13 @@ def with_surroundings(
 
 
 def _pushing(config: EstimatorConfig, kind: str) -> Pushing:
-    """Return how a force or torque from outside varies; a time that windows cannot show, or no orbit, is refused."""
-    disturbance = config.disturbance
-    deviation, time = getattr(disturbance, f'{kind}_std'), getattr(disturbance, f'{kind}_time')
+    """Return how a force or torque from outside varies; a time that windows cannot show is refused."""
+    deviation, time = (getattr(config.disturbance, f'{kind}_{part}') for part in ('std', 'time'))
     if 0.0 < time < config.window:
         raise ParameterError(
             f"parameter 'disturbance.{kind}_time' is {time:g} s; accepted: 0, or at least window, {config.window:g} s"
         )
-    axes = cast('PushAxes', disturbance.axes)
-    orbit = make_orbit(config.orbit) if axes == 'orbit' else None
-    if axes == 'orbit' and (orbit is None or config.orbit.epoch > 0.0):
-        raise ParameterError(
-            "parameter 'disturbance.axes' is 'orbit'; accepted with orbit.mean_motion above 0 and orbit.epoch 0"
-        )
-    return Pushing(deviation, time, axes, orbit)
+    return Pushing(deviation, time)
 
 
 def _uncertain_circle(config: OrbitConfig) -> Circle | None:
@@ -265,20 +249,16 @@ def joint_values(config: KnownJointsConfig, part: str, model: RobotModel) -> tup
 
 def _target_prior(config: TargetPriorConfig) -> TargetPrior:
     """Return the prior of the target; a value without its deviation, or the reverse, is refused."""
-    mass, com = f'{config.mass:g} kg', f'{[*config.com]} m'
-    mass_std, com_std = f'{config.mass_std:g} kg', f'{config.com_std:g} m'
-    both = 'both'
-    together = 'with the centre of mass, and the mass that it is the centre of'
-    missing = [
-        (config.mass_std > 0.0 and config.mass == 0.0, 'mass_std', mass_std, 'mass', both),
-        (config.mass > 0.0 and config.mass_std == 0.0, 'mass', mass, 'mass_std', both),
-        (bool(config.com) and config.com_std == 0.0, 'com', com, 'com_std', both),
-        (config.com_std > 0.0 and not config.com, 'com_std', com_std, 'com', together),
-        (config.com_std > 0.0 and not config.mass_std, 'com_std', com_std, 'mass_std', together),
-    ]
-    for refused, name, value, other, accepted in missing:
-        if refused:
+    given = {
+        'mass': f'{config.mass:g} kg' if config.mass else '',
+        'mass_std': f'{config.mass_std:g} kg' if config.mass_std else '',
+        'com': f'{[*config.com]} m' if config.com else '',
+        'com_std': f'{config.com_std:g} m' if config.com_std else '',
+    }
+    needs = ('mass', 'mass_std'), ('mass_std', 'mass'), ('com', 'com_std'), ('com_std', 'com'), ('com_std', 'mass_std')
+    for name, other in needs:
+        if given[name] and not given[other]:
             raise ParameterError(
-                f"parameter 'target_prior.{name}' is {value} without 'target_prior.{other}'; accepted: {accepted}"
+                f"parameter 'target_prior.{name}' is {given[name]} without 'target_prior.{other}'; accepted: both"
             )
     return TargetPrior(config.mass, config.mass_std, config.com, config.com_std)

@@ -11,7 +11,7 @@ import pinocchio
 
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.model import RobotModel, parse
+from mbaid_ros.core.robot.model import RobotModel, configurations, parse
 from mbaid_ros.simulation.environment import BodyPoses, Effect, Push, Springs
 
 # Smallest eigenvalue, relative to the largest, of the joint-space inertia scaled to a unit diagonal. Rounding leaves
@@ -74,10 +74,6 @@ class Dynamics:
         self._springs = springs
         self._pinocchio = parse(model.urdf, model.base_link)
         self._data = self._pinocchio.createData()
-        joints = list(self._pinocchio.joints)[2:]
-        self._place = np.array([joint.idx_q for joint in joints], dtype=int)
-        self._turning = np.array(model.continuous, dtype=bool)
-        self._sine_place = self._place[self._turning] + 1
         self._forces = pinocchio.StdVec_Force([pinocchio.Force.Zero()] * self._pinocchio.njoints)
         self._inertial = push if push is not None and push.body is None else None
         if push is not None and push.body is not None:
@@ -125,18 +121,21 @@ class Dynamics:
         (n,) array, N m or N; internal, so the total momentum does not change
         """
         configuration = self._configuration(state)
-        acceleration = np.concatenate((np.zeros(6), joint_acceleration))
         if self._effects:
             self._act_all(time, state, configuration)
         forces = (self._forces,) if self._effects else ()
+        # Nothing else drives the base, nor springs their joints: their rows of the inverse dynamics give how they
+        # accelerate.
+        free, wanted = np.arange(6), np.zeros(6, dtype=float)
         if self._springs is not None:
-            return self._torque_beside_springs(self._springs, state, configuration, acceleration, forces)
-        # Nothing else pushes the base: its six rows of the inverse dynamics must vanish, which gives its acceleration.
+            free = np.concatenate((free, 6 + self._springs.joints))
+            wanted = np.concatenate((wanted, self._springs.torque(state.joint_position, state.joint_velocity)))
+        acceleration = np.concatenate((np.zeros(6), joint_acceleration))
+        acceleration[free] = 0.0
         motion = (self._pinocchio, self._data, configuration, state.velocity)
-        push = pinocchio.rnea(*motion, acceleration, *forces)[:6]
-        pinocchio.crba(self._pinocchio, self._data, configuration)
+        missing = wanted - pinocchio.rnea(*motion, acceleration, *forces)[free]
         try:
-            acceleration[:6] = np.linalg.solve(self._data.Ycrb[1].matrix(), -push)
+            acceleration[free] = np.linalg.solve(self._mass_matrix(configuration)[np.ix_(free, free)], missing)
         except np.linalg.LinAlgError as error:
             raise ModelError(DIVERGED) from error
         return np.array(pinocchio.rnea(*motion, acceleration, *forces)[6:])
@@ -147,21 +146,6 @@ class Dynamics:
         if self._springs is not None:
             torque[self._springs.joints] = self._springs.torque(state.joint_position, state.joint_velocity)
         return torque
-
-    def _torque_beside_springs(
-        self, springs: Springs, state: State, configuration: Array, acceleration: Array, forces: tuple[object, ...]
-    ) -> Array:
-        """Return the joint torques for an acceleration (6 + n,) of the joints that no spring moves."""
-        free = np.concatenate((np.arange(6), 6 + springs.joints))
-        acceleration[free] = 0.0
-        motion = (self._pinocchio, self._data, configuration, state.velocity)
-        wanted = np.concatenate((np.zeros(6), springs.torque(state.joint_position, state.joint_velocity)))
-        missing = wanted - pinocchio.rnea(*motion, acceleration, *forces)[free]
-        try:
-            acceleration[free] = np.linalg.solve(self._mass_matrix(configuration)[np.ix_(free, free)], missing)
-        except np.linalg.LinAlgError as error:
-            raise ModelError(DIVERGED) from error
-        return np.array(pinocchio.rnea(*motion, acceleration, *forces)[6:])
 
     def _act_all(self, time: float, state: State, configuration: Array) -> None:
         """Give pinocchio everything that acts and depends on time or state."""
@@ -188,14 +172,8 @@ class Dynamics:
 
     def _configuration(self, state: State) -> Array:
         """Return pinocchio's configuration vector, in which a continuous joint is (cos, sin)."""
-        configuration = np.empty(self._pinocchio.nq)
-        configuration[:3] = state.base_position
-        configuration[3:7] = state.base_orientation
-        configuration[self._place] = state.joint_position
-        if self._sine_place.size:
-            angle = state.joint_position[self._turning]
-            configuration[self._sine_place - 1] = np.cos(angle)
-            configuration[self._sine_place] = np.sin(angle)
+        configuration = configurations(self.model, state.joint_position)
+        configuration[:3], configuration[3:7] = state.base_position, state.base_orientation
         return configuration
 
     def _mass_matrix(self, configuration: Array) -> Array:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Integers, cross, rotate, rotate_back, unvec
-from mbaid_ros.core.robot.kernel import cantilever_inertias
+from mbaid_ros.core.robot.kinematics import Kinematics, cantilever_inertias
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.orbit import Orbit
@@ -29,7 +28,7 @@ class Springs:
     def of(model: RobotModel, names: Sequence[str], frequencies: Sequence[float], ratios: Sequence[float]) -> Springs:
         """Return those of joints with natural frequencies, Hz, all else held, and damping ratios."""
         joints = np.array([model.joint_names.index(name) for name in names], dtype=np.intp)
-        inertia = cantilever_inertias(model, model.body_parameters())[joints]
+        inertia = cantilever_inertias(Kinematics(model), model.body_parameters())[joints]
         rate = 2.0 * np.pi * np.array(frequencies)
         return Springs(joints, inertia * rate**2, 2.0 * np.array(ratios) * inertia * rate)
 
@@ -46,14 +45,6 @@ class BodyPoses:
     rotation: Array  # (n + 1, 3, 3) body to odometry axes
     position: Array  # (n + 1, 3) m, body origins in the odometry frame
     angular_velocity: Array  # (3,) rad/s, of the base, in its axes
-
-
-class Effect(Protocol):
-    """Something that acts on bodies."""
-
-    def wrenches(self, now: BodyPoses) -> Array:
-        """Return force (N) and torque (N m) about each body's origin, in its axes, (n + 1, 6)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -110,7 +101,7 @@ class Tide:
         return Tide(orbit, origin, values[:, 0], values[:, 1:4], unvec(values[:, 4:]))
 
     def wrenches(self, now: BodyPoses) -> Array:
-        """Return m G x at each centre of mass and 3 mu/r^3 up x I up, about the body's origin: (n + 1, 6)."""
+        """Return m G x at each centre of mass and 3 mu/r^3 up x I up, about the bodies' origins, (n + 1, 6)."""
         instant = np.array([now.time])
         up = rotate_back(now.rotation, np.broadcast_to(self.orbit.upward(instant), now.position.shape))
         place = self.origin + now.position + rotate(now.rotation, self.centre)
@@ -119,53 +110,19 @@ class Tide:
         return np.concatenate((force, torque + cross(self.centre, force)), axis=1)
 
 
-_TERMS = 3  # sinusoids of a wheel that wanders
-_PERIODS = (8.0, 40.0)  # s
-
-
 @dataclass(frozen=True, eq=False)
 class Wheels:
-    """w wheels of speeds s(t) = start + slope t + sum_k a_k (sin(r_k t + p_k) - sin(p_k)) relative to the base."""
+    """w wheels that are held, or ramped: of speeds start + slope t relative to the base."""
 
     names: tuple[str, ...]  # of each
     axes: Array  # (w, 3) unit vectors in the base's axes
     spin_inertias: Array  # (w,) kg m^2
     start: Array  # (w,) rad/s
     slope: Array  # (w,) rad/s^2
-    amplitude: Array  # (w, K) rad/s
-    rate: Array  # (w, K) rad/s
-    phase: Array  # (w, K) rad
-
-    @staticmethod
-    def drawn(
-        names: tuple[str, ...],
-        axes: Array,
-        spin_inertias: Array,
-        speeds: tuple[Array, Array],
-        wander: tuple[float, int],
-    ) -> Wheels:
-        """Return wheels that are held, or ramped, and wander beside.
-
-        Parameters
-        ----------
-        names, axes, spin_inertias : as of the class
-        speeds : start and slope
-        wander : rad/s, largest departure from that, and a seed
-        """
-        amplitude, seed = wander
-        rng = np.random.default_rng(seed)
-        shape = (len(names), _TERMS)
-        rate = 2.0 * np.pi / rng.uniform(*_PERIODS, shape)
-        share = rng.uniform(0.5, 1.0, shape)
-        return Wheels(
-            names, axes, spin_inertias, *speeds, amplitude * share / _TERMS, rate, rng.uniform(0.0, 2.0 * np.pi, shape)
-        )
 
     def speeds(self, time: Array) -> Array:
         """Return the (N, w) speeds at (N,) times, rad/s."""
-        angle = self.rate * time[:, None, None] + self.phase
-        wandering = np.sum(self.amplitude * (np.sin(angle) - np.sin(self.phase)), axis=-1)
-        return np.asarray(self.start + self.slope * time[:, None] + wandering)
+        return np.asarray(self.start + self.slope * time[:, None])
 
     def stored(self, speeds: Array) -> Array:
         """Return the (N, 3) angular momentum that they store at (N, w) speeds, N m s, base axes."""
@@ -173,16 +130,17 @@ class Wheels:
 
     def wrenches(self, now: BodyPoses) -> Array:
         """Return the reaction of their motors and their gyroscopic torque on the base: -(h' + w x h)."""
-        angle = self.rate * now.time + self.phase
-        slopes = self.slope + np.sum(self.amplitude * self.rate * np.cos(angle), axis=-1)
         stored = self.stored(self.speeds(np.array([now.time])))[0]
         wrenches = np.zeros((len(now.position), 6))
-        wrenches[0, 3:] = -(self.spin_inertias * slopes) @ self.axes - np.cross(now.angular_velocity, stored)
+        wrenches[0, 3:] = -self.stored(self.slope) - np.cross(now.angular_velocity, stored)
         return wrenches
 
     def later(self, time: float) -> Wheels:
         """Return the same wheels, begun at a time (s) of this one."""
-        return replace(self, start=self.speeds(np.array([time]))[0], phase=self.phase + self.rate * time)
+        return replace(self, start=self.speeds(np.array([time]))[0])
+
+
+Effect = Tide | Wheels  # has the wrenches (n + 1, 6) on all bodies: force (N) and torque (N m) about their origins
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -18,55 +18,40 @@ _STIFFNESS = 1.0  # 1/s^2
 _DAMPING = 2.0  # 1/s
 
 
-class Motion(Protocol):
-    """How the joints are driven."""
-
-    def command(self, time: float, position: Array, velocity: Array) -> Array | None:
-        """Return the joint accelerations to give (n,) in rad/s^2 or m/s^2, or None where no torque acts."""
-        ...
-
-    def later(self, time: float) -> Motion:
-        """Return the same motion, begun at a time (s) of this one."""
-        ...
-
-
-def tracking(reference: tuple[Array, Array, Array], position: Array, velocity: Array) -> Array:
-    """Return the acceleration of a reference (position, velocity, acceleration), corrected by the tracking error."""
-    wanted, speed, acceleration = reference
-    return acceleration + _DAMPING * (speed - velocity) + _STIFFNESS * (wanted - position)
-
-
-class Driven(Motion, Protocol):
-    """Joints that follow a reference."""
-
-    @property
-    def start(self) -> Array:
-        """Where they begin, (n,)."""
-        ...
-
-    def reference(self, time: float) -> tuple[Array, Array, Array]:
-        """Return position, velocity and acceleration of the joints at a time, (n,) each."""
-        ...
-
-    def later(self, time: float) -> Driven:
-        """Return the same motion, begun at a time (s) of this one."""
-        ...
-
-
 class Passive:
     """Free joints: no torque (the paper's case)."""
 
-    def command(self, time: float, position: Array, velocity: Array) -> None:  # noqa: ARG002 - the protocol's
+    def command(self, time: float, position: Array, velocity: Array) -> None:  # noqa: ARG002 - as of Driven
         """Return None: nothing drives the joints."""
         return
 
-    def later(self, time: float) -> Passive:  # noqa: ARG002 - the protocol's
+    def later(self, time: float) -> Passive:  # noqa: ARG002 - as of Driven
         """Return itself."""
         return self
 
 
+class Driven(ABC):
+    """Joints that follow a reference."""
+
+    @abstractmethod
+    def reference(self, time: float) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration of the joints at a time, (n,) each."""
+
+    @abstractmethod
+    def later(self, time: float) -> Driven:
+        """Return the same motion, begun at a time (s) of this one."""
+
+    def command(self, time: float, position: Array, velocity: Array) -> Array:
+        """Return the joint accelerations to give (n,): the reference's, corrected by the tracking error."""
+        wanted, speed, acceleration = self.reference(time)
+        return acceleration + _DAMPING * (speed - velocity) + _STIFFNESS * (wanted - position)
+
+
+Motion = Passive | Driven
+
+
 @dataclass(frozen=True)
-class Sinusoids:
+class Sinusoids(Driven):
     """Joints that follow q_j(t) = q0_j + sum_k a_jk (sin(2 pi f_jk t + phi_jk) - sin(phi_jk))."""
 
     start: Array  # (n,) q0, rad or m
@@ -86,10 +71,6 @@ class Sinusoids:
         """Return the same motion, begun at a time (s) of this one."""
         phase = self.phase + 2.0 * np.pi * time * self.frequency
         return Sinusoids(self.reference(time)[0], self.amplitude, self.frequency, phase)
-
-    def command(self, time: float, position: Array, velocity: Array) -> Array:
-        """Return the reference's acceleration, corrected by the tracking error."""
-        return tracking(self.reference(time), position, velocity)
 
 
 def sinusoids(start: Array, amplitudes: Array, frequencies: Array, phases: Array) -> Sinusoids:

@@ -11,7 +11,7 @@ from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.simulation.motion import Driven, tracking
+from mbaid_ros.simulation.motion import Driven
 
 Places = npt.NDArray[np.intp]
 
@@ -19,7 +19,7 @@ _NEAR = 0.05  # rad or m, by which a trajectory may begin elsewhere than the joi
 
 
 @dataclass(frozen=True, eq=False)
-class Followed:
+class Followed(Driven):
     """Joints that follow a trajectory from a time on, and rest before it and after it."""
 
     trajectory: JointTrajectory  # of the k joints that it moves, the others of the n rest
@@ -38,12 +38,8 @@ class Followed:
         """Return the same motion, begun at a time (s) of this one."""
         return Followed(self.trajectory, self.start, self.places, self.begin - time)
 
-    def command(self, time: float, position: Array, velocity: Array) -> Array:
-        """Return the reference's acceleration, corrected by the tracking error."""
-        return tracking(self.reference(time), position, velocity)
 
-
-class Steered:
+class Steered(Driven):
     """A motion, and trajectories that are given on the way, each of which takes over when its time has come.
 
     Parameters
@@ -56,11 +52,6 @@ class Steered:
         self._orders: list[Followed] = []  # with times of `first`
         self._offset = 0.0
 
-    @property
-    def start(self) -> Array:
-        """Where the joints begin, (n,)."""
-        return self.reference(0.0)[0]
-
     def follow(self, trajectory: JointTrajectory, model: RobotModel, begin: float) -> None:
         """Follow a trajectory from a time (s) on that is still to come; joints that it does not name rest from there.
 
@@ -71,13 +62,6 @@ class Steered:
         places = _places(every, model)
         joined = _joined(every, place[places], rate[places], bend[places])
         self._orders.append(Followed(joined, place, places, begin + self._offset))
-
-    def come_to_rest(self, model: RobotModel, begin: float, seconds: float) -> None:
-        """Come to rest within some seconds from a time (s) on that is still to come."""
-        place, rate, _ = self.reference(begin)
-        end = (place + 0.5 * seconds * rate)[model.transmission.independent][None]
-        still = np.zeros(end.shape)
-        self.follow(JointTrajectory(model.independent_joints, np.array([seconds]), end, still, still), model, begin)
 
     def reference(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration of the joints at a time, (n,) each."""
@@ -92,10 +76,6 @@ class Steered:
         other = Steered(self._first)
         other._orders, other._offset = self._orders, self._offset + time
         return other
-
-    def command(self, time: float, position: Array, velocity: Array) -> Array:
-        """Return the reference's acceleration, corrected by the tracking error."""
-        return tracking(self.reference(time), position, velocity)
 
 
 def of_all_joints(trajectory: JointTrajectory, model: RobotModel) -> JointTrajectory:

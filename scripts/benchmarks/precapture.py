@@ -9,14 +9,14 @@ from functools import cache
 import numpy as np
 
 from benchmarks.data import NOISE, RATE, model, readings, simulation
-from mbaid_ros.calibration.unknowns import LinkPrior, physical_std
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.physical_consistency import is_physical
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.robot.momentum import physical, standard
+from mbaid_ros.core.robot.model_errors import BodyDeviations, ModelErrors
+from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.streams import Windows
@@ -26,8 +26,8 @@ from mbaid_ros.simulation.true_robot import true_robot
 
 # The arm's own last link, without the target (the table in servicer7.urdf).
 BARE_LINK7 = np.array([7.0, 0.010, -0.015, 0.150, 0.070, 0.001, -0.003, 0.075, 0.002, 0.040])
-GENERAL = LinkPrior(0.05, 0.01, 0.05)  # of a link in CAD: mass, relative; CoM, m; inertia, relative
-WEIGHED = LinkPrior(0.001, 0.01, 0.05)  # of a base that was weighed
+GENERAL = BodyDeviations(0.05, 0.01, 0.05)  # of a link in CAD: mass, relative; CoM, m; inertia, relative
+WEIGHED = BodyDeviations(0.001, 0.01, 0.05)  # of a base that was weighed
 _MOTION: dict[str, object] = {
     'initial.joint_positions': [0.4, 0.7, -0.3, 0.9, 0.5, -0.6, 0.2],
     'initial.base_angular_velocity': [0.01, -0.015, 0.02],
@@ -66,26 +66,23 @@ def windows(truth: Truth, seed: int | None, model_errors: ModelErrors | None = N
     return [*cutter.push(samples), *cutter.flush()] if samples is not None else []
 
 
-def perturbed(robot: RobotModel, priors: Sequence[LinkPrior], seed: int) -> RobotModel:
+def factors(kernel: MomentumKernel, priors: Sequence[BodyDeviations]) -> tuple[Array, ...]:
+    """Return the covariance factors of the links of a kernel, as a calibration takes them."""
+    return tuple(prior.factor(link.parameters) for link, prior in zip(kernel.unknown, priors, strict=True))
+
+
+def perturbed(robot: RobotModel, priors: Sequence[BodyDeviations], seed: int) -> RobotModel:
     """Return a robot whose links are drawn from their priors."""
     rng = np.random.default_rng(seed)
     links = []
     for link, prior in zip(robot.links, priors, strict=True):
-        true = physical(link.parameters)
-        size = np.where(prior.given, physical_std(link, prior), 0.0)
-        drawn = (_off(true, size * rng.normal(size=10)) for _ in range(100))
+        factor = prior.factor(link.parameters)
+        drawn = (link.parameters + factor @ rng.normal(size=factor.shape[1]) for _ in range(100))
         links.append(replace(link, parameters=next(each for each in drawn if is_physical(each))))
     return replace(robot, links=tuple(links))
 
 
-def _off(true: Array, change: Array) -> Array:
-    """Return the standard parameters (10,) of a body with errors; the inertia scales with the wrong mass."""
-    wrong = true + change
-    wrong[4:] += (wrong[0] / true[0] - 1.0) * true[4:]
-    return standard(wrong)
-
-
-def cad_model(seed: int, base: LinkPrior) -> RobotModel:
+def cad_model(seed: int, base: BodyDeviations) -> RobotModel:
     """Return the servicer as a CAD model may describe it."""
     robot, urdf = free_model(), free_urdf()
     priors = [base if link.name == 'base_link' else GENERAL for link in robot.links]

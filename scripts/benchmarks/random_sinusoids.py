@@ -57,7 +57,7 @@ def _time_to_reach(motions: Motions, drawn: list[Sinusoids], length: float, want
     for _ in range(3):
         position, rate = _moved(drawn, times, part)
         floating = motions.floating.moved(position, rate, grid.spacing)
-        resting = motions.floating.coasting(motions.start, len(floating), grid.spacing)
+        resting = motions.floating.moved(*motions.at_rest(times), grid.spacing)
         use = (floating.away_from(resting).max(axis=0) / base.array).max(axis=1)
         if np.all(use <= 1.0):
             break

@@ -29,7 +29,7 @@ class Inner:
 class Outer:
     """One parameter of each type, and a group."""
 
-    enabled: bool = parameter(default=False, read_only=False)
+    enabled: bool = parameter(default=False)
     """A switch."""
     count: int = parameter(3, minimum=0)
     """A count."""

@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +14,13 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from mbaid_msgs.msg import InertiaEstimate
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from graph import PATIENCE, ROOT, Graph
-from mbaid_ros.config.trajectory import as_yaml
-from mbaid_ros.messages.joints import trajectory_of
-from mbaid_ros.nodes.subscriptions import LATCHED, qos
+from mbaid_ros.config.trajectory import as_yaml, read_trajectory
+from mbaid_ros.nodes.subscriptions import TYPES, qos
+from mbaid_ros.outgoing import trajectory_message
+from mbaid_ros.replay.start import plan as replay_plan
 from planned import first_motion
 from simulated import CONFIG
 
@@ -75,10 +76,6 @@ NOISE = {
 PLAN = {'effort': 10, 'duration': 5.0, 'joint_velocity': 0.05, 'base_rotation': 0.02}
 
 
-def call(graph: Graph) -> Trigger.Response:
-    return graph.call('/estimator/plan', Trigger, Trigger.Request())
-
-
 def words(parameters: dict[str, object]) -> list[str]:
     return [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
 
@@ -89,17 +86,14 @@ def test_a_planned_motion_is_followed_and_tells_what_was_uncertain(graph: Graph,
     plan = words({f'plan.{name}': value for name, value in PLAN.items()})
     file = CONFIG / 'servicer7_estimator.yaml'
     estimator = graph.start('estimator', '--ros-args', '--params-file', file, *plan)
-    refused = call(graph)
-    assert not refused.success
-    assert 'no solution to plan from yet' in refused.message
+    graph.start('recorder', '--ros-args', '-p', f'output:={tmp_path / "bag"}')
     estimates = graph.collect('/estimator/estimate', InertiaEstimate)
     diagnostics = graph.collect('/diagnostics', DiagnosticArray, qos(100))
     watch = graph.start('watch')
-    motions = graph.collect('/estimator/motion', JointTrajectory)
     states = graph.collect('/joint_states', JointState, qos(10_000))
     given = {
         'robot_description_file': CONFIG / 'servicer7.urdf', 'joint_rate': 20.0, 'odometry_rate': 20.0,
-        'real_time_factor': 4.0, 'wait_for_subscribers': 1, 'motion.kind': 'trajectory',
+        'real_time_factor': 4.0, 'wait_for_subscribers': 2, 'motion.kind': 'trajectory',
         'motion.trajectory_file': tmp_path / 'first.yaml', **{f'noise.{name}': size for name, size in NOISE.items()},
     }  # fmt: skip
     graph.start('simulator', '--ros-args', *words(given))
@@ -108,27 +102,21 @@ def test_a_planned_motion_is_followed_and_tells_what_was_uncertain(graph: Graph,
     graph.wait(lambda: 'next: best single joint: ' in estimator.stderr, 'in the log what would help')
     graph.wait(lambda: "key='next', value='best single joint: " in str(diagnostics), 'the same in the diagnostics')
     graph.wait(lambda: ', next: best single joint: ' in watch.stdout, 'the same in the terminal')
-    answer = call(graph)
-    assert answer.success, answer.message
-    assert 'the motion comes on ~/motion' in answer.message
-    assert not call(graph).success  # it is being planned
-    graph.wait(lambda: motions, 'the planned motion')
-    graph.wait(lambda: ' s of motion bring ' in estimator.stderr, 'the verdict in the log')
-    graph.wait(lambda: "key='plan reaches the wanted precision', value='" in str(diagnostics), 'and in the diagnostics')
-    trajectory = trajectory_of(motions[-1])
+    # From the bag that is still being recorded, once a flush has followed the last sample.
+    motion, model = tmp_path / 'motion.yaml', CONFIG / 'servicer7.urdf'
+    rested = time.monotonic()
+    graph.wait(lambda: time.monotonic() - rested > 2.0, 'a flush of the recorder')
+    planned = replay_plan(
+        [str(tmp_path / 'bag'), '--model', str(model), '--params', str(file), *plan, '--yaml', str(motion)]
+    )
+    assert planned in {0, 3}  # whether it reaches the wanted precision or not
+    trajectory = read_trajectory(motion)
     assert trajectory.duration == 5.0
     assert trajectory.position[0] == pytest.approx(np.array(states[-1].position), abs=2e-3)
 
-    graph.publisher('/joint_trajectory', JointTrajectory).publish(motions[-1])
+    graph.publisher('/joint_trajectory', JointTrajectory).publish(trajectory_message(trajectory, TYPES))
     end = trajectory.position[-1]
     graph.wait(lambda: np.abs(np.array(states[-1].position) - end).max() < 2e-3, 'the end of the motion')
     done = estimates[-1].span.sec
     graph.wait(lambda: estimates[-1].span.sec > done, 'an estimate after the motion')
     assert np.all(estimates[-1].standard_deviation < before.standard_deviation)
-
-    # A run that is over has no motion that could be followed.
-    assert graph.call('/estimator/reset', Trigger, Trigger.Request()).success
-    late = graph.collect('/estimator/motion', JointTrajectory, LATCHED)
-    graph.wait(lambda: graph.node.count_publishers('/estimator/motion') == 1, 'the topic')
-    assert graph.call('/estimator/reset', Trigger, Trigger.Request()).success
-    assert not late

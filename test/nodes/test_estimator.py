@@ -20,7 +20,6 @@ from rclpy.qos import ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
-from visualization_msgs.msg import Marker, MarkerArray
 
 from captured import with_bare_link
 from graph import Graph, Process
@@ -91,11 +90,10 @@ def check_that_it_goes_stale(graph: Graph, node: Process, live: list[Any], fresh
     assert bits(late[:1]) == bits(live[-1:])
 
 
-def check_that_it_is_forgotten(graph: Graph, live: list[Any], arrays: list[MarkerArray]) -> None:
+def check_that_it_is_forgotten(graph: Graph, live: list[Any]) -> None:
     reset(graph)
     graph.wait(lambda: live[-1].status == 'waiting', 'an estimate that waits')
     assert not live[-1].stale
-    graph.wait(lambda: arrays[-1].markers[0].action == Marker.DELETEALL, 'an empty display')
     withdrawn = graph.collect('/estimator/inertia', InertiaStamped)
     first = made(live)[0]
     live.clear()
@@ -110,7 +108,6 @@ def test_a_run_is_that_of_the_core_to_the_last_bit_goes_stale_and_is_forgotten(g
     node = start(graph)
     live = graph.collect('/estimator/estimate', InertiaEstimate)
     inertia = graph.collect('/estimator/inertia', InertiaStamped)
-    arrays = graph.collect('/estimator/markers', MarkerArray)
     graph.node.create_publisher(PoseStamped, '/mocap/pose', qos(1))
     either = '/odom (nav_msgs/msg/Odometry) or /pose (geometry_msgs/msg/PoseStamped)'
     graph.wait(lambda: f'waiting for {either}; nothing publishes it' in node.stderr, 'the wait')
@@ -137,12 +134,10 @@ def test_a_run_is_that_of_the_core_to_the_last_bit_goes_stale_and_is_forgotten(g
     assert 0 < len(usable) < len(expected)
     graph.wait(lambda: len(inertia) >= len(usable), 'all inertias')
     assert bits(inertia, INERTIA) == bits(usable, INERTIA)
-    graph.wait(lambda: any(len(array.markers) == 4 for array in arrays), 'markers')
-    assert arrays[-1].markers[0].header.frame_id == 'link4'
     assert '/tf' not in dict(graph.node.get_topic_names_and_types())
 
     check_that_it_goes_stale(graph, node, live, closed()[-1])
-    check_that_it_is_forgotten(graph, live, arrays)
+    check_that_it_is_forgotten(graph, live)
     assert node.stop() == 0
 
 
@@ -202,7 +197,7 @@ def set_parameter(graph: Graph, name: str, value: float) -> Any:
     return graph.call('/estimator/set_parameters', SetParameters, request).results[0]
 
 
-def test_a_pause_takes_nothing_and_thresholds_can_be_set_while_it_runs(graph: Graph) -> None:
+def test_a_pause_takes_nothing_and_no_parameter_can_be_set_while_it_runs(graph: Graph) -> None:
     messages = run('servicer7', 12.0, rate=50.0)
     start(graph, 'method:=difference', robot='servicer7')
     estimates = graph.collect('/estimator/estimate', InertiaEstimate)
@@ -226,15 +221,6 @@ def test_a_pause_takes_nothing_and_thresholds_can_be_set_while_it_runs(graph: Gr
     assert int(reported[2]) == estimates[-1].samples < int(reported[3]) <= (half - 200) / 2
     assert made(estimates)[-1].status != 'converged'
 
-    pause(graph, paused=False)
-    assert set_parameter(graph, 'convergence.relative_std', 1e6).successful
-    assert set_parameter(graph, 'convergence.identifiable_std', 1e6).successful
-    publish(graph, messages[half:])
-    graph.wait(lambda: made(estimates)[-1].status in {'converged', 'inconsistent'}, 'another judgement')
-    assert made(estimates)[-1].status == 'converged'
-    assert all(made(estimates)[-1].identifiable)
-    refused = set_parameter(graph, 'convergence.relative_std', -1.0)
-    assert 'convergence.relative_std out of range' in refused.reason
     fixed = set_parameter(graph, 'window', 2.0)
     assert (fixed.successful, 'read-only' in fixed.reason) == (False, True)
 

@@ -19,8 +19,9 @@ from mbaid_msgs.msg import InertiaEstimate
 from rclpy.node import Node
 
 from graph import LOCAL, Graph, executable, free_domain
+from mbaid_ros.cli import run
 from mbaid_ros.nodes import estimator, player, recorder, simulator, watch
-from mbaid_ros.nodes.estimator import EstimatorNode, ManagedEstimatorNode
+from mbaid_ros.nodes.estimator import EstimatorNode
 from mbaid_ros.nodes.simulator import SimulatorNode
 from simulated import CONFIG
 
@@ -70,7 +71,7 @@ def test_every_executable_is_installed_and_an_unknown_argument_is_one_line() -> 
         (['--ros-args', '--params-file', '/no/file.yaml'], '/no/file.yaml'),
         (['--ros-args', '-r', '__node:=9'], "'-r __node:=9'"),
         (['--ros-args', '--colour'], '--colour'),
-        (['--lifecycle', *assigned('window:=-1.0')], "'window' is -1.0 s; accepted: a number > 0"),
+        (assigned('window:=-1.0'), "'window' is -1.0 s; accepted: a number > 0"),
     ],
 )
 @pytest.mark.usefixtures('_domain')
@@ -109,7 +110,7 @@ def test_a_parameter_file_without_a_section_for_the_node_is_refused(
 
 
 def refused(node: Any, arguments: list[str], text: str, capfd: pytest.CaptureFixture[str]) -> None:
-    assert node.main(arguments) == 2
+    assert run(node.main, arguments) == 2
     captured = capfd.readouterr()
     assert not captured.out
     assert captured.err.startswith(f'mbaid_ros {node.NAME}: ')
@@ -213,10 +214,9 @@ def admitted(node: str) -> dict[str, set[str]]:
     [
         (EstimatorNode, EVERYTHING),
         (EstimatorNode, ['pose.tf_child_frame:=base_link']),
-        (lambda: ManagedEstimatorNode('estimator'), []),
         (SimulatorNode, MOVED),
     ],
-    ids=['estimator', 'on tf', 'managed', 'simulator'],
+    ids=['estimator', 'on tf', 'simulator'],
 )
 def test_the_policy_admits_all_that_a_node_does(
     make: Callable[[], Node], parameters: list[str], monkeypatch: pytest.MonkeyPatch

@@ -1,4 +1,4 @@
-"""ROS parameters from the dataclasses: descriptors, values, refusals, and when a managed node reads them."""
+"""ROS parameters from the dataclasses: descriptors, values, refusals; and messages that are lost."""
 
 from __future__ import annotations
 
@@ -8,17 +8,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 import rclpy
-from lifecycle_msgs.msg import State, Transition
-from lifecycle_msgs.srv import ChangeState, GetState
-from mbaid_msgs.msg import InertiaEstimate
-from nav_msgs.msg import Odometry
-from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterValue
-from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
@@ -27,16 +19,13 @@ from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy
 from sensor_msgs.msg import JointState
 
-from graph import Graph, free_domain
+from graph import free_domain
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import parameter, specifications, values_of
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.nodes import runner, subscriptions
-from mbaid_ros.nodes.runner import changed, declare_parameters
-from mbaid_ros.nodes.subscriptions import qos
-from simulated import CONFIG
-from streams import run
+from mbaid_ros.nodes.runner import declare_parameters
 
 
 @dataclass(frozen=True)
@@ -157,96 +146,6 @@ def test_the_nodes_parameters_can_all_be_declared(cls: type) -> None:
         for name, spec in specifications(cls).items():
             assert made.get_parameter(name).type_.name == spec.type.upper(), name
             assert made.describe_parameter(name).description == spec.description
-
-
-def test_what_may_change_is_checked_by_the_same_rules() -> None:
-    with node('window:=1.0') as made:
-        declare_parameters(made, EstimatorConfig)
-        setting, other = (
-            Parameter(name, value=0.2)  # type: ignore[no-untyped-call]
-            for name in ('convergence.relative_std', 'qos_overrides.x')
-        )
-        found = changed(made, EstimatorConfig, [setting, other])
-        assert (found.convergence.relative_std, found.window) == (0.2, 1.0)
-        setting._value = -1.0
-        with pytest.raises(ParameterError, match=r"'convergence\.relative_std' is -1\.0; accepted: a number > 0"):
-            changed(made, EstimatorConfig, [setting])
-
-
-def test_the_readme_says_which_may_change() -> None:
-    changing = {name for name, spec in specifications(EstimatorConfig).items() if not spec.read_only}
-    named = specifications(EstimatorConfig)
-    assert changing == {name for name in named if name.startswith(('convergence.', 'plan.'))}
-
-
-# -- The estimator as a managed node: what each transition does, on a live graph.
-
-
-def transition(graph: Graph, number: int) -> bool:
-    request = ChangeState.Request(transition=Transition(id=number))
-    return bool(graph.call('/estimator/change_state', ChangeState, request).success)
-
-
-def state(graph: Graph) -> int:
-    return int(graph.call('/estimator/get_state', GetState, GetState.Request()).current_state.id)
-
-
-def assign(graph: Graph, name: str, value: str | float) -> Any:
-    given = {'type': 4, 'string_value': value} if isinstance(value, str) else {'type': 3, 'double_value': value}
-    request = SetParameters.Request(parameters=[ParameterMessage(name=name, value=ParameterValue(**given))])
-    return graph.call('/estimator/set_parameters', SetParameters, request).results[0]
-
-
-def topics(graph: Graph) -> set[str]:
-    return {name for name, _ in graph.node.get_topic_names_and_types()}
-
-
-def test_a_life(graph: Graph) -> None:
-    node = graph.start('estimator', '--lifecycle', '--ros-args', '-p', 'known_joints.joint2.zero_std:=0.002')
-    assert state(graph) == State.PRIMARY_STATE_UNCONFIGURED
-    assert '/estimator/estimate' not in topics(graph)
-
-    # The robot is read by `configure`: what is wrong with it is told, and can be mended.
-    assert assign(graph, 'robot_description_file', '/absent.urdf').successful
-    assert not transition(graph, Transition.TRANSITION_CONFIGURE)
-    graph.wait(lambda: '/absent.urdf' in node.stderr, 'the reason')
-    assert state(graph) == State.PRIMARY_STATE_UNCONFIGURED
-    assert assign(graph, 'robot_description_file', str(CONFIG / 'table1.urdf')).successful
-    assert transition(graph, Transition.TRANSITION_CONFIGURE)
-    graph.wait(lambda: '/estimator/estimate' in topics(graph), 'the topics')
-    refused = assign(graph, 'target_link', 'link3')
-    assert refused.reason == "'target_link' is read when the node is configured: clean up first"
-
-    # Data are taken while it is active.
-    estimates = graph.collect('/estimator/estimate', InertiaEstimate)
-    publishers = {
-        'joint_states': graph.publisher('joint_states', JointState, qos(10_000)),
-        'odom': graph.publisher('odom', Odometry, qos(10_000)),
-    }
-    messages = run('table1', 6.0)
-    third = len(messages) // 3
-    for begin, active in ((0, False), (third, True)):
-        if active:
-            assert not any(estimate.samples for estimate in estimates)
-            assert transition(graph, Transition.TRANSITION_ACTIVATE)
-        for timed in messages[begin : begin + third]:
-            publishers[timed.topic].publish(timed.message)
-    graph.wait(lambda: estimates and estimates[-1].samples, 'an estimate')
-    assert estimates[-1].samples <= third // 2
-    assert not estimates[-1].stale
-    assert transition(graph, Transition.TRANSITION_DEACTIVATE)
-    graph.wait(lambda: estimates[-1].stale, 'that the estimate is the last one')
-    assert estimates[-1].warnings[-1] == 'not active: no samples are taken'
-    refused = assign(graph, 'known_joints.joint2.zero_std', 1e-3)
-    assert refused.reason == "'known_joints.joint2.zero_std' is read when the node is configured: clean up first"
-    assert transition(graph, Transition.TRANSITION_CLEANUP)
-
-    def published() -> set[str]:
-        return {name for name, _ in graph.node.get_publisher_names_and_types_by_node('estimator', '/')}
-
-    graph.wait(lambda: '/estimator/estimate' not in published(), 'the end of the topics')
-    assert transition(graph, Transition.TRANSITION_CONFIGURE)
-    assert node.stop() == 0
 
 
 def test_messages_that_are_lost_between_others_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,6 +21,7 @@ from std_msgs.msg import String
 import recorded
 from graph import Graph, graph
 from mbaid_ros.bags import BagReader, BagWriter, deserialize, message_class, serialize
+from mbaid_ros.cli import run
 from mbaid_ros.nodes import player, recorder
 from mbaid_ros.nodes.subscriptions import LATCHED, qos
 from mbaid_ros.replay.start import replay
@@ -195,7 +196,7 @@ def test_a_choice_of_topics_with_a_clock_and_latched_topics_in_a_loop(live: Grap
 def test_a_users_error_is_one_line(
     bag: Path, capfd: pytest.CaptureFixture[str], node: Any, arguments: list[str], text: str
 ) -> None:
-    assert node.main([argument.replace('{bag}', str(bag)) for argument in arguments]) == 2
+    assert run(node.main, [argument.replace('{bag}', str(bag)) for argument in arguments]) == 2
     captured = capfd.readouterr()
     assert text in captured.err
     assert captured.err.startswith(f'mbaid_ros {node.NAME}: ')

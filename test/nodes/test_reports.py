@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 
 from made_runs import budget, estimate
 from mbaid_ros.core.sensors.levels import SensorLevels
+from mbaid_ros.nodes import diagnostics, reports
+from mbaid_ros.nodes.diagnostics import Diagnostics
 from mbaid_ros.nodes.reports import ERROR, OK, RunLog, RunState, estimate_report, headline
 from mbaid_ros.session.model_summary import summarise
 from simulated import robot
@@ -111,3 +114,26 @@ def test_the_noise_that_counts_is_told_first() -> None:
     assert told['noise of base position (m)'] == '0.001 declared'
     assert told['noise of base orientation (rad)'] == '0.0001 assumed'
     assert told['noise of base linear velocity (m/s)'] == '0.001 found, 0.001 declared'
+
+
+def test_a_wait_is_logged_once_for_each_reason(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    narrator = RunLog(log)
+    monkeypatch.setattr(reports, 'monotonic', lambda: np.inf)
+    for reason in ('nothing publishes it', 'nothing publishes it', 'remap by -r pose:=/mocap/pose'):
+        narrator.waiting([reason])
+    assert log.at('warning') == ['waiting for nothing publishes it', 'waiting for remap by -r pose:=/mocap/pose']
+
+
+def test_a_node_that_was_held_up_does_not_call_its_data_stale(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [0.0]
+    monkeypatch.setattr(diagnostics, 'monotonic', lambda: clock[-1])
+    topic: Any = SimpleNamespace(topic='/odom', received=9, lost=0, best_effort=False, timed=None, publishers=list)
+    topic.type_name = 'nav_msgs/msg/Odometry'
+    found = Diagnostics({'odom': topic}, topic, '')
+    silences = []
+    for moment in (1.0, 3.5, 4.5, 6.0):  # two and a half seconds without a report: its messages wait
+        clock.append(moment)
+        found.statuses(RunState(), 'estimator', ())
+        silences.append(found.silence(RunState()))
+    assert silences[:2] == ['', '']
+    assert silences[-1] == 'no messages on /odom for more than 2 s'

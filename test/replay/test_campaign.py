@@ -109,33 +109,6 @@ def test_every_run_is_there_in_order_and_the_statistics_are_theirs(
     assert content(whole) == before
 
 
-@pytest.mark.long
-@pytest.mark.usefixtures('numbers')
-def test_motions_that_follow_are_compared_by_what_they_tell_and_what_they_do_to_the_base(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    text = (
-        (CONFIG / 'servicer7_motions_campaign.yaml').read_text().replace('servicer7.urdf', f'{CONFIG}/servicer7.urdf')
-    )
-    quick = {
-        'duration: 8.0': 'joint_rate: 50.0\n  odometry_rate: 50.0\n  duration: 8.0', 'motions: 4': 'motions: 1',
-        'plan: {duration: 20.0,': 'plan: {effort: 12, duration: 6.0,',
-    }  # fmt: skip
-    for old, new in quick.items():
-        text = text.replace(old, new)
-    output = tmp_path / 'output'
-    assert campaign([str(written(tmp_path, text)), '--output', str(output)]) == 0
-    told = {run['then']['motion']: run['then'] for run in lines(output)}
-    assert list(told) == ['planned', 'sinusoids', 'one_by_one', 'trapezoids']
-    assert len({each['before'] for each in told.values()}) == 1
-    assert all(each['seconds'] == 6.0 and each['after'] < each['before'] for each in told.values())
-    assert all(each['turned'] < 0.036 for each in told.values())
-    assert min(told, key=lambda motion: told[motion]['after']) == 'planned'
-    case = json.loads((output / 'summary.json').read_text())['cases'][0]
-    assert case['then']['after'] == told['planned']['after']
-    assert 'then 6.0 s: the least known from ' in capsys.readouterr().out
-
-
 CAD = f"""
 model: {CONFIG / 'servicer7.urdf'}
 simulator_params: {CONFIG / 'servicer7_simulator.yaml'}

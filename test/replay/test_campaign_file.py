@@ -9,7 +9,6 @@ import pytest
 
 from campaigns import TEXT, refused, written
 from mbaid_ros.config.campaign import load_campaign
-from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.simulated_robot import make_springs
 from simulated import CONFIG, robot
 
@@ -89,8 +88,6 @@ def test_every_robot_has_frequencies_of_its_own(tmp_path: Path) -> None:
             'noise: {base', 'estimator: {target_link: link3}\nnoise: {base',
             "noise=low: 'target_link' is 'link4' for the simulator and 'link3' for the estimator",
         ),
-        ('seeds: 4', 'then: idle', "'then' is 'idle'; accepted: planned, sinusoids, one_by_one, trapezoids"),
-        ('seeds: 4', 'then: planned', "'then' is 'planned' with motion.kind 'passive'"),
         ('table1.urdf', 'absent.urdf', 'absent.urdf'),
         ('table1_estimator.yaml', 'absent.yaml', "absent.yaml': No such file"),
     ],
@@ -108,12 +105,3 @@ def test_what_cannot_be_used_is_one_line(
 def test_the_campaign_that_ships_is_accepted() -> None:
     plan = load_campaign(CONFIG / 'table1_campaign.yaml')
     assert len(list(plan.runs())) == 20
-
-
-def test_the_motion_that_follows_has_a_length_and_one_origin(tmp_path: Path) -> None:
-    text = (CONFIG / 'servicer7_motions_campaign.yaml').read_text().replace('model: ', f'model: {CONFIG}/')
-    with pytest.raises(ParameterError, match=r"'plan\.duration' is 0; accepted: the length of that motion"):
-        load_campaign(written(tmp_path, text.replace('duration: 20.0', 'duration: 0.0')))
-    twice = text + '  other: {again: {then: planned}}\n'
-    with pytest.raises(ParameterError, match="'then' is set by the groups 'motion' and 'other'"):
-        load_campaign(written(tmp_path, twice))

@@ -1,4 +1,4 @@
-"""The result of a replay and of a campaign's second motion: history, arrivals, JSON and terminal."""
+"""The result of a replay: history, arrivals, JSON and terminal."""
 
 from __future__ import annotations
 
@@ -8,11 +8,8 @@ import numpy as np
 import pytest
 
 from made_runs import BODY, STD, run
-from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Event, PassiveJoint, Status
 from mbaid_ros.core.results.published_inertia import Debris
-from mbaid_ros.replay.campaigns.make import SecondMotion
-from mbaid_ros.replay.campaigns.statistics import SecondMotionStatistics
 from mbaid_ros.replay.command import exit_code
 from mbaid_ros.replay.output import as_json, passive_joints, summary
 from mbaid_ros.replay.results import Arrivals, History, Run, TopicStatistics
@@ -119,38 +116,6 @@ def arrivals(times: list[float]) -> Arrivals:
 def test_rate_of_a_steady_topic() -> None:
     topic = arrivals([5.0 + 0.01 * index for index in range(1001)]).statistics('/a', 'x', 1001)
     assert topic.rate == pytest.approx(100.0)
-
-
-# -- What is told of motions that follow in campaigns.
-
-ASKED = np.arange(10) < 8
-
-
-def told(std: float) -> dict[str, object]:
-    """Return what is told where one parameter ends with a standard deviation; none of the last two can be known."""
-    still = np.zeros((1, 1))
-    trajectory = JointTrajectory(('joint1',), np.array([30.0]), still, still, still)
-    deviations = np.where(ASKED, 0.1, np.nan)
-    deviations[3] = std
-    last = Estimate('trajectory', 'estimating', parameters=np.ones(10), covariance=np.diag(deviations**2))
-    return SecondMotion('planned', trajectory, 0.4, np.array([0.1, 0.2]), ASKED).as_json(last, np.ones(10))
-
-
-def test_the_least_known_of_what_can_be_known_counts() -> None:
-    assert told(0.2)['after'] == pytest.approx(0.2)
-    found = SecondMotionStatistics.from_runs([told(0.2), told(np.nan), told(0.2)])
-    assert found is not None
-    assert found.after == pytest.approx(0.2)
-    assert found.halvings == pytest.approx(2.0)
-    assert 'from 40 to 20 %, halved 2.0 times a minute' in str(found)
-
-
-def test_what_is_not_determined_in_the_end_is_told() -> None:
-    assert told(np.nan)['after'] is None
-    found = SecondMotionStatistics.from_runs([told(np.nan)])
-    assert found is not None
-    assert found.as_json()['after'] is None
-    assert 'the least known from 40 % to not determined; base turned by' in str(found)
 
 
 def test_passive_joints_are_found_by_name() -> None:

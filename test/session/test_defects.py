@@ -30,8 +30,7 @@ from mbaid_ros.core.sensors.streams import (
     ZERO_STAMP,
 )
 from mbaid_ros.core.two_stage import YOUNG
-from mbaid_ros.messages.fields import stamp_of
-from mbaid_ros.messages.poses import (
+from mbaid_ros.messages.fields import (
     BAD_QUATERNION,
     JOINT_MISSING,
     LOST_TRACKING,
@@ -39,7 +38,9 @@ from mbaid_ros.messages.poses import (
     POSE_COVARIANCE,
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
+    stamp_of,
 )
+from mbaid_ros.nodes.reports import remarks
 from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles
 from mbaid_ros.session.session import Session
 from simulated import CONFIG, robot
@@ -456,3 +457,5 @@ def test_clocks_that_differ_are_told() -> None:
     assert result == []
     text = 'the stamps of the joint states are 100 s ahead of those of the poses of the base'
     assert obstacles(session) == [f'{text}: these have stopped, or the clocks differ']
+    assert obstacles(session) == remarks(session, stuck=True)
+    assert remarks(session, stuck=False) == []  # a busy node reads one topic before the other

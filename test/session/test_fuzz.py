@@ -209,7 +209,6 @@ def test_any_stream_leads_to_finite_numbers(method: str, examples: int, monkeypa
             {
                 'twist_frame': st.sampled_from(['child', 'child', 'inertial']),
                 'marker.position': st.sampled_from([[], [0.1, 0.2, 0.3]]),
-                'reorder_time': st.sampled_from([0.05, 0.0]),
             }
         ),
         st.integers(1, 200),

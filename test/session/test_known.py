@@ -300,3 +300,15 @@ def test_half_of_what_is_declared_is_an_error(parameters: dict[str, object], nam
         declared(**parameters)
     assert named in str(caught.value)
     assert '\n' not in str(caught.value)
+
+
+def test_a_captured_body_alone_has_the_uncertainty_that_known_links_declares_of_its_link() -> None:
+    # One declaration for calibrate and replay: without debris.report it is a prior of link and body together.
+    given = {'known_links.link7.mass_relative_std': 0.05}
+    _, own = with_known_errors(ROBOT, build(EstimatorConfig, given).known_links)
+    assert own is not None
+    assert np.sqrt(own[0, 0]) == pytest.approx(0.05 * ROBOT.target.parameters[0])
+    config = build(EstimatorConfig, {**given, 'debris.report': True})
+    assert not nominal_model(config, ROBOT).uncertainty.target.given
+    with pytest.raises(ParameterError, match=r'known_links\.link7'):
+        nominal_model(build(EstimatorConfig, given), ROBOT)

@@ -9,8 +9,9 @@ import pytest
 from scipy.stats import chi2
 
 from derivatives import central_difference
-from mbaid_ros.calibration.unknowns import LinkPrior, Normals, make_prior
+from mbaid_ros.calibration.unknowns import Normals, make_prior
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.model_errors import relative_factor
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, Thrust
@@ -146,7 +147,7 @@ def test_the_momentum_depends_on_them_by_these_columns() -> None:
 def test_calibrate_tells_what_it_has_found_of_them() -> None:
     servicer = kernel('servicer7')
     uncertainty = Uncertainty(thrusters=['link3'], thrust_scale=0.1, thrust_direction=0.05, thrust_delay=0.02)
-    prior = make_prior(servicer, [LinkPrior(0.01, 0.01, 0.01)])
+    prior = make_prior(servicer, [relative_factor(servicer.target.parameters, 0.01)])
     before = Normals.before(prior, servicer, uncertainty)
     (found,) = before.thrusters()
     assert (found.scale, found.scale_std, found.delay, found.delay_std) == pytest.approx((1.0, 0.1, 0.0, 0.02))

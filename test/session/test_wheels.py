@@ -24,7 +24,7 @@ from sessions import URDF, feed, nees, session, simulated
 AXES = [1.0, 1.0, 1.0, -1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 1.0]
 NAMES = ['rw1', 'rw2', 'rw3', 'rw4']
 WHEELS: dict[str, object] = {'wheels.names': NAMES, 'wheels.axes': AXES, 'wheels.spin_inertias': [0.05] * 4}
-RAMP = {'wheels.accelerations': [5.0, -5.0, 4.0, 5.0], 'wheels.wander': 20.0, 'wheels.speed_noise': 0.05}
+RAMP = {'wheels.accelerations': [5.0, -5.0, 4.0, 5.0], 'wheels.speed_noise': 0.05}
 SECONDS = 20.0
 LIMIT = float(chi2.isf(1e-3, 10))
 
@@ -67,7 +67,7 @@ def test_by_their_momentum() -> None:
 
 
 def test_momentum_that_comes_seldom_costs_no_samples() -> None:
-    run, messages = spinning(publish='stored_momentum', wander=0.0)
+    run, messages = spinning(publish='stored_momentum')
     into = session(wheels__momentum_frame='base_link')
     stored = [timed for timed in messages if timed.topic == 'stored_momentum']
     seldom = {id(timed) for timed in stored[::4]}

@@ -25,7 +25,7 @@ from mbaid_ros.core.diagnosis.conventions import (
     inverted_marker,
     point_as_described,
 )
-from mbaid_ros.core.diagnosis.filter_passes import SLIPPING, FilterPasses, WhitenedWindows, Work, attempted
+from mbaid_ros.core.diagnosis.filter_passes import SLIPPING, FilterPasses, attempted
 from mbaid_ros.core.diagnosis.ranking import (
     WORTH,
     CandidateCause,
@@ -36,6 +36,7 @@ from mbaid_ros.core.diagnosis.ranking import (
     likeliest_kinds,
 )
 from mbaid_ros.core.filter.bank import LONGEST, HypothesisFilter
+from mbaid_ros.core.filter.batch import WhitenedWindows, Work
 from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import Layout, Point
 from mbaid_ros.core.filter.time_update import Hypothesis

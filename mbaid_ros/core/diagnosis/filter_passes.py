@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Generator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 
-from mbaid_ros.core.filter.bank import HypothesisFilter, as_usual, update_bank
+from mbaid_ros.core.filter.bank import HypothesisFilter, as_usual
+from mbaid_ros.core.filter.batch import BatchIteration, WhitenedWindows, Work
 from mbaid_ros.core.filter.prior_scale import PriorComparison
-from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, Point
 from mbaid_ros.core.filter.time_update import Hypothesis, inflated, pose_reset
 from mbaid_ros.core.filter.variables import Variables, variables
-from mbaid_ros.core.filter.whitened import LINEARISED, LinearisationCache, WhitenedWindow
-from mbaid_ros.core.filter.window import STACK, Window, in_stacks
+from mbaid_ros.core.filter.whitened import LinearisationCache
+from mbaid_ros.core.filter.window import Window, in_stacks
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
@@ -28,9 +29,6 @@ _MOST = (30.0, 1000.0)  # times as uncertain as declared: declared unknowns, and
 SLIPPING = 2  # windows that a slip may take
 
 T = TypeVar('T')
-# Yields the work of each bit, in steps of the filter, and returns its result.
-Work = Generator[int, None, T]
-WhitenedWindows = list[tuple[Window, WhitenedWindow]]
 
 
 @dataclass(frozen=True)
@@ -46,6 +44,10 @@ class FilterPasses:
         """Of the filter."""
         return variables(self.layout, self.plane, self.uncertainty)
 
+    @property
+    def _batch(self) -> BatchIteration:
+        return BatchIteration(self.layout, self.variables, LinearisationCache(self.layout, self.variables))
+
     def linearised(self, windows: Sequence[Window], point: Point) -> Work[WhitenedWindows]:
         """Return windows linearised at a point of this layout, or of the one that it extends."""
         own = self.layout
@@ -55,24 +57,13 @@ class FilterPasses:
             for values, length in zip((point.parameters, point.readings), lengths, strict=True)
         )
         at = replace(point, parameters=parameters, readings=readings)
-        cache = LinearisationCache(self.layout, self.variables)
-        passed: WhitenedWindows = []
-        for part in in_stacks(windows):
-            passed += cache.all_whitened(part, at)
-            yield LINEARISED * STACK
-        return passed
+        return (yield from self._batch.relinearise(in_stacks(windows), at))
 
     def passed(
         self, passed: WhitenedWindows, hypothesis: Hypothesis, longest: int = 0, begin: HypothesisFilter | None = None
     ) -> Work[HypothesisFilter]:
         """Return a hypothesis, from `begin` on or the prior, after windows; its jumps may take up to `longest`."""
-        filtered, own = begin, self.variables
-        if filtered is None:
-            forces = own.force.shape[1] if hypothesis.force != 'none' else 0
-            filtered = HypothesisFilter(hypothesis, SquareRootInformation.prior(own, forces), longest=longest)
-        for window, white in passed:
-            (filtered,) = update_bank((filtered,), window, white, own)
-            yield 1
+        (filtered,) = yield from self._batch.filter(passed, (begin or self._batch.prior(hypothesis, longest),))
         return filtered
 
     def once(self, windows: Sequence[Window], point: Point, hypothesis: Hypothesis) -> Work[HypothesisFilter]:
@@ -123,7 +114,7 @@ class FilterPasses:
             filtered = yield from self.passed(passed[:place], hypothesis)
             gaussian = filtered.gaussian
             before = self._point(gaussian)
-            skipped = sum(as_usual(gaussian, white) - gaussian.log_likelihood for _, white in passed[place:])
+            skipped = sum(as_usual(update(gaussian, white)) - gaussian.log_likelihood for _, white in passed[place:])
             changed = another_body(gaussian, self.variables, exchanged=exchanged)
             filtered = replace(filtered, gaussian=replace(changed, log_likelihood=gaussian.log_likelihood + skipped))
             passed = yield from self.linearised(windows[end:], after)

@@ -21,7 +21,7 @@ from mbaid_ros.core.difference.window_rows import BODY, LINEAR, ConsiderParamete
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.linear_algebra import inverses
 from mbaid_ros.core.results.estimate import Estimate, Event
-from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
+from mbaid_ros.core.results.reporting import Reporting, Solution
 from mbaid_ros.core.results.status import contradictions, notes, with_reasons
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
@@ -228,7 +228,7 @@ class DifferenceEstimator:
         windows = [self._nominal.corrected(window) for window in windows]
         start = windows[0].base_position[0].copy() if self._run is None else self._run.origin
         rows = window_rows(self._kernel, windows, self._settings.noise, start)
-        posteriors, instants = [], []
+        posteriors, began = [], []
         for k, window in enumerate(windows):
             self._plane.update(window)
             run = self._run = self._current_run(start)
@@ -237,11 +237,12 @@ class DifferenceEstimator:
             posteriors.append(run.add(block, run.space.rows @ columns, float(window.time[0])))
             self._samples += len(window)
             time = float(window.time[-1])
-            instants.append(Instant(time, origin + round(time * 1e9), self._samples))
+            stamp = origin + round(time * 1e9)
+            began.append(Estimate(self.method, 'waiting', time, stamp, samples=self._samples))
         solved = [
             pair for run, group in groupby(posteriors, lambda one: one.run) for pair in run.solutions(list(group))
         ]
-        estimates = self._reporting.estimates(self.method, [solution for solution, _ in solved], instants)
+        estimates = self._reporting.estimates([solution for solution, _ in solved], began)
         return [
             self._with_run(estimate, posterior, shares).after_thrust(
                 brought(window, self._kernel.with_target(solution.x[BODY]))

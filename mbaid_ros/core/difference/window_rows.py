@@ -14,7 +14,6 @@ from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Plane, PlaneDetector
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.robot.momentum_rows import MomentumRows, momentum_rows
 from mbaid_ros.core.robot.orbit import of_bodies, of_link
 from mbaid_ros.core.robot.sensitivity import sensitivity
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -82,7 +81,7 @@ def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoi
     Blocks of K windows, 6 equations, 10 unknowns a link and 6, twice 2 n + 12 + c error sources
     """
     samples, counts = joined(windows)
-    known, target = _mean_rows(momentum_rows(kernel, samples), samples, counts)
+    known, target = _mean_rows(kernel, samples, counts)
     position = mean_of_each(samples.base_position - origin, counts)
     equations = np.concatenate((target, -_transport(position)), axis=2)
     # The noise of a window's mean is the mean of its samples' over their number. Two samples at Gauss's points stand
@@ -124,16 +123,18 @@ def _thinned(samples: Samples, counts: Counts) -> tuple[Samples, Counts]:
     return samples[np.concatenate(places)], kept
 
 
-def _mean_rows(rows: MomentumRows, samples: Samples, counts: Counts) -> tuple[Array, Array]:
+def _mean_rows(kernel: MomentumKernel, samples: Samples, counts: Counts) -> tuple[Array, Array]:
     """Return the means of the known momentum (K, 6) and of the regressors of the k unknown links (K, 6, 10 k)."""
+    states = kernel.states(samples)
     # Known thrust is momentum that neither body nor P_0, L_0 explain; about the base's origin like the rest.
     thrust = samples.impulse.copy()
     thrust[:, 3:] -= cross(samples.base_position, thrust[:, :3])
-    means = (
-        np.add.reduceat(each, _starts(counts), axis=-1) / counts for each in (rows.known - thrust.T, *rows.regressors)
-    )
-    known, *regressors = (np.moveaxis(mean, -1, 0) for mean in means)
-    return known, np.concatenate(regressors, axis=2)
+    known = states.known_momentum - thrust
+    regressors = np.concatenate([states.regressor_of(link) for link in kernel.unknown], axis=2)
+    if samples.tide.shape[1]:  # without the momentum that an orbit adds, the rest is constant
+        known -= of_bodies(states.tide, kernel.known)
+        regressors -= np.concatenate([of_link(states.tide, link) for link in kernel.unknown], axis=2)
+    return mean_of_each(known, counts), mean_of_each(regressors, counts)
 
 
 def _transport(position: Array) -> Array:

@@ -9,18 +9,73 @@ import numpy as np
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.filter.square_root import SquareRootInformation, update
 from mbaid_ros.core.filter.state import MOMENTUM
-from mbaid_ros.core.filter.time_update import Hypothesis, advance, entered, momentum_inflation, pose_reset
+from mbaid_ros.core.filter.time_update import (
+    UNDISTURBED,
+    Hypothesis,
+    advance,
+    entered,
+    momentum_inflation,
+    pose_reset,
+)
 from mbaid_ros.core.filter.variables import Variables
-from mbaid_ros.core.filter.whitened import WhitenedWindow
+from mbaid_ros.core.filter.whitened import Axes, WhitenedWindow
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array
 
+# N s / sqrt(s) / kg of the known bodies: random walk of the momentum that stands for a force which is not constant.
+_CHANGING_FORCE = 5e-5
 MARGIN = 10.0  # log-likelihood by which a hypothesis must beat the first: odds of 20,000 to 1
 _FALSE_ALARM = 1e-8  # chance that an undisturbed window counts as a jump: one in a year and a half of windows
 # Windows in a row that one jump may take: a pulse across a border is in both. From a guessed start, more are its fault.
 LONGEST, LONGEST_AT_A_GUESS, NO_JUMPS = 2, 1, 0
 _REMEMBERED = 4  # jumps of which the information before is kept: more are no changes of the target
 _JUMP = 0.3  # typical momenta: standard deviation of a jump, next to no prior
+
+
+def _constant_force(axes: Axes, where: str, what: str) -> Hypothesis:
+    name = f'a constant force or torque acts, in {where}'
+    declared = 'body' if axes == 'body' else 'inertial'
+    return Hypothesis(name, f'{name}: {what}; set disturbance.constant to {declared}', force=axes)
+
+
+_INERTIAL_FORCES = (
+    _constant_force('inertial', 'inertial axes, at the common centre of mass', 'a tilted table, or drag'),
+    _constant_force('inertial on the base', 'inertial axes, on the base', 'a cable, or a leak'),
+)
+_BODY_FORCE = _constant_force('body', 'base axes', 'a leak or thrust, or unreported wheels spin up')
+
+
+def hypotheses(known_mass: float, position_std: float, constant: Axes, *, adapt: bool) -> tuple[Hypothesis, ...]:
+    """Return the hypotheses of a run; the first is the one to beat.
+
+    Parameters
+    ----------
+    known_mass : kg, of the known bodies
+    position_std : m, of one reading of the base's position
+    constant : axes of a force that is taken to act, wherever; there are no other hypotheses then
+    adapt : whether others than the first are followed
+    """
+    if constant != 'none':
+        return (_BODY_FORCE,) if constant == 'body' else _INERTIAL_FORCES
+    if not adapt:
+        return (UNDISTURBED,)
+    return (
+        UNDISTURBED,
+        *_INERTIAL_FORCES,
+        _BODY_FORCE,
+        Hypothesis(
+            'the momentum drifts',
+            'an unreported part moves (wheels, an arm, fuel), or a changing force acts: the momentum drifts',
+            momentum=_CHANGING_FORCE * known_mass,
+            physical=False,
+        ),
+        Hypothesis(
+            'the odometry position drifts',
+            'the odometry position drifts: check the sensor, or set noise.base_correlation_time',
+            position=position_std,
+            physical=False,
+        ),
+    )
 
 
 @dataclass(frozen=True)
@@ -85,7 +140,7 @@ def update_hypothesis(
     unlikely = after.last_nis > _limit(after.last_measured) and after.measured > after.last_measured
     if not unlikely or filtered.jumped == filtered.longest:
         return replace(filtered, gaussian=after, jumped=0, previous=before)
-    likelihood = _as_usual(after)
+    likelihood = as_usual(after)
     loose = momentum_inflation(before, white, variables, _JUMP * variables.typical_momentum)
     gaussian = update(loose, white)
     if gaussian.last_nis > _limit(gaussian.last_measured):
@@ -106,13 +161,8 @@ def update_hypothesis(
     )
 
 
-def as_usual(gaussian: SquareRootInformation, white: WhitenedWindow) -> float:
-    """Return the log-likelihood after a window that a rare event explains."""
-    return _as_usual(update(gaussian, white))
-
-
-def _as_usual(after: SquareRootInformation) -> float:
-    # A rare event explains its window as well as expected, at the price of its improbability.
+def as_usual(after: SquareRootInformation) -> float:
+    """Return the log-likelihood after a window that a rare event explains: as well as expected, but improbably."""
     return after.log_likelihood + 0.5 * (after.last_nis - after.last_measured) + float(np.log(_FALSE_ALARM))
 
 

@@ -28,6 +28,7 @@ from mbaid_ros.core.robot.momentum import physical_shift
 
 Outcome = TypeVar('Outcome')
 Work = Generator[int, None, Outcome]  # yields the cost of each piece, in steps of the filter; returns the outcome
+WhitenedWindows = list[tuple[Window, WhitenedWindow]]  # in order, each as it is and linearised
 
 MASS = BODY.start - LINEAR.start  # its index among the parameters
 _ITERATIONS = 12  # at most: an iteration that has not converged by then seldom does
@@ -60,20 +61,13 @@ def turns_back(step: Array, before: Array, deviation: Array) -> bool:
     return bool(scaled @ last < _BACK * np.linalg.norm(scaled) * np.linalg.norm(last))
 
 
-@dataclass(frozen=True)
-class Relinearised:
-    """Windows in order, each as it is and linearised, all at one point."""
-
-    point: Point
-    windows: list[tuple[Window, WhitenedWindow]]
-
-
 @dataclass(frozen=True, eq=False)
 class BatchResult:
     """The outcome of a batch iteration."""
 
     point: Point  # after the last step
-    relinearised: Relinearised  # the windows of the last iteration
+    held: Point  # at which the windows of the last iteration are linearised
+    windows: WhitenedWindows  # of that iteration
     filtered: HypothesisFilter  # the hypothesis filtered over them
     distribution: MeanAndCovariance  # its mean and covariance
     deviation: Array  # standard deviations of the parameters
@@ -122,18 +116,18 @@ class BatchIteration:
         extra = self.variables.force.shape[1] if hypothesis.force != 'none' else 0
         return HypothesisFilter(hypothesis, SquareRootInformation.prior(self.variables, extra, mass), longest=longest)
 
-    def relinearise(self, stacks: list[list[Stack]], point: Point) -> Work[Relinearised]:
+    def relinearise(self, stacks: list[list[Stack]], point: Point) -> Work[WhitenedWindows]:
         """Return all windows linearised at one point."""
-        windows: list[tuple[Window, WhitenedWindow]] = []
+        windows: WhitenedWindows = []
         for part in stacks:
             more = self.linearised.all_whitened(part, point)
             yield LINEARISED * len(more)
             windows += more
-        return Relinearised(point, windows)
+        return windows
 
-    def filter(self, relinearised: Relinearised, bank: Bank) -> Work[Bank]:
+    def filter(self, windows: WhitenedWindows, bank: Bank) -> Work[Bank]:
         """Return hypotheses updated by all windows."""
-        for window, white in relinearised.windows:
+        for window, white in windows:
             bank = update_bank(bank, window, white, self.variables)
             for _ in bank:
                 yield 1
@@ -156,34 +150,30 @@ class BatchIteration:
         before: Array = np.zeros(0)
         for _ in range(_MOST_ITERATIONS if self.variables.described else _ITERATIONS):
             try:
-                relinearised = yield from self.relinearise(stacks, point)
-                (filtered,) = yield from self.filter(relinearised, (prior,))
-                result = self._step(relinearised, filtered, mass_held=mass_held)
+                windows = yield from self.relinearise(stacks, point)
+                (filtered,) = yield from self.filter(windows, (prior,))
+                result = self._step(point, windows, filtered, mass_held=mass_held)
             except np.linalg.LinAlgError:
                 # The step has led to a robot that cannot exist.
-                return None if result is None else replace(result, point=result.relinearised.point, converged=False)
+                return None if result is None else replace(result, point=result.held, converged=False)
             point = result.point
             if self.variables.described and not result.converged:
-                step = point.parameters - relinearised.point.parameters
+                step = point.parameters - result.held.parameters
                 back = before.size > 0 and turns_back(step, before, result.deviation)
                 pace, before = 0.5 * pace if back else min(1.0, 1.5 * pace), step
-                point = self._on_the_way(relinearised.point, point, pace, result.distribution)
+                held = result.held.state
+                point = self.layout.point(held + pace * (point.state - held))
             misfit = result.filtered.misfit / max(result.filtered.gaussian.measured, 1)
             least, idle = min(misfit, least), 0 if misfit < least else idle + 1
             if result.converged or (least > HOPELESS and idle >= _IDLE):
                 break
         return result
 
-    def _on_the_way(self, first: Point, second: Point, part: float, distribution: MeanAndCovariance) -> Point:
-        """Return the point that lies a part of the way from one to another."""
-        state = distribution.mean.copy()
-        state[self.layout.parameters] = first.parameters + part * (second.parameters - first.parameters)
-        state[self.layout.readings] = first.readings + part * (second.readings - first.readings)
-        return self.layout.point(state)
-
-    def _step(self, relinearised: Relinearised, filtered: HypothesisFilter, *, mass_held: bool) -> BatchResult:
+    def _step(
+        self, held: Point, windows: WhitenedWindows, filtered: HypothesisFilter, *, mass_held: bool
+    ) -> BatchResult:
         """Return the Gauss-Newton step from the point of linearisation, cut short where it leads far."""
-        parameters = relinearised.point.parameters
+        parameters = held.parameters
         distribution = MeanAndCovariance.of(filtered.gaussian, self.variables)
         deviation = distribution.deviation[self.layout.parameters]
         state, correction = self._nearest_physical(distribution)
@@ -193,7 +183,7 @@ class BatchIteration:
         state[self.layout.parameters] = parameters + step
         point = self.layout.point(state, distribution.deviation)
         physical = correction < IMPOSSIBLE
-        return BatchResult(point, relinearised, filtered, distribution, deviation, converged, physical, mass_held)
+        return BatchResult(point, held, windows, filtered, distribution, deviation, converged, physical, mass_held)
 
     def _nearest_physical(self, distribution: MeanAndCovariance) -> tuple[Array, float]:
         """Return the likeliest state (s,) whose body can exist, and its distance in standard deviations.
@@ -256,10 +246,9 @@ class BatchIteration:
         Second, the (10, 10) covariance of the body there.
         """
         try:
-            relinearised = yield from self.relinearise(
-                stacks, self.layout.point(distribution.mean + step, distribution.deviation)
-            )
-            (moved,) = yield from self.filter(relinearised, (self.prior(filtered.hypothesis, filtered.longest),))
+            point = self.layout.point(distribution.mean + step, distribution.deviation)
+            windows = yield from self.relinearise(stacks, point)
+            (moved,) = yield from self.filter(windows, (self.prior(filtered.hypothesis, filtered.longest),))
             there = MeanAndCovariance.of(moved.gaussian, self.variables)
         except np.linalg.LinAlgError:
             # No robot that can exist: it may be anywhere in its interval, and nothing is known there.

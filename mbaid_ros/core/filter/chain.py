@@ -7,13 +7,15 @@ changes by the predicted motion less the measured one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mbaid_ros.core.filter.exponential import composed
 from mbaid_ros.core.filter.joint_noise import JointNoise, joint_noise
 from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.measured_window import (
+    IntegratedTwist,
     integrated_twist,
     pose_measurement,
     readings,
@@ -26,14 +28,15 @@ from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
 from mbaid_ros.core.filter.swing import BESIDE, Motions, SwingCourse
 from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, by_deflections, predict
 from mbaid_ros.core.filter.window import Stack
-from mbaid_ros.core.geometry import Array, Integers, cross, exp
+from mbaid_ros.core.geometry import Array, cross, exp
 from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.samples import ArrayRecord
 
 _IDENTITY = np.eye(6)
 
 
 @dataclass(frozen=True)
-class WindowModel:
+class WindowModel(ArrayRecord):
     """Windows, linear in the state x at their first knots: measurements, and the transition to the next window.
 
     All arrays have a first axis of the windows, which the shapes below leave out.
@@ -66,17 +69,7 @@ class WindowModel:
     stepped: Array
     gained: Array
     body: Array  # (10,) standard parameters of the target at the linearisation point
-    # an `IntegratedTwist`, which then takes the place of the twist; None where that is measured by itself
-    integrated: Array = field(default_factory=lambda: np.array(None))
-
-    def __getitem__(self, index: int | Integers) -> WindowModel:
-        """Return one of the windows, or some."""
-        return WindowModel(*(part[index] for part in vars(self).values()))
-
-    @staticmethod
-    def concatenate(parts: Sequence[WindowModel]) -> WindowModel:
-        """Return several windows, joined in order."""
-        return WindowModel(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
+    integrated: IntegratedTwist  # it takes the place of the twist where it counts
 
 
 def window_models(
@@ -94,14 +87,12 @@ def window_models(
     """
     swinging = point.side.kernel.springs.count > 0
     motions: Motions = [stack.motion(point.side, layout.imu, BESIDE if swinging else 1) for stack in stacks]
+    swing: Array | None = None
     if swinging:
         course = course or SwingCourse(layout)
-        motions = course.applied(stacks, motions, point)
-    flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
-    prediction, bodies = predict(layout, flat, point)
-    swing: Array | None = None
-    if swinging and course is not None:
-        swing = course.add_to(stacks, motions, point, prediction, bodies)
+        motions, prediction, bodies, swing = course.predict(stacks, motions, point)
+    else:
+        prediction, bodies = predict(layout, Midpoints.concatenate([motion.flat for motion, _ in motions]), point)
     for unknown, place in layout.of_joints:
         spacings = [stack.windows[0].spacing for stack in stacks]
         stack_motions = [motion for motion, _ in motions]
@@ -140,7 +131,7 @@ def _models(
     around_slope = gradient(predicted.twist) / spacing
     integral = _integral(predicted.twist, around_slope, spacing)[inside]
     middle, prediction, slope = around[inside], predicted[inside], around_slope[inside]
-    errors = _compose(*_chain_steps(prediction, integral, middle, spacing))
+    errors = composed(*_chain_steps(prediction, integral, middle, spacing))
     # Absolute parameters instead of deviations from the point: their part moves to the constant.
     errors[..., -1] -= errors[..., 6:-1] @ parameters
     of_joints = noise.pose @ np.swapaxes(noise.pose, -1, -2)
@@ -153,10 +144,11 @@ def _models(
     if middle.gyro_gain.shape[-1]:
         in_gyro = np.sqrt(stack.joint_variance / stack.samples) * middle.gyro_gain[len(middle) // 2]
     pose, twist = readings(layout, stack, predicted, motion, slope)
-    ways: Array = np.full(len(stack.windows), None)
+    whole = IntegratedTwist.none(len(stack.windows), layout.size)
     if integrated.any():
-        whole = integrated_twist(layout, stack, motion, predicted, errors, point, slope=slope, stored=noise.stored)
-        ways[integrated] = whole.each()[integrated]
+        rates = slope, noise.stored
+        whole = integrated_twist(layout, stack, motion, predicted, errors, point, rates=rates)
+        whole = replace(whole, counts=integrated)
     return WindowModel(
         *pose_measurement(errors, change, pose, point.readings),
         stack.pose_covariance / stack.samples + ends * of_joints,
@@ -177,7 +169,7 @@ def _models(
         stepped=noise.stepped,
         gained=noise.gained,
         body=np.tile(point.body, (len(stack.windows), 1)),
-        integrated=ways,
+        integrated=whole,
     )
 
 
@@ -220,14 +212,3 @@ def _chain_steps(prediction: Prediction, integral: Array, middle: Midpoints, spa
     # xi acts at mid-interval, the mean of both ends: (1 - D F~ / 2) xi' = (1 + D F~ / 2) xi + gain
     back = np.linalg.inv(_IDENTITY - 0.5 * spacing * prediction.error_slope)
     return 2.0 * back - _IDENTITY, back @ gain
-
-
-def _compose(transition: Array, gain: Array) -> Array:
-    """Return xi at every knot, (m + 1, B, 6, 6 + u + 1): linear in (xi at the first knot, parameters, 1)."""
-    count, windows = transition.shape[:2]
-    errors = np.zeros((count + 1, windows, 6, 6 + gain.shape[-1]))
-    errors[0, ..., :6] = np.eye(6)
-    for index in range(count):
-        np.matmul(transition[index], errors[index], out=errors[index + 1])
-        errors[index + 1, ..., 6:] += gain[index]
-    return errors

@@ -11,14 +11,14 @@ from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.batch import HOPELESS, BatchIteration, Outcome
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.start import MultiStart, Start
-from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
-from mbaid_ros.core.filter.swing_start import resolved_frequencies
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout, Point
 from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.window import Window, in_stacks
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.robot.momentum import body_sizes
+from mbaid_ros.core.unknowns.flexible import SpringErrors, resolved
 
 # Growth of the windows until the next search, so that all searches together cost three times the last; where the target
 # has a prior, at which it is linear until the data move it, five times.
@@ -120,6 +120,7 @@ class Initialisation:
         self._search = BackgroundTask[Start](batch.layout.size)
         self._curvature_task = BackgroundTask[Curvature](batch.layout.size)
         self._displacement_task = BackgroundTask[Curvature](batch.layout.size)
+        self._tasks = self._search, self._curvature_task, self._displacement_task
         self._curvature: Curvature | None = None  # about the solution of a search
         self._displacement: Curvature | None = None  # of the solution from where its windows are linearised
         self._covariance: Array | None = None  # of the body when all windows were linearised last; None: not all are
@@ -137,7 +138,7 @@ class Initialisation:
     @property
     def is_due(self) -> bool:
         """Whether work is left to be done before the next window."""
-        return self._search.is_due or self._curvature_task.is_due or self._displacement_task.is_due
+        return any(task.is_due for task in self._tasks)
 
     def curvatures(self, *, explained: bool) -> tuple[Curvature, ...]:
         """Return the nonlinearity of the windows; about the present estimate only where the model explains the data."""
@@ -165,14 +166,10 @@ class Initialisation:
 
     def allot(self) -> None:
         """Allot the work until the next window."""
-        steps = (
-            _AT_ONCE
-            if self._batch.variables.described
-            else _SHARE
-            if self.converged and not self._displaced
-            else _FIRST_SHARE
-        )
-        for task in (self._search, self._curvature_task, self._displacement_task):
+        steps = _SHARE if self.converged and not self._displaced else _FIRST_SHARE
+        if self._batch.variables.described:
+            steps = _AT_ONCE
+        for task in self._tasks:
             task.allot_steps(steps)
 
     def run_slice(self, *, explained: bool) -> Start | Curvature | None:
@@ -243,7 +240,7 @@ class Initialisation:
 
     def restart(self) -> None:
         """Give up all solutions; windows that are kept are searched again."""
-        for task in (self._search, self._curvature_task, self._displacement_task):
+        for task in self._tasks:
             task.begin(None)
         self._curvature = self._displacement = None
         self.accepted = False
@@ -286,3 +283,15 @@ class Initialisation:
             return int(np.ceil(_GROWTH_DESCRIBED * windows))
         soon = not (self.accepted or gaussian.nis > HOPELESS * gaussian.measured)
         return int(np.ceil(windows + max(_RETRY, _RETRY_PART * windows) if soon else _GROWTH * windows))
+
+
+def resolved_frequencies(layout: Layout, distribution: MeanAndCovariance, seconds: float) -> Flags:
+    """Return which passive joints' frequencies (f,) the data of some seconds resolve."""
+    springs = layout.kernel.springs
+    relative: Array = np.zeros(springs.count)
+    if not springs.count:
+        return relative > 0.0
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        if isinstance(unknown, SpringErrors):
+            relative = np.abs(unknown.factor @ distribution.deviation[place])[::2]
+    return resolved(springs.rate, springs.ratio, relative, seconds)

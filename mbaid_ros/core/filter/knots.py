@@ -87,7 +87,11 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
     middle = rotation[np.minimum(first + sizes // 2, len(stamps) - 1)]
     turns = log(rotation @ np.swapaxes(middle[number], 1, 2))
     moving = [joined('joint_position'), joined('base_position') - origin]
-    moving += [joined('base_linear_velocity'), joined('base_angular_velocity'), _about(joined('impulse'), origin)]
+    moving += [
+        joined('base_linear_velocity'),
+        joined('base_angular_velocity'),
+        _columns_about(joined('impulse'), origin, 1),
+    ]
     joints = moving[0].shape[1]
     stored = joined('stored')
     columns = _columns_about(joined('tide'), origin, 10), _columns_about(joined('thrust'), origin, OF_A_THRUSTER)
@@ -157,13 +161,6 @@ def bridged(knots: Knots) -> Knots:
             else:
                 value[index] = np.tensordot(weights, value[around], axes=1)
     return Knots(**values)
-
-
-def _about(impulse: Array, origin: Array) -> Array:
-    """Return (N, 6) impulses with L about a point."""
-    moved = impulse.copy()
-    moved[:, 3:] -= cross(np.broadcast_to(origin, (len(impulse), 3)), impulse[:, :3])
-    return moved
 
 
 def _columns_about(brought: Array, origin: Array, numbers: int) -> Array:

@@ -5,17 +5,17 @@ Arrays have a window's m intervals (or m + 1 knots) first, and the B windows of 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
-from mbaid_ros.core.filter.integrated_twist import IntegratedTwist, weights_of_ways
 from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point
 from mbaid_ros.core.filter.twist_prediction import Prediction
 from mbaid_ros.core.filter.window import Stack
-from mbaid_ros.core.geometry import Array, cross, crossed, rotate, rotate_back, skew
+from mbaid_ros.core.geometry import Array, Flags, cross, crossed, rotate, rotate_back, skew
+from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.unknowns.declaration import ImuMotion, Reading
 
 
@@ -144,6 +144,32 @@ def twist_measurement(
     return measured - mean[..., -1] + readings @ point.readings, state_rows(mean, readings)
 
 
+@dataclass(frozen=True)
+class IntegratedTwist(ArrayRecord):
+    """Integral of a window's twist from its first knot on; of several windows with these along a first axis."""
+
+    counts: Flags  # () whether it takes the place of the twist; all else is zero where that is measured by itself
+    # way_value, way_rows: (6,), (6, s): value - rows x = c - c' + noise, to the next window's first knot, with its c'
+    way_value: Array
+    way_rows: Array
+    # mean_value, mean_rows: (6,), (6, s): value - rows x = c - joint noise in the mean pose + noise, mean over the
+    # knots
+    mean_value: Array
+    mean_rows: Array
+    white: Array  # (6, 6) covariance of the noise in the way
+    # share, left: () share of that noise in the mean, and variance of the rest of the mean's noise, over `white`
+    share: Array
+    left: Array
+    change: Array  # () as `Stack.whitening`
+
+    @staticmethod
+    def none(count: int, size: int) -> IntegratedTwist:
+        """Return those of windows, a count, whose twist is measured by itself; for a state of this size."""
+        value, rows, nothing = np.zeros((count, 6)), np.zeros((count, 6, size)), np.zeros(count)
+        counts = np.zeros(count, dtype=bool)
+        return IntegratedTwist(counts, value, rows, value, rows, rows[..., :6], nothing, nothing, nothing)
+
+
 def integrated_twist(
     layout: Layout,
     stack: Stack,
@@ -152,25 +178,27 @@ def integrated_twist(
     errors: Array,
     point: Point,
     *,
-    slope: Array,
-    stored: Array,
+    rates: tuple[Array, Array],
 ) -> IntegratedTwist:
-    """Return the integrated twist of a stack's windows; arguments as of `readings` and `twist_measurement`."""
-    (around, inside), spacing = motion, stack.windows[0].spacing
+    """Return the integrated twist of a stack's windows; arguments as of `readings` and `twist_measurement`.
+
+    `rates` are the slope of the predicted twist, and the noise in it by stored momentum.
+    """
+    (around, inside), spacing, (slope, stored) = motion, stack.windows[0].spacing, rates
     middle, count = around[inside], inside.stop - inside.start
-    of_way, of_mean = weights_of_ways(count)
-    parts: list[Array] = []
+    remaining = count - 1.0 - np.arange(count)
+    of_way, of_mean = np.full(count, 1.0 / count), remaining / np.sum(remaining)  # in the way, in the ways to the knots
+    parts: list[tuple[Array, Array]] = []
     share = 0.5 * (count - 1.0) / count
     for weights, size in ((of_way, count * spacing), (of_mean, share * count * spacing)):
-        rates = readings(layout, stack, predicted, motion, slope, weights)[1]
-        value, rows = twist_measurement(errors, predicted[inside], middle, point, rates, weights)
-        parts += [size * value, size * rows]
+        by_readings = readings(layout, stack, predicted, motion, slope, weights)[1]
+        value, rows = twist_measurement(errors, predicted[inside], middle, point, by_readings, weights)
+        parts.append((size * value, size * rows))
+    way, mean = parts
     white = (count * spacing) ** 2 / stack.samples * _white(stack, middle.base_rotation[count // 2], stored)
     nothing = np.ones(len(stack.windows))
     left = count * np.sum((share * of_mean) ** 2) - share**2
-    return IntegratedTwist(
-        parts[0], parts[1], parts[2], parts[3], white, share * nothing, left * nothing, stack.whitening[:, 0]
-    )
+    return IntegratedTwist(nothing > 0.0, *way, *mean, white, share * nothing, left * nothing, stack.whitening[:, 0])
 
 
 def _white(stack: Stack, rotation: Array, stored: Array) -> Array:

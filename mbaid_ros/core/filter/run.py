@@ -9,12 +9,11 @@ import numpy as np
 
 from mbaid_ros.core.filter.bank import Bank, HypothesisFilter, best, update_bank, update_hypothesis
 from mbaid_ros.core.filter.batch import BatchIteration
-from mbaid_ros.core.filter.initialisation import Initialisation
+from mbaid_ros.core.filter.initialisation import Initialisation, resolved_frequencies
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.start import Start
 from mbaid_ros.core.filter.state import BODY, Layout, Point, near_part
-from mbaid_ros.core.filter.swing_start import resolved_frequencies
 from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import LinearisationCache
@@ -51,9 +50,7 @@ class LinearisationPoint:
 
     def begin(self, point: Point) -> None:
         """Go on from the point of a start."""
-        self.point = point
-        self._reference[self._layout.parameters] = point.parameters
-        self._reference[self._layout.readings] = point.readings
+        self.point, self._reference = point, point.state
 
     def following(self, gaussian: SquareRootInformation) -> Point:
         """Return the point, moved where the estimate is too far from its reference."""
@@ -69,12 +66,9 @@ class LinearisationPoint:
         """Move the point to the estimate, along eigenvectors of the information R^T R of the lasting variables."""
         assert self.point is not None, 'there is a start'
         layout, variables, held = self._layout, self._variables, self.point
-        lasting = variables.lasting
-        state = distribution.mean.copy()
-        state[layout.parameters] = held.parameters
-        state[layout.readings] = held.readings
-        # A body heavier than the robot sets the typical size.
-        heavier = float(distribution.mean[BODY.start] / variables.typical_mass)
+        lasting, state = variables.lasting, held.state
+        # A body heavier than the robot sets the typical size: its momentum at 1 m/s is the typical one.
+        heavier = float(distribution.mean[BODY.start] / variables.typical_momentum[0])
         unit = np.full(root.shape[1], 1.0 / max(1.0, heavier))
         unit[np.arange(len(variables.scale))[lasting] >= variables.own] = _UNIT
         information, directions = np.linalg.eigh((root / unit).T @ (root / unit))
@@ -88,7 +82,8 @@ class LinearisationPoint:
         if part == 1.0:
             self._reference = distribution.mean.copy()
         # The next window continues the error chain of the last: at the same readings.
-        self.point = layout.beside(state, held)
+        state[layout.readings] = held.readings
+        self.point = layout.point(state)
 
     def _known(self, root: Array) -> Array:
         """Return the square-root information R of all but pose error, Gauss-Markov processes and a constant force."""
@@ -212,7 +207,8 @@ class FilterRun:
     @property
     def point(self) -> Point:
         """The point of the present estimate, if nothing drifts."""
-        return self._point_of(self._bank[0])
+        distribution = self.distribution_of_first()
+        return self._layout.point(distribution.mean, distribution.deviation)
 
     @property
     def largest_deflections(self) -> Array:
@@ -319,8 +315,7 @@ class FilterRun:
             self.phase, self._frozen_resolved = Phase.TRACKING, resolved
 
     def _best_point(self) -> Point | None:
-        return self._point_of(best(self._bank)) if self._bank else None
-
-    def _point_of(self, filtered: HypothesisFilter) -> Point:
-        distribution = MeanAndCovariance.of(filtered.gaussian, self._variables)
+        if not self._bank:
+            return None
+        distribution = MeanAndCovariance.of(best(self._bank).gaussian, self._variables)
         return self._layout.point(distribution.mean, distribution.deviation)

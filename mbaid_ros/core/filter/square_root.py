@@ -11,8 +11,7 @@ from functools import cache, cached_property
 import numpy as np
 from scipy.linalg.lapack import dpotri, dtpqrt, dtrtri, dtrtrs
 
-from mbaid_ros.core.filter.integrated_twist import TwistLink
-from mbaid_ros.core.filter.joint_noise import InformationCorrection, no_bias
+from mbaid_ros.core.filter.joint_noise import InformationCorrection, TwistLink
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout
 from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
@@ -51,7 +50,7 @@ class SquareRootInformation:
         root[: len(mean), : len(mean)] = triangle
         root[: len(mean), -1] = triangle @ mean
         root[len(mean) :, len(mean) : -2] = np.eye(extra)
-        nothing = Innovations.none(variables.poses), no_bias(variables)
+        nothing = Innovations.none(variables.poses), variables.bias
         return SquareRootInformation(root, *nothing, log_likelihood=likelihood)
 
     @property

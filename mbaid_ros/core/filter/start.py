@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbaid_ros.core.filter.bank import LONGEST_AT_A_GUESS, NO_JUMPS, Bank, best, clamped, far_better
-from mbaid_ros.core.filter.batch import MASS, BatchIteration, BatchResult, Relinearised, Work
+from mbaid_ros.core.filter.batch import MASS, BatchIteration, BatchResult, Work
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
-from mbaid_ros.core.filter.state import ANGULAR, BODY, BODY_PLACES, Layout, Point
-from mbaid_ros.core.filter.swing_start import from_loose_swing
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout, Point
 from mbaid_ros.core.filter.time_update import Hypothesis
+from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.filter.window import STACK, Stack, Window, in_stacks, stacked
 from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
+from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.flexible import SpringErrors, StartingSwing, SwingNoise
 
 _FIRST = 5  # windows of a mean angular momentum: noise is far below the rate, disturbances have hardly acted
 
@@ -95,7 +97,7 @@ class MultiStart:
             if result is None:
                 continue
             results.append(result)
-            relinearised, bank, other_leads = yield from self._choose_hypothesis(stacks, result)
+            chosen, bank, other_leads = yield from self._choose_hypothesis(stacks, result)
             if result.consistent or other_leads:
                 break
         else:
@@ -103,16 +105,16 @@ class MultiStart:
             if not results:
                 raise np.linalg.LinAlgError('no start leads to a robot that can be')
             result = max(results, key=lambda each: each.merit)
-            relinearised, bank, other_leads = yield from self._choose_hypothesis(stacks, result)
+            chosen, bank, other_leads = yield from self._choose_hypothesis(stacks, result)
         accepted = other_leads or (result.acceptable and not any(result.is_rivalled_by(other) for other in results))
         covariance = MeanAndCovariance.of(best(bank).gaussian, self.batch.variables).covariance(BODY_PLACES)
         curvature = self.batch.curvature(stacks, best(bank)) if accepted else None
         while count < len(windows):
             more = windows[count : count + STACK]
-            relinearised = yield from self.batch.relinearise([stacked(more)], relinearised.point)
+            linearised = yield from self.batch.relinearise([stacked(more)], chosen.held)
             count += len(more)
-            bank = yield from self.batch.filter(relinearised, bank)
-        return Start(bank, relinearised.point, accepted, covariance, curvature)
+            bank = yield from self.batch.filter(linearised, bank)
+        return Start(bank, chosen.held, accepted, covariance, curvature)
 
     def _from_guesses(self, stacks: list[list[Stack]]) -> Work[list[BatchResult]]:
         """Return the solutions with each guessed mass held, and from the best of these with any mass.
@@ -148,8 +150,8 @@ class MultiStart:
 
     def _choose_hypothesis(
         self, stacks: list[list[Stack]], result: BatchResult
-    ) -> Work[tuple[Relinearised, Bank, bool]]:
-        """Return the windows as linearised for the best hypothesis, all hypotheses, and whether another one leads.
+    ) -> Work[tuple[BatchResult, Bank, bool]]:
+        """Return the result of the best hypothesis, all hypotheses there, and whether another one leads.
 
         Another hypothesis leads only if it explains the windows, and better, at its own solution: its gain is else the
         linearisation's. Where the first explains them too, the gain must not come from noise in the rows.
@@ -159,19 +161,19 @@ class MultiStart:
         bank: Bank = (result.filtered,)
         if others:
             priors = tuple(self.batch.prior(each, longest) for each in others)
-            bank = (result.filtered, *(yield from self.batch.filter(result.relinearised, priors)))
+            bank = (result.filtered, *(yield from self.batch.filter(result.windows, priors)))
         leading = best(bank).hypothesis
         if leading is first:
-            return result.relinearised, bank, False
+            return result, bank, False
         other = yield from self.batch.converge(stacks, result.point, self.batch.prior(leading, longest))
         if other is None:
-            return result.relinearised, clamped(bank), False
+            return result, clamped(bank), False
         needed = not result.consistent or self._is_hardly_shifted(other)
         if not (needed and other.acceptable and other.consistent and far_better(other.filtered, result.filtered)):
-            return result.relinearised, clamped(bank), False
+            return result, clamped(bank), False
         priors = tuple(self.batch.prior(each, longest) for each in self.hypotheses)
-        bank = yield from self.batch.filter(other.relinearised, priors)
-        return other.relinearised, bank, True
+        bank = yield from self.batch.filter(other.windows, priors)
+        return other, bank, True
 
     def _is_hardly_shifted(self, result: BatchResult) -> bool:
         """Return whether the correction for noise in the rows is small."""
@@ -197,7 +199,37 @@ class MultiStart:
 
     def _beginning(self, body: Array, windows: Sequence[Window]) -> Array:
         """Return the state with a body (10,), as the windows begin."""
-        state = np.concatenate((np.zeros(BODY.stop), self.batch.layout.known.mean))
-        state[BODY] = body
-        state[ANGULAR] = angular_momentum(self.batch.layout.kernel, body, windows)
-        return state
+        angular = angular_momentum(self.batch.layout.kernel, body, windows)
+        return self.batch.layout.state(body, np.concatenate((np.zeros(3), angular)))
+
+
+# Natural frequency (Hz) from which it is loose first: an iteration follows the three periods of the first 5 s only.
+_FAST = 0.6
+_LOOSE = (1.0, 0.1, 0.01)  # unmodelled excitation, in deviations of the swing at the start
+
+
+def from_loose_swing(batch: BatchIteration) -> list[BatchIteration]:
+    """Return iterations to run one after the other, the last as it is; alone where no passive joint is fast.
+
+    A wrong body, or a frequency off by a few percent, puts the predicted swing out of phase in the first windows, and
+    no iteration leads back. So the swing may first change from window to window as much as it may be at the start,
+    then ever less.
+    """
+    layout = batch.layout
+    start = [each.factor for each in layout.unknowns if isinstance(each, StartingSwing)]
+    if layout.kernel.springs.fastest < _FAST or not start:
+        return [batch]
+    stages: list[BatchIteration] = []
+    for part in _LOOSE:
+        looser = replace(layout, unknowns=tuple(_looser(each, part, start[0]) for each in layout.unknowns))
+        stages.append(replace(batch, layout=looser, linearised=LinearisationCache(looser, batch.variables)))
+    return [*stages, batch]
+
+
+def _looser(unknown: Unknown, part: float, start: Array) -> Unknown:
+    """Return an unknown for a swing that changes by part of its start (2 f, e); the loosest begins anew as declared."""
+    if isinstance(unknown, SwingNoise) and unknown.factor.shape == start.shape:
+        return replace(unknown, factor=np.maximum(unknown.factor, part * start))
+    if isinstance(unknown, SpringErrors | StartingSwing):
+        return replace(unknown, held=part == max(_LOOSE))
+    return unknown

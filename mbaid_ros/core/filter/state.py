@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from mbaid_ros.core.filter.knots import Midpoints
-from mbaid_ros.core.geometry import Array, cross
+from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Configuration, PlaneDetector
 from mbaid_ros.core.robot.model import Link
@@ -46,6 +46,11 @@ class Point:
     def body(self) -> Array:
         """Standard parameters of the target (10,)."""
         return self.parameters[BODY.start - LINEAR.start : BODY.stop - LINEAR.start]
+
+    @property
+    def state(self) -> Array:
+        """The state (s,) there, without a pose error."""
+        return np.concatenate((np.zeros(POSE.stop), self.parameters, self.readings))
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,11 +145,6 @@ class Layout:
             len(self.cause_of), len(self.causes)
         )
 
-    @cached_property
-    def alike(self) -> Array:
-        """Numbers of the same cause, as (e, e) zeros and ones."""
-        return np.asarray(self.belongs @ self.belongs.T)
-
     def extended(self, more: Sequence[Unknown]) -> Layout:
         """Return the layout with more unknowns, independent of the others."""
         before = len(self.predicted)
@@ -153,6 +153,10 @@ class Layout:
         known = self.known.beside(sum(each.count for each in predicted), before=self.readings.start - BODY.stop)
         known = known.beside(sum(each.count for each in read), before=len(known.mean))
         return replace(self, unknowns=unknowns, known=known)
+
+    def state(self, body: Array, momentum: Array) -> Array:
+        """Return the state (s,) with a body (10,), a momentum (6,), and the unknowns as declared."""
+        return np.concatenate((np.zeros(POSE.stop), momentum, body, self.known.mean))
 
     def point(self, state: Array, deviation: Array | None = None) -> Point:
         """Return the linearisation point of a state (s,) with standard deviations (s,)."""
@@ -179,8 +183,7 @@ class Layout:
     @cached_property
     def driven(self) -> Array:
         """Which of the unknowns' e numbers the joints' noise drives, too, as ones among zeros."""
-        parts = [np.full(each.count, float(isinstance(each, SwingNoise))) for each in self.unknowns]
-        return np.concatenate([np.zeros(0), *parts])
+        return numbers_of(self.unknowns, [isinstance(each, SwingNoise) for each in self.unknowns]).astype(float)
 
     @cached_property
     def joint_steps(self) -> Array:
@@ -191,11 +194,10 @@ class Layout:
         ]
         return np.concatenate(steps, axis=1)[:, np.isfinite(self.times)] if self.times.size else np.zeros((0, 0))
 
-    def beside(self, state: Array, point: Point) -> Point:
-        """Return the point of a state (s,) at the readings of another point."""
-        values = state.copy()
-        values[self.readings] = point.readings
-        return self.point(values)
+
+def numbers_of(unknowns: Sequence[Unknown], which: Sequence[bool]) -> Flags:
+    """Return which of the unknowns' e numbers are of certain unknowns."""
+    return np.repeat(np.array(which, dtype=bool), [each.count for each in unknowns])
 
 
 def near_part(parameters: Array, step: Array) -> float:
@@ -214,8 +216,7 @@ def layout_of(kernel: MomentumKernel, uncertainty: Uncertainty, detector: PlaneD
     unknowns, known = catalogue(kernel, uncertainty), uncertainty.carried
     if known is not None:
         # The swing of passive joints at the start of another run does not apply to this one.
-        drawn = np.repeat([each.of_a_chain for each in unknowns], [each.count for each in unknowns]).astype(bool)
-        known = known.drawn_anew(drawn)
+        known = known.drawn_anew(numbers_of(unknowns, [each.of_a_chain for each in unknowns]))
     if detector.planar:
         seen = tuple(unknown.in_plane(detector) for unknown in unknowns)
         known = known and known.of([in_plane_map(*pair) for pair in zip(unknowns, seen, strict=True)])

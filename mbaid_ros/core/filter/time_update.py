@@ -12,17 +12,12 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg.lapack import dgeqrf
 
-from mbaid_ros.core.filter.integrated_twist import TwistLink
-from mbaid_ros.core.filter.pushing import MomentumChange, momentum_change
 from mbaid_ros.core.filter.square_root import SquareRootInformation, identity, upper_ones
 from mbaid_ros.core.filter.state import MOMENTUM, POSE
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import Axes, WhitenedWindow
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array, Integers
-
-# N s / sqrt(s) / kg of the known bodies: random walk of the momentum that stands for a force which is not constant.
-_CHANGING_FORCE = 5e-5
 
 
 @dataclass(frozen=True)
@@ -40,97 +35,91 @@ class Hypothesis:
     @property
     def disturbed(self) -> bool:
         """Whether anything acts or drifts at all."""
-        return self.force != 'none' or len(self.walking) > 0
+        return self.force != 'none' or self.position > 0.0 or self.momentum > 0.0
 
     @cached_property
-    def walking(self) -> Integers:
-        """Which of pose error and momentum (12) walk."""
-        return np.flatnonzero(self._intensities)
-
-    @cached_property
-    def intensities(self) -> Array:
-        """Of these."""
-        return self._intensities[self.walking]
-
-    @cached_property
-    def _intensities(self) -> Array:
-        return np.repeat((0.0, self.position, self.momentum), (3, 3, 6))
+    def walks(self) -> Array:
+        """The (12, w) factor of the walks of pose error and momentum."""
+        intensities = np.repeat((0.0, self.position, self.momentum), (3, 3, 6))
+        return np.diag(intensities)[:, intensities > 0.0]
 
 
 UNDISTURBED = Hypothesis('nothing drifts')
 
 
-def _constant_force(axes: Axes, where: str, what: str) -> Hypothesis:
-    name = f'a constant force or torque acts, in {where}'
-    declared = 'body' if axes == 'body' else 'inertial'
-    return Hypothesis(name, f'{name}: {what}; set disturbance.constant to {declared}', force=axes)
+@dataclass(frozen=True)
+class MomentumChange:
+    """The change of the momentum over some seconds, and of the f Gauss-Markov processes that bring a part of it."""
+
+    brought: Array  # (p, v) by the variables at the begin
+    stepped: Array  # (h, f) of the first variables with a process, when that grows by one until the end
+    noise: Array  # (p, f) factor, given the processes at both ends
+    kept: Array  # (f,) autocorrelation of the processes that bring momentum; 0 of others
 
 
-_INERTIAL_FORCES = (
-    _constant_force('inertial', 'inertial axes, at the common centre of mass', 'a tilted table, or drag'),
-    _constant_force('inertial on the base', 'inertial axes, on the base', 'a cable, or a leak'),
-)
-_BODY_FORCE = _constant_force('body', 'base axes', 'a leak or thrust, or unreported wheels spin up')
+def momentum_change(brought: Array, rate_length: float, seconds: float, variables: Variables) -> MomentumChange:
+    """Return the change of the momentum over some seconds.
 
-
-def hypotheses(known_mass: float, position_std: float, constant: Axes, *, adapt: bool) -> tuple[Hypothesis, ...]:
-    """Return the hypotheses of a run; the first is the one to beat.
+    A process v of unit variance and time constant T with the values v and v' at the ends of D seconds has an integral
+    with mean g D (v + v') / 2 and variance D^2 (1 - g) / x, where x = D / (2 T) and g = tanh(x) / x.
 
     Parameters
     ----------
-    known_mass : kg, of the known bodies
-    position_std : m, of one reading of the base's position
-    constant : axes of a force that is taken to act, wherever; there are no other hypotheses then
-    adapt : whether others than the first are followed
+    brought, rate_length : (p, v) change over a length in s by constant variables
     """
-    if constant != 'none':
-        return (_BODY_FORCE,) if constant == 'body' else _INERTIAL_FORCES
-    if not adapt:
-        return (UNDISTURBED,)
-    return (
-        UNDISTURBED,
-        *_INERTIAL_FORCES,
-        _BODY_FORCE,
-        Hypothesis(
-            'the momentum drifts',
-            'an unreported part moves (wheels, an arm, fuel), or a changing force acts: the momentum drifts',
-            momentum=_CHANGING_FORCE * known_mass,
-            physical=False,
-        ),
-        Hypothesis(
-            'the odometry position drifts',
-            'the odometry position drifts: check the sensor, or set noise.base_correlation_time',
-            position=position_std,
-            physical=False,
-        ),
-    )
+    brought = brought * (seconds / rate_length)
+    count = len(variables.wandering)
+    stepped = np.zeros((variables.head, count))
+    if not count:
+        return MomentumChange(brought, stepped, np.zeros((len(brought), 0)), np.zeros(0))
+    of_processes = brought[:, variables.wandering]
+    half = 0.5 * seconds / variables.times[np.isfinite(variables.times)]
+    share = np.tanh(half) / half
+    brought[:, variables.wandering] = share * of_processes
+    stepped[variables.poses :] = 0.5 * share * of_processes
+    noise = of_processes * np.sqrt((1.0 - share) / half)
+    return MomentumChange(brought, stepped, noise, variables.kept(seconds) * of_processes.any(axis=0))
 
 
 def advance(
     gaussian: SquareRootInformation, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis
 ) -> SquareRootInformation:
-    """Return the Gaussian at the next window's first knot, under a hypothesis of forces and drifts."""
-    if window.carried is not None and gaussian.carried is not None:
-        return _advanced_with_link(gaussian, gaussian.carried, window, window.carried, variables, hypothesis)
-    root, change = gaussian.root, momentum_change(window.brought, window.length, window.length, variables)
-    steps = _stepped(root[: variables.head], window, change, variables, hypothesis)
-    advanced = gaussian.with_root(_eliminated(root, *steps))
+    """Return the Gaussian at the next window's first knot, under a hypothesis of forces and drifts.
+
+    With an integrated twist c goes along (trajectory.md, eq. 10), its rows above those of the root.
+    """
+    root, head, columns, count = gaussian.root, variables.head, len(variables.scale), 0
+    change = momentum_change(window.brought, window.length, window.length, variables)
+    rows, above, link = root[:head], gaussian.carried, window.carried
+    if above is not None and link is not None:
+        # q = back (c' - c - noise w + value - rows x), put into the rows that know of it.
+        count, gain = len(link.way_value), above[:, : len(link.way_value)] @ link.back
+        rows = np.concatenate((above[:, 2 * count :], rows))
+        rows[: 2 * count, :columns] -= gain @ link.way_rows
+        rows[: 2 * count, -1] -= gain @ link.way_value
+    back, noise, rest = _stepped(rows, window, change, variables, hypothesis)
+    known = np.concatenate((back, rest), axis=1)
+    if above is not None and link is not None:
+        noise[: 2 * count, : link.process.shape[1]] += gain @ link.process
+        of_links = np.zeros((len(rows), 2 * count))  # by c and c'
+        of_links[: 2 * count] = np.concatenate((above[:, count : 2 * count] - gain, gain), axis=1)
+        known = np.concatenate((of_links, known), axis=1)
+    after: Array = np.zeros((count + len(root), count + len(root) + 2), order='F')
+    after[: count + head] = _eliminated(known, noise)[count:, count:]
+    after[count + head :, count + head :] = root[head:, head:]
     if variables.walks.shape[1]:
-        walk = np.sqrt(window.length) * variables.walks
-        advanced = advanced.with_root(_walked(advanced.root, walk, len(variables.scale)))
-    if variables.times.size:
-        stepped = change.stepped
-        stepped[: variables.poses] += window.stepped
+        after = _walked(after, np.sqrt(window.length) * variables.walks, count + columns)
+    if variables.times.size:  # there is no c then
+        change.stepped[: variables.poses] += window.stepped
         kept = variables.kept(window.length)
-        after = _wandered(advanced.root, variables.wandering, kept, stepped, window.gained)
-        return advanced.with_root(after)
-    return advanced
+        after = _wandered(after, variables.wandering, kept, change.stepped, window.gained)
+    return gaussian.with_root(np.asarray(after[count:, count:], order='F'), after[:count].copy() if count else None)
 
 
 def _stepped(
     rows: Array, window: WhitenedWindow, change: MomentumChange, variables: Variables, hypothesis: Hypothesis
 ) -> tuple[Array, Array, Array]:
-    """Return rows (r, v + 2) at the next window's first knot, as `_eliminated` takes them: back, noise and rest."""
+    """Return rows (r, v + 2) at the next window's first knot: (r, h) of the first variables, noise (r, w) and rest."""
     head, poses, columns = variables.head, variables.poses, len(variables.scale)
     # x_head = A^-1 (x_head' - B x_rest - drift - noise w), put into the rows that know of it.
     back = rows[:, :head] @ window.back
@@ -143,48 +132,10 @@ def _stepped(
     noise = of_poses @ window.process
     if change.noise.any():
         noise = np.concatenate((noise, back[:, poses:] @ change.noise), axis=1)
-    if hypothesis.walking.size:
-        walk = variables.gather[:head, hypothesis.walking] * hypothesis.intensities
+    if hypothesis.walks.size:
+        walk = variables.gather[:head, :12] @ hypothesis.walks
         noise = np.concatenate((noise, np.sqrt(window.length) * (back @ walk)), axis=1)
     return back, noise, rest
-
-
-def _advanced_with_link(
-    gaussian: SquareRootInformation,
-    rows: Array,
-    window: WhitenedWindow,
-    carried: TwistLink,
-    variables: Variables,
-    hypothesis: Hypothesis,
-) -> SquareRootInformation:
-    """Return the Gaussian and c at the next window's first knot (trajectory.md, eq. 10).
-
-    `rows` (2 k, 2 k + v + 2) are those of q and c after the update; the rest is as for `advance`.
-    """
-    root, head, columns, count = gaussian.root, variables.head, len(variables.scale), len(carried.way_value)
-    # q = back (c' - c - noise w + value - rows x), put into the rows that know of it.
-    gain = rows[:, :count] @ carried.back
-    state = np.concatenate((rows[:, 2 * count :], root[:head]))
-    state[: len(rows), :columns] -= gain @ carried.way_rows
-    state[: len(rows), -1] -= gain @ carried.way_value
-    change = momentum_change(window.brought, window.length, window.length, variables)
-    back, noise, rest = _stepped(state, window, change, variables, hypothesis)
-    noise[: len(rows), : carried.process.shape[1]] += gain @ carried.process
-    walks = noise.shape[1]
-    wide = np.zeros((walks + len(state), walks + 2 * count + head + rest.shape[1]), order='F')
-    wide[:walks, :walks] = identity(walks)
-    known = wide[walks:]
-    known[:, :walks], known[:, walks + 2 * count : -rest.shape[1]], known[:, -rest.shape[1] :] = -noise, back, rest
-    known[: len(rows), walks : walks + count] = rows[:, count : 2 * count] - gain
-    known[: len(rows), walks + count : walks + 2 * count] = gain
-    gone, ahead = walks + count, count + head
-    triangle = dgeqrf(wide, overwrite_a=True)[0][gone:, gone:]
-    whole: Array = np.zeros((count + len(root), count + len(root) + 2), order='F')
-    whole[:ahead, :ahead], whole[:ahead, ahead:] = triangle[:, :ahead] * upper_ones(ahead), triangle[:, ahead:]
-    whole[ahead:, ahead:] = root[head:, head:]
-    if variables.walks.shape[1]:
-        whole = _walked(whole, np.sqrt(window.length) * variables.walks, count + columns)
-    return gaussian.with_root(np.array(whole[count:, count:], order='F'), whole[:count].copy())
 
 
 def entered(
@@ -212,7 +163,7 @@ def pose_reset(
         head, own = variables.head, slice(variables.head, len(variables.scale))
         root[:, own] -= root[:, poses:head] @ change.brought[:, own]
         if change.noise.any():
-            root = _eliminated(root, root[:head, :head], root[:head, poses:head] @ change.noise, root[:head, head:])
+            root[:head] = _eliminated(root[:head], root[:head, poses:head] @ change.noise)
     if variables.broken.shape[1]:
         root = _walked(root, variables.broken, len(variables.scale))
     return gaussian.with_root(_forgotten(root, variables, change))
@@ -249,36 +200,31 @@ def momentum_inflation(
 
 def inflated(gaussian: SquareRootInformation, noise: Array) -> SquareRootInformation:
     """Return the Gaussian with noise (h, w) added to its first h variables."""
-    root, head = gaussian.root, len(noise)
-    back = root[:head, :head]
-    return gaussian.with_root(_eliminated(root, back, back @ noise, root[:head, head:]))
+    root, head = gaussian.root.copy(order='F'), len(noise)
+    root[:head] = _eliminated(root[:head], root[:head, :head] @ noise)
+    return gaussian.with_root(root)
 
 
-def _eliminated(root: Array, back: Array, noise: Array, rest: Array) -> Array:
-    """Return the triangle after noise w of unit variance in its first h rows has been eliminated.
-
-    Those are back (h, h) of the first variables, -noise (h, w), and rest (h, v - h + 2) of the others and the values.
-    """
-    head, count = noise.shape
-    wide = np.zeros((count + head, count + head + rest.shape[1]), order='F')
+def _eliminated(rows: Array, noise: Array) -> Array:
+    """Return the triangle of rows (r, c), r <= c, in which noise (r, w) of unit variance has been eliminated."""
+    count, (height, width) = noise.shape[1], rows.shape
+    wide = np.zeros((count + height, count + width), order='F')
     wide[:count, :count] = identity(count)
-    wide[count:, :count], wide[count:, count : count + head], wide[count:, count + head :] = -noise, back, rest
-    triangle = dgeqrf(wide, overwrite_a=True)[0][count:, count:]
-    after = root.copy(order='F')
-    after[:head, :head], after[:head, head:] = triangle[:, :head] * upper_ones(head), triangle[:, head:]
-    return after
+    wide[count:, :count], wide[count:, count:] = -noise, rows
+    return _triangle(wide, count)
+
+
+def _triangle(wide: Array, count: int) -> Array:
+    """Return the triangle of rows without their first variables, which are eliminated."""
+    triangle = np.array(dgeqrf(wide, overwrite_a=True)[0][count:, count:], order='F')
+    size = len(triangle)
+    triangle[:, :size] *= upper_ones(size)
+    return triangle
 
 
 def _walked(root: Array, noise: Array, stop: int) -> Array:
     """Return the triangle after noise (e, w) has been added to the last e of the first `stop` variables."""
-    size, count = len(root), noise.shape[1]
-    wide = np.zeros((count + size, count + size + 2), order='F')
-    wide[:count, :count] = identity(count)
-    wide[count:, :count] = -root[:, stop - len(noise) : stop] @ noise
-    wide[count:, count:] = root
-    triangle = np.array(dgeqrf(wide, overwrite_a=True)[0][count:, count:], order='F')
-    triangle[:, :size] *= upper_ones(size)
-    return triangle
+    return _eliminated(root, root[:, stop - len(noise) : stop] @ noise)
 
 
 def _forgotten(root: Array, variables: Variables, change: MomentumChange | None = None) -> Array:
@@ -309,6 +255,4 @@ def _wandered(root: Array, places: Integers, kept: Array, stepped: Array, gained
     wide[count:, count:] = root
     wide[count:, :count] = root[:, places] + along
     wide[count:, count + places] = -along
-    triangle = np.array(dgeqrf(wide, overwrite_a=True)[0][count:, count:], order='F')
-    triangle[:, :size] *= upper_ones(size)
-    return triangle
+    return _triangle(wide, count)

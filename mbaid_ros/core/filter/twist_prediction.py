@@ -9,13 +9,13 @@ from itertools import pairwise
 import numpy as np
 
 from mbaid_ros.core.filter.knots import Midpoints, gradient
-from mbaid_ros.core.filter.passive_prediction import PassiveColumns, deflections_of, passive_columns, passive_motion_of
+from mbaid_ros.core.filter.passive_prediction import PassiveColumns, passive_columns
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point, mobility_and_joint_momentum, total_momentum
 from mbaid_ros.core.geometry import Array, Integers, cross, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about, of_link
-from mbaid_ros.core.robot.passive import through_springs
+from mbaid_ros.core.robot.passive import PassiveInertias, PassiveMotion, spring_constants, through_springs
 from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
 from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.unknowns.declaration import JointMotion, Unknown
@@ -99,7 +99,7 @@ class Bodies:
         return Bodies(self.parameters, self.mobility[index], self.states[index])
 
 
-def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction, Bodies]:
+def predict(layout: Layout, middle: Midpoints, point: Point, along: Array | None = None) -> tuple[Prediction, Bodies]:
     """Return the twist that conservation predicts at midpoints, and the bodies of a robot that moves so.
 
     Parameters
@@ -107,6 +107,7 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     layout : of the state
     middle : Midpoints of N intervals, as the point's nominal model corrects them
     point : its momentum is that before any known thrust or orbit, L about the run's origin
+    along : (N, f) s of passive joints, whose rates follow and are zero in `middle`; None without any
     """
     parameters, kernel = point.parameters, point.side.kernel
     target, kinematics = kernel.target, kernel.kinematics
@@ -117,13 +118,23 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     tide = about(middle.tide, middle.base_position)
     thrust = about(middle.thrust, middle.base_position, OF_A_THRUSTER)
     linear, about_base = total_momentum(middle, point, known, (tide, thrust))
-    total = np.concatenate((linear, about_base), axis=1)
-    twist = (mobility @ (total - moving)[..., None])[..., 0]
-    body_twist += twist[:, None]
+    total = np.concatenate((linear, about_base), axis=1) - moving
+    expressed = express(known, placed.rotation, placed.position)
+    motion: PassiveMotion | None = None
+    if along is None:
+        twist: Array = (mobility @ total[..., None])[..., 0]
+        body_twist += twist[:, None]
+    else:
+        joints = list(kernel.springs.joints)
+        deflection = middle.joint_position[:, joints] - point.side.zeros[joints]
+        inertias = PassiveInertias.of(kernel, expressed, placed, mobility)
+        state, constants = (deflection, along), spring_constants(kernel, known)
+        motion = PassiveMotion.of(kernel, inertias, expressed, (body_twist, total), state, constants)
+        twist, body_twist = motion.twist, motion.body_twist
     states = BodyStates(
         placed,
         body_twist,
-        express(known, placed.rotation, placed.position),
+        expressed,
         *placed.link(target),
         body_twist[:, target.body],
         kernel.storage,
@@ -131,14 +142,32 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
         tide,
         thrust,
     )
+    right = _right_hand_sides(layout, kernel, states, middle.base_position, (linear, about_base))
+    passive: PassiveColumns | None = None
+    if motion is None:
+        solved: Array = mobility @ right
+    else:
+        solved, passive = passive_columns(layout, point, states, motion, right, deflection)
+        mobility = motion.inertias.free_mobility
+    return Prediction(twist, solved[..., :-6], solved[..., -6:]), Bodies(known, mobility, states, passive)
+
+
+def _right_hand_sides(
+    layout: Layout, kernel: MomentumKernel, states: BodyStates, position: Array, total: tuple[Array, Array]
+) -> Array:
+    """Return minus the change of the momentum at fixed twists, (N, 6, u + 6), by parameters and the base's pose error.
+
+    `position` (N, 3) of the base, `total` (P, L_b), (N, 3) each.
+    """
+    linear, about_base = total
     # M V + b = h_b, so M dV = dh - (dM V + db): the latter is the change of the predicted motion's momentum.
-    count = len(parameters)
-    right = np.zeros((len(twist), 6, count + 6))
+    count = 16 + sum(each.count for each in layout.predicted)
+    right = np.zeros((len(position), 6, count + 6))
     right[..., :6] = np.eye(6)
-    right[:, 3:, :3] = -skew(middle.base_position)
+    right[:, 3:, :3] = -skew(position)
     right[..., 6:16] = -states.regressor
-    if tide.shape[1]:
-        right[..., 6:16] += of_link(tide, target)
+    if states.tide.shape[1]:
+        right[..., 6:16] += of_link(states.tide, kernel.target)
     column = 16
     for unknown in layout.predicted:
         columns = unknown.momentum_columns(kernel, states)
@@ -150,14 +179,7 @@ def predict(layout: Layout, middle: Midpoints, point: Point) -> tuple[Prediction
     right[:, :3, count : count + 3] = turned
     right[:, 3:, count : count + 3] = skew(about_base)
     right[:, 3:, count + 3 :] = turned
-    passive = None
-    if kernel.springs.count:
-        motion = passive_motion_of(point, middle, known, states, mobility)
-        solved, passive = passive_columns(layout, point, states, motion, right, deflections_of(point, middle))
-        mobility = motion.inertias.free_mobility
-    else:
-        solved = mobility @ right
-    return Prediction(twist, solved[..., :count], solved[..., count:]), Bodies(known, mobility, states, passive)
+    return right
 
 
 def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:

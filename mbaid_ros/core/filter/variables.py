@@ -9,8 +9,8 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from mbaid_ros.core.errors import DataError
-from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR, MOMENTUM, POSE, Layout
-from mbaid_ros.core.geometry import Array, Integers
+from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR, MOMENTUM, POSE, Layout, numbers_of
+from mbaid_ros.core.geometry import Array, Flags, Integers
 from mbaid_ros.core.robot.kernel import unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.unknowns.bodies import KnownBodies, TotalMass
@@ -47,23 +47,13 @@ class Variables:
     broken: Array = field(default_factory=lambda: np.zeros((0, 0)))
     # (v, v + 1) square-root information left by the run before the target changed, and z; else None
     left: Array | None = None
-    bias: Array | None = None  # (b, b + 1) bias information that the run before has left; None without one
+    left_bias: Array | None = None  # (b, b + 1) bias information that the run before has left; None without one
     weighed: Array | None = None  # (v + 1,) the row of the robot's mass, where it was weighed, of unit variance
 
     @property
     def described(self) -> bool:
         """Whether all of the body has a prior."""
         return bool(self.mean[BODY][4] > 0.0)
-
-    @property
-    def continues(self) -> bool:
-        """Whether another run of the same target has left information."""
-        return self.bias is not None
-
-    @property
-    def typical_mass(self) -> float:
-        """Mass whose momentum at 1 m/s is of typical size, kg."""
-        return float(self.typical_momentum[0])
 
     @property
     def poses(self) -> int:
@@ -84,6 +74,12 @@ class Variables:
     def body(self) -> slice:
         """Slice of the b variables of the body."""
         return slice(self.head, self.own)
+
+    @property
+    def bias(self) -> Array:
+        """The (b, b + 1) information of the body by noise in the rows, before the first window."""
+        count = self.own - self.head
+        return np.zeros((count, count + 1)) if self.left_bias is None else self.left_bias
 
     @cached_property
     def wandering(self) -> Integers:
@@ -179,7 +175,7 @@ class Variables:
         left[self.head :, self.head :] = root
         expected = self.spread[:, self.head :] @ mean
         expected[BODY.start + 1 : BODY.stop] = 0.0
-        return replace(self, mean=expected, left=left, bias=bias)
+        return replace(self, mean=expected, left=left, left_bias=bias)
 
     def prior(self, mass: float | None = None) -> tuple[Array, Array, float]:
         """Return the prior's mean (v,) and square-root information (v, v), near a mass in kg if given.
@@ -194,8 +190,7 @@ class Variables:
         if self.left is not None:
             held = np.append(self.spread[BODY.start], mass or 0.0) / deviation
             both = np.vstack((self.left, held)) if mass is not None else self.left
-            root = np.asarray(np.linalg.qr(both, mode='r'))[: len(self.scale)]
-            return np.linalg.solve(root[:, :-1], root[:, -1]), root[:, :-1], likelihood
+            return *_solved(both), likelihood
         if mass is not None:
             along = factor[:, BODY.start] / before  # a prior of the CoM goes with the mass
             mean, factor = mean + (mass - mean[BODY.start]) * along, factor.copy()
@@ -208,8 +203,13 @@ class Variables:
         if self.weighed is None:
             return self.gather @ mean, information, likelihood
         both = np.vstack((np.column_stack((information, information @ (self.gather @ mean))), self.weighed))
-        root = np.asarray(np.linalg.qr(both, mode='r'))[: len(self.scale)]
-        return np.linalg.solve(root[:, :-1], root[:, -1]), root[:, :-1], likelihood
+        return *_solved(both), likelihood
+
+
+def _solved(rows: Array) -> tuple[Array, Array]:
+    """Return the mean (v,) and square-root information (v, v) of rows (r, v + 1) of unit variance, values last."""
+    root = np.asarray(np.linalg.qr(rows, mode='r'))[: rows.shape[1] - 1]
+    return np.linalg.solve(root[:, :-1], root[:, -1]), root[:, :-1]
 
 
 def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty) -> Variables:
@@ -229,7 +229,7 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
     basis, measured = _planar(layout, detector) if detector.planar else (np.eye(layout.size), np.eye(6))
     force = detector.rows().T * (_FORCE * typical[10:16] @ np.abs(detector.rows().T))
     scale, known = np.sqrt((basis**2).T @ sizes**2), layout.known.triangle
-    weighed = None if uncertainty.weighed is None else _weighed(layout, uncertainty.weighed, basis * scale)
+    constant = ~np.isfinite(layout.times) if layout.times.size else True  # Gauss-Markov processes are forgotten
     return Variables(
         basis,
         scale,
@@ -239,11 +239,11 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
         factor,
         known,
         typical[10:16],
-        _walks(layout),
-        _renewed(layout),
-        layout.times,
-        _broken(layout),
-        weighed=weighed,
+        walks=_walks(layout),
+        renewed=_drawn_anew(numbers_of(layout.unknowns, [each.of_a_motion for each in layout.unknowns]) & constant),
+        times=layout.times,
+        broken=_drawn_anew(numbers_of(layout.unknowns, [each.of_a_chain for each in layout.unknowns])),
+        weighed=None if uncertainty.weighed is None else _weighed(layout, uncertainty.weighed, basis * scale),
     )
 
 
@@ -265,20 +265,9 @@ def _walks(layout: Layout) -> Array:
     return np.asarray(block_diag(*(np.linalg.pinv(unknown.factor) @ unknown.walk for unknown in layout.unknowns)))
 
 
-def _renewed(layout: Layout) -> Array:
-    """Return the (e, w) factor of the change from motion to motion of unknowns that each motion draws anew.
-
-    Gauss-Markov processes are forgotten in between.
-    """
-    renewed = np.repeat([each.of_a_motion for each in layout.unknowns], [each.count for each in layout.unknowns])
-    forgotten = np.isfinite(layout.times) if layout.times.size else False
-    return np.asarray(np.sqrt(2.0) * np.eye(len(renewed))[:, renewed.astype(bool) & ~np.asarray(forgotten)])
-
-
-def _broken(layout: Layout) -> Array:
-    """Return the (e, w) factor of the change, over a gap, of unknowns that are other ones after it."""
-    drawn = np.repeat([each.of_a_chain for each in layout.unknowns], [each.count for each in layout.unknowns])
-    return np.asarray(np.sqrt(2.0) * np.eye(len(drawn))[:, drawn.astype(bool)])
+def _drawn_anew(which: Flags) -> Array:
+    """Return the (e, w) factor of the change of the unknowns' numbers (e,) of which w are drawn anew."""
+    return np.asarray(np.sqrt(2.0) * np.eye(len(which))[:, which])
 
 
 def _typical(layout: Layout, uncertainty: Uncertainty) -> Array:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from mbaid_ros.core.filter.chain import WindowModel, window_models
-from mbaid_ros.core.filter.integrated_twist import IntegratedTwist, TwistLink, linked
-from mbaid_ros.core.filter.joint_noise import errors_in_variables_bias
+from mbaid_ros.core.filter.joint_noise import TwistLink, errors_in_variables_bias, linked
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, POSE, Layout, Point
 from mbaid_ros.core.filter.swing import SwingCourse
 from mbaid_ros.core.filter.variables import Variables
@@ -19,6 +18,7 @@ from mbaid_ros.core.geometry import Array, Integers, skew
 
 # Where a constant force and torque acts, and in which axes.
 Axes = Literal['none', 'inertial', 'inertial on the base', 'body']
+_ACTING: tuple[Axes, ...] = ('inertial', 'inertial on the base', 'body')
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class WhitenedWindow:
     bias_information: Array  # (b, b + 1) information M of the body by noise in the rows, and M times the body
     moved: Array  # (6, 6) derivative of the next pose error by the momentum, SI units
     brought: Array  # (p, v) change of the momentum until the next window by the variables
-    pushes: Mapping[Axes, Array]  # (p, f) change of the momentum by a constant force and torque, by where it acts
+    pushes: Array  # (3, p, f) change of the momentum by a constant force and torque, acting as in `_ACTING`
     stepped: Array  # (p, f) as of `WindowModel`
     gained: Array  # (f,) the same
     length: float  # s
@@ -54,7 +54,7 @@ class WhitenedWindow:
 
     def push(self, axes: Axes) -> Array:
         """Return the change of the momentum by a constant force and torque in these axes, (p, f)."""
-        return self.pushes[axes]
+        return self.pushes[_ACTING.index(axes)]
 
 
 def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
@@ -68,21 +68,16 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
     precision = pose.precision
     weighed = pose.weighed(windows.joints, windows.joints_of_gyro)
     places = np.arange(len(select))
-    measured = [(pose.value[index], pose.rows[index], pose.log_noise[index], places) for index in range(len(weighed))]
-    integrated = np.array([each is not None for each in windows.integrated])
-    carried: list[TwistLink | None] = [None] * len(measured)
+    measured = [(*each, places) for each in zip(pose.value, pose.rows, pose.log_noise, strict=True)]
+    links: list[TwistLink | None] = [None] * len(measured)
+    integrated = windows.integrated.counts
     if integrated.any():
-        which = np.flatnonzero(integrated)
-        chosen = windows[which]
+        chosen = windows[integrated]
         parts = chosen.pose_value, chosen.pose_rows, chosen.pose_covariance
-        joined = linked(
-            IntegratedTwist.stack(list(chosen.integrated)), parts, (chosen.joints, chosen.process), variables
-        )
-        precision[which], weighed[which] = joined.precision, joined.precision @ chosen.joints
-        all_places = np.arange(joined.value.shape[1])
-        for place, index in enumerate(which.tolist()):
-            measured[index] = (joined.value[place], joined.rows[place], joined.log_noise[place], all_places)
-            carried[index] = joined.carried[place]
+        joined, precision[integrated] = linked(chosen.integrated, parts, (chosen.joints, chosen.process), variables)
+        weighed[integrated] = precision[integrated] @ chosen.joints
+        for index, (value, rows, log_noise, link) in zip(np.flatnonzero(integrated).tolist(), joined, strict=True):
+            measured[index], links[index] = (value, rows, log_noise, np.arange(len(value))), link
     alone = np.where(integrated[:, None], np.nan, windows.twist_value)
     for moving, select, of_rates in _rates(alone, variables):
         parts = (windows.twist_value, windows.twist_rows, windows.twist_covariance)
@@ -119,7 +114,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
             windows.gained,
             windows.length.tolist(),
             (each[3] for each in measured),
-            carried,
+            links,
             strict=True,
         )
     ]
@@ -199,39 +194,31 @@ def _shared(weighed: Array, slope: Array, variables: Variables) -> Array:
     return variables.rows(score)[:, 0]
 
 
-def _pushes(windows: WindowModel, variables: Variables) -> list[dict[Axes, Array]]:
-    """Return for B windows the (p, f) change of the momentum by a constant force and torque, where and as it acts.
+def _pushes(windows: WindowModel, variables: Variables) -> Array:
+    """Return the (B, 3, p, f) change of the momentum by a constant force and torque, as in `_ACTING`.
 
     A window's momentum is that of its middle. The force acts from there to the middle of the next window, on a robot
     that is between the two.
     """
     upright = np.broadcast_to(np.eye(3), windows.rotation.shape)
-    to_momentum = variables.gather[variables.poses : variables.head, MOMENTUM]
-    force = windows.length[:, None, None] * variables.force
-    acting: dict[Axes, tuple[Array, Array]] = {
-        'inertial': (upright, windows.centre),
-        'inertial on the base': (upright, windows.position),
-        'body': (windows.rotation, windows.position),
-    }
-    pushes: list[dict[Axes, Array]] = [{} for _ in windows.length]
-    for axes, (rotation, point) in acting.items():
-        push = np.zeros((len(windows.length), 6, 6))
-        push[:, :3, :3] = push[:, 3:, 3:] = rotation
-        push[:, 3:, :3] = skew(point) @ rotation
-        for own, change in zip(pushes, to_momentum @ (push @ force), strict=True):
-            own[axes] = change
-    return pushes
+    rotation = np.stack((upright, upright, windows.rotation), axis=1)
+    point = np.stack((windows.centre, windows.position, windows.position), axis=1)
+    push = np.zeros((*point.shape[:2], 6, 6))
+    push[..., :3, :3] = push[..., 3:, 3:] = rotation
+    push[..., 3:, :3] = skew(point) @ rotation
+    force = windows.length[:, None, None, None] * variables.force
+    return np.asarray(variables.gather[variables.poses : variables.head, MOMENTUM] @ (push @ force))
 
 
 LINEARISED = 5  # work of linearising a window, in steps of the filter
-_FEWEST, MOST = 8, 32  # windows linearised at once: fewer waste the first's overhead, more do not fit the cache
+TOGETHER = 8  # windows linearised at once: singly a replay takes a sixth longer, by 32 no less
 
 
 class LinearisationCache:
     """Linearises windows, and keeps those that are to come.
 
-    One numpy call costs much the same for one window as for ten. So windows that are known to come are linearised with
-    the first one: at most as many as the present point has served so far, or the one before, as it may move.
+    One numpy call costs much the same for one window as for ten. So the next windows that are known to come are
+    linearised with the first one.
     """
 
     def __init__(self, layout: Layout, variables: Variables) -> None:
@@ -241,9 +228,7 @@ class LinearisationCache:
         self._coming: Sequence[Window] = ()
         self._turn: dict[Window, int] = {}
         self._made: dict[Window, WhitenedWindow] = {}
-        self._point: Point | None = None
-        self._served = 0  # windows at this point
-        self._likely = 0  # and at the one before
+        self._point: Point | None = None  # at which these are linearised
 
     def expect(self, windows: Sequence[Window]) -> None:
         """Take the windows that are going to come, in order."""
@@ -259,12 +244,12 @@ class LinearisationCache:
     def whitened(self, window: Window, point: Point) -> WhitenedWindow:
         """Return a window, linearised at a point."""
         if point is not self._point:
-            self._point, self._served, self._likely = point, 0, self._served
+            self._point = point
             self._made.clear()
         if window not in self._made:
-            together = self._next(window)
+            turn = self._turn.get(window)
+            together = [window] if turn is None else self._coming[turn : turn + TOGETHER]
             self._made.update(self.all_whitened(stacked(together), point))
-        self._served += 1
         return self._made.pop(window)
 
     def all_whitened(self, stacks: Sequence[Stack], point: Point) -> list[tuple[Window, WhitenedWindow]]:
@@ -273,10 +258,3 @@ class LinearisationCache:
         placed = dict(pair for stack in stacks for pair in zip(stack.places, stack.windows, strict=True))
         windows = [placed[place] for place in sorted(placed)]
         return list(zip(windows, prepared(models, self._variables), strict=True))
-
-    def _next(self, window: Window) -> Sequence[Window]:
-        """Return a window and those after it that the point is likely to serve."""
-        turn = self._turn.get(window)
-        if turn is None:
-            return [window]
-        return self._coming[turn : turn + min(max(_FEWEST, self._likely - self._served, self._served), MOST)]

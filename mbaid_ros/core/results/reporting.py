@@ -9,7 +9,7 @@ planar arm holds, which only the tilts of its own axes observe.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -96,15 +96,6 @@ class Solution:
     reasons: tuple[Reason, ...] = ()  # further ones of the run, in order
 
 
-@dataclass(frozen=True)
-class Instant:
-    """Where in a run a solution belongs: s and ns of the last sample, number of samples used by then."""
-
-    time: float
-    stamp: int
-    samples: int
-
-
 @dataclass
 class Reporting:
     """The thresholds of publication; they may change between two windows."""
@@ -114,8 +105,10 @@ class Reporting:
     converged_std: float
     largest_residual: float  # RMS of the normalised residuals from which the data are inconsistent
 
-    def estimates(self, method: str, solutions: Sequence[Solution], instants: Sequence[Instant]) -> list[Estimate]:
-        """Return the estimates of N > 0 independent solutions, each at its instant: together they take less time.
+    def estimates(self, solutions: Sequence[Solution], runs: Sequence[Estimate]) -> list[Estimate]:
+        """Return the estimates of N > 0 independent solutions, together, as that takes less time.
+
+        Each is completed from all else that is known of its run by then.
 
         Parameters that the data do not identify are withheld: NaN, with their covariance.
         """
@@ -137,14 +130,12 @@ class Reporting:
         published[~(identifiable[:, :, None] & identifiable[:, None])] = np.nan
         precise = np.all((relative_std(published, self.sizes(parameters)) < self.converged_std) | ~identifiable, axis=1)
         estimates = []
-        for k, (solution, instant) in enumerate(zip(solutions, instants, strict=True)):
+        for k, (solution, run) in enumerate(zip(solutions, runs, strict=True)):
             residual = float(np.sqrt(max(solution.cost, 0.0) / max(solution.redundancy, 1)))
             known, correction = identifiable[k], float(corrections[k])
-            estimate = Estimate(
-                method=method,
+            estimate = replace(
+                run,
                 status=status_of(determined=bool(known.any()), precise=bool(precise[k])),
-                time=instant.time,
-                stamp=instant.stamp,
                 parameters=parameters[k],
                 covariance=published[k],
                 identifiable=known,
@@ -152,7 +143,6 @@ class Reporting:
                 momentum_covariance=momentum_covariance[k],
                 residual=residual,
                 consistency_correction=correction,
-                samples=instant.samples,
             )
             reasons = [*self._reasons(known, linear[k], residual, correction, solution), *solution.reasons]
             estimates.append(with_reasons(estimate, reasons))

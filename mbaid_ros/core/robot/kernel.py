@@ -181,17 +181,6 @@ class MomentumKernel:
         )
 
 
-def cantilever_inertias(model: RobotModel, parameters: Array) -> Array:
-    """Return the inertia about or along each joint's axis of all that it carries, (n,) kg m^2 or kg, joints at zero.
-
-    `parameters` (n + 1, 10) are the bodies' standard ones, each in its own frame.
-    """
-    kinematics = Kinematics(model)
-    placed = kinematics.configure(np.eye(3)[None], np.zeros((1, model.joints)))
-    carried = kinematics.ancestors.T @ express(parameters, placed.rotation, placed.position)
-    return np.asarray(np.sum(placed.joint_twist * momentum(carried, placed.joint_twist), axis=-1)[0])
-
-
 def unknown_scale(kernel: MomentumKernel) -> Array:
     """Return the (16,) typical sizes of (m, h, I_o, P_0, L_0), by which unknowns are scaled before anything is solved.
 

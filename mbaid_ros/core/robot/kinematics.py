@@ -16,7 +16,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, rotate, skew, vec
-from mbaid_ros.core.robot.model import Link, RobotModel
+from mbaid_ros.core.robot.model import Link, RobotModel, express
+from mbaid_ros.core.robot.momentum import momentum
 from mbaid_ros.core.samples import ArrayRecord, Samples
 
 
@@ -41,10 +42,7 @@ class Kinematics:
     ----------
     axes : (n, 3) axis of each joint in its parent body's frame
     ancestors : (n + 1, n) 1 where joint j moves body b, else 0
-    axial : (n + 1, 3, 3) axial frame of each body in the body's frame: its third axis is that of the joint that moves
-        the body (Denavit and Hartenberg)
-    placements : (n, 4, 3) axes of body j + 1's axial frame with joint j at zero, and its origin (m), in the axial frame
-        of the parent body
+    across : (n, 3, 2) two unit vectors normal to each joint's axis and to each other, in the joint's own frame
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -64,9 +62,7 @@ class Kinematics:
         for joint, parent in enumerate(model.parents):
             self.ancestors[joint + 1] = self.ancestors[parent]
             self.ancestors[joint + 1, joint] = 1.0
-        self.axial = np.concatenate((np.eye(3)[None], _with_third_axis(model.axes)))
-        at_zero = np.concatenate((model.rotations @ self.axial[1:], model.positions[..., None]), axis=2)
-        self.placements = np.swapaxes(at_zero, 1, 2) @ self.axial[list(model.parents)]
+        self.across = _across(model.axes)
 
     def configure(self, base_rotation: Array, joint_position: Array) -> Configuration:
         """Return poses and joint twists for base to odometry axes (N, 3, 3) and joints (N, n), rad or m."""
@@ -105,12 +101,22 @@ class Kinematics:
         return base_twist[:, None] + self.ancestors @ (configuration.joint_twist * joint_velocity[..., None])
 
 
-def _with_third_axis(axis: Array) -> Array:
-    """Return rotation matrices (n, 3, 3) whose third columns are the unit vectors (n, 3)."""
+def cantilever_inertias(kinematics: Kinematics, parameters: Array) -> Array:
+    """Return the inertia about or along each joint's axis of all that it carries, (n,) kg m^2 or kg, joints at zero.
+
+    `parameters` (n + 1, 10) are the bodies' standard ones, each in its own frame.
+    """
+    placed = kinematics.configure(np.eye(3)[None], np.zeros((1, kinematics.model.joints)))
+    carried = kinematics.ancestors.T @ express(parameters, placed.rotation, placed.position)
+    return np.asarray(np.sum(placed.joint_twist * momentum(carried, placed.joint_twist), axis=-1)[0])
+
+
+def _across(axis: Array) -> Array:
+    """Return (n, 3, 2) two orthonormal columns normal to each of (n, 3) unit vectors."""
     across = np.eye(3)[np.argmin(np.abs(axis), axis=1)]
     first = across - np.sum(across * axis, axis=1, keepdims=True) * axis
     first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack((first, cross(axis, first), axis), axis=2)
+    return np.stack((first, cross(axis, first)), axis=2)
 
 
 _PARALLEL = 1e-9  # by which the cosine of axes of one direction may differ from 1 (4.5e-5 rad): rounding of URDF angles

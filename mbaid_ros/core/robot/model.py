@@ -16,16 +16,15 @@ from mbaid_ros.core.robot.urdf import Description, Inertial, Limit, Transmission
 from mbaid_ros.core.robot.urdf_document import kept_words, on_one_line, tree_of
 
 
-def configurations(model: RobotModel, parsed: pinocchio.Model, position: Array) -> Array:
+def configurations(model: RobotModel, position: Array) -> Array:
     """Return pinocchio's configurations (..., nq) of joints at (..., n) rad or m, the base at the origin.
 
-    `parsed` is the result of `parse` for the same robot; a joint that turns without limits is (cos, sin) there.
+    The first seven numbers are the base's; a joint that turns without limits is (cos, sin).
     """
-    found = np.zeros((*position.shape[:-1], parsed.nq))
-    found[..., 6] = 1.0
-    # Before the joints come pinocchio's universe and the floating base.
-    places = np.array([joint.idx_q for joint in list(parsed.joints)[2:]], dtype=int)
     turning = np.array(model.continuous, dtype=bool)
+    places = 7 + np.cumsum(1 + turning) - (1 + turning)
+    found = np.zeros((*position.shape[:-1], 7 + len(turning) + int(turning.sum())))
+    found[..., 6] = 1.0
     found[..., places] = np.where(turning, np.cos(position), position)
     found[..., places[turning] + 1] = np.sin(position[..., turning])
     return found

@@ -108,8 +108,8 @@ def relative_factor(parameters: Array, std: float) -> Array:
 class BodyDeviations:
     """Standard deviations of one body's mass (relative), CoM (m, each coordinate) and inertia about it (relative).
 
-    That of each element of the inertia, at a given mass, is relative to the mean moment, a third of the trace (a
-    `LinkPrior`'s to sqrt(I_ii I_jj)). First moment and inertia scale with the mass.
+    That of each element of the inertia, at a given mass, is relative to the mean moment, a third of the trace. First
+    moment and inertia scale with the mass.
     """
 
     mass: float

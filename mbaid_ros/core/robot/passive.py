@@ -7,13 +7,12 @@ is differentiated.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.kernel import MomentumKernel, cantilever_inertias
-from mbaid_ros.core.robot.kinematics import Configuration
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import Configuration, cantilever_inertias
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
 from mbaid_ros.core.robot.sensitivity import force_cross, motion_cross
 from mbaid_ros.core.samples import ArrayRecord
@@ -21,19 +20,9 @@ from mbaid_ros.core.samples import ArrayRecord
 
 def spring_constants(kernel: MomentumKernel, known: Array) -> tuple[Array, Array]:
     """Return stiffness and damping (f,) of the passive joints, all bodies (n + 1, 10) known; SI units."""
-    springs, inertia = kernel.springs, inertias_at_zero(kernel, known)
+    springs = kernel.springs
+    inertia = cantilever_inertias(kernel.kinematics, known)[list(springs.joints)]
     return inertia * springs.rate**2, 2.0 * springs.ratio * inertia * springs.rate
-
-
-def inertias_at_zero(kernel: MomentumKernel, known: Array) -> Array:
-    """Return the inertia (f,) about or along each passive joint's axis of all that it carries, all joints at zero."""
-    return _inertias_at_zero(kernel, known.tobytes())
-
-
-@lru_cache(maxsize=16)
-def _inertias_at_zero(kernel: MomentumKernel, known: bytes) -> Array:
-    bodies = np.frombuffer(known).reshape(-1, 10)
-    return cantilever_inertias(kernel.model, bodies)[list(kernel.springs.joints)]
 
 
 def above(kernel: MomentumKernel) -> Array:
@@ -83,35 +72,47 @@ class PassiveMotion:
     """How the state x = (deflections, s) of f passive joints changes at N instants."""
 
     inertias: PassiveInertias
+    constants: tuple[Array, Array]  # stiffness and damping, (f,)
+    twist: Array  # (N, 6) of the base
+    body_twist: Array  # (N, n + 1, 6) of all bodies
     rates: Array  # (N, f) of the deflections
-    along: Array  # (N, f) s
     forces: Array  # (N, f) rate of s
-    by_state: Array  # (N, 2 f, 2 f) derivative of the rates of x by x
-    twist_by_state: Array  # (N, 6, 2 f) and of the base's twist
     gyroscopic: Array  # (N, f, 6) derivative of the rate of s by the base's twist
     by_rate: Array  # (N, f, f) derivative of the rate of s by the deflections' rates
     turned: Array  # (N, f, 6) rate of change of the axes, V_p x X
-    along_by: Array  # (N, f, f) derivative of s by the deflections at fixed twists
+    # along_by, force_by: (N, f, f) derivative of s, and of its rate, by the deflections at fixed twists
+    along_by: Array
+    force_by: Array
 
     @staticmethod
     def of(
         kernel: MomentumKernel,
         inertias: PassiveInertias,
         known: Array,
-        motion: tuple[Array, Array, Array],
+        moving: tuple[Array, Array],
+        state: tuple[Array, Array],
         constants: tuple[Array, Array],
     ) -> PassiveMotion:
-        """Return it for a robot whose bodies, (N, n + 1, 10) and so expressed, move.
+        """Return it for a robot with bodies (N, n + 1, 10), so expressed.
 
-        `motion` has the twists of the bodies (N, n + 1, 6), deflections and their rates (N, f); `constants` are those
-        of the springs.
+        Parameters
+        ----------
+        kernel, inertias, known : of the robot, its passive joints, its bodies
+        moving : twists of the bodies (N, n + 1, 6) by the other joints alone, and the momentum (N, 6) that they leave
+        state : deflections and s, (N, f)
+        constants : stiffness and damping, (f,)
         """
-        twists, deflection, rates = motion
+        body_twist, total = moving
+        deflection, along = state
         joints, up = list(kernel.springs.joints), above(kernel)
+        subtrees = kernel.kinematics.ancestors.T[joints]
         strictly = up & ~np.eye(len(joints), dtype=bool)
         axes, gamma, inertia = inertias.axes, inertias.gamma, inertias.inertia
-        h = kernel.kinematics.ancestors.T[joints] @ momentum(known, twists)
-        turned = motion_cross(twists[:, [kernel.model.parents[joint] for joint in joints]], axes)  # W = V_p x X
+        carried = np.sum(axes * (subtrees @ momentum(known, body_twist)), axis=-1)
+        twist, rates = (part[..., 0] for part in inertias.solve(total[..., None], (along - carried)[..., None]))
+        body_twist = body_twist + twist[:, None] + subtrees.T @ (axes * rates[..., None])
+        h = subtrees @ momentum(known, body_twist)
+        turned = motion_cross(body_twist[:, [kernel.model.parents[joint] for joint in joints]], axes)  # W = V_p x X
         swept = force_cross(axes, h) + (inertia @ turned[..., None])[..., 0]  # c = X x* h + I W
         stiffness, damping = constants
         # s and the gyroscopic part W . h of its rate, by deflections at fixed twists.
@@ -119,28 +120,27 @@ class PassiveMotion:
             up.T, gamma @ np.swapaxes(turned, 1, 2), np.where(strictly, axes @ np.swapaxes(swept, 1, 2), 0.0)
         )
         across = swept @ np.swapaxes(turned, 1, 2)  # c_i . W_j
-        gyro_by = np.where(up.T, across, np.where(strictly, np.swapaxes(across, 1, 2), 0.0))
+        force_by = np.where(up.T, across, np.where(strictly, np.swapaxes(across, 1, 2), 0.0)) - np.diag(stiffness)
         by_rate = np.where(strictly.T, swept @ np.swapaxes(axes, 1, 2), 0.0)
         by_rate += np.where(up, turned @ np.swapaxes(gamma, 1, 2), 0.0) - np.diag(damping)
-        count, size = len(rates), len(joints)
-        total, along = np.zeros((count, 6, 2 * size)), np.zeros((count, size, 2 * size))
-        total[..., :size] = -np.swapaxes(swept, 1, 2)
-        along[..., :size], along[..., size:] = -along_by, np.eye(size)
-        twist_by, rate_by = inertias.solve(total, along)
-        force_by = by_rate @ rate_by + swept @ twist_by
-        force_by[..., :size] += gyro_by - np.diag(stiffness)
-        return PassiveMotion(
-            inertias,
-            rates,
-            np.sum(axes * h, axis=-1),
-            np.sum(turned * h, axis=-1) - stiffness * deflection - damping * rates,
-            np.concatenate((rate_by, force_by), axis=1),
-            twist_by,
-            swept,
-            by_rate,
-            turned,
-            along_by,
-        )
+        forces = np.sum(turned * h, axis=-1) - stiffness * deflection - damping * rates
+        parts = (inertias, constants, twist, body_twist, rates, forces, swept, by_rate, turned, along_by, force_by)
+        return PassiveMotion(*parts)
+
+    def derivatives(self, total: Array, along: Array, force: Array) -> tuple[Array, Array]:
+        """Return derivatives of the base's twist (N, 6, c + 2 f), and of the rates of x, by c numbers and by x.
+
+        Parameters
+        ----------
+        total, along, force : (N, 6, c), (N, f, c), (N, f, c) what each number adds to the momentum, to s and to the
+            rate of s at fixed twists and x
+        """
+        swept, nothing = np.swapaxes(self.gyroscopic, 1, 2), np.zeros_like(self.by_rate)
+        total = np.concatenate((total, -swept, np.zeros_like(swept)), axis=-1)
+        along = np.concatenate((along, -self.along_by, nothing + np.eye(nothing.shape[-1])), axis=-1)
+        force = np.concatenate((force, self.force_by, nothing), axis=-1)
+        twist, rates = self.inertias.solve(total, along)
+        return twist, np.concatenate((rates, self.by_rate @ rates + self.gyroscopic @ twist + force), axis=1)
 
 
 def through_springs(kernel: MomentumKernel, axes: Array, gamma: Array) -> Array:

@@ -13,7 +13,8 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import Configuration
-from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, pseudo_inertia, regressor
+from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
 
 
 @dataclass(frozen=True)
@@ -57,15 +58,8 @@ def sensitivity_of_known(kernel: MomentumKernel, states: BodyStates) -> Array:
 
 def sensitivity_to_joints(kernel: MomentumKernel, states: BodyStates) -> tuple[Array, Array]:
     """Return the (N, 6, n) derivatives of the known bodies' momentum by joint positions, and by joint velocities."""
-    subtrees = kernel.kinematics.ancestors.T
-    joint_twist = states.configuration.joint_twist
-    composite = inertia_matrix(subtrees @ states.known)
-    momenta = subtrees @ states.momenta
-    # As in `_moving`: the carrier's velocity is held.
-    carried = motion_cross(joint_twist, states.body_twist[:, 1:])
-    moved = composite @ np.stack((carried, joint_twist), axis=-1)
-    positions = force_cross(joint_twist, momenta) - moved[..., 0]
-    return positions.swapaxes(1, 2), moved[..., 1].swapaxes(1, 2)
+    positions, velocities = np.split(sensitivity_of_known(kernel, states)[..., : 2 * kernel.model.joints], 2, axis=-1)
+    return positions, velocities
 
 
 def _moving(kernel: MomentumKernel, states: BodyStates) -> tuple[Array, Array, Array]:
@@ -134,15 +128,8 @@ def _base_twists(rotation: Array) -> Array:
     return twists
 
 
-_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # the cyclic neighbours of each axis
-
-
 def mobility_and_momentum(parameters: Array, configuration: Configuration, body_twist: Array) -> tuple[Array, Array]:
     """Return the inverse of the locked inertia (N, 6, 6) and the momentum (N, 6) of all bodies about the base's origin.
-
-    A point y of a body is at x = P (y, 1) and moves with v = V (y, 1), for P = (R, r) and V = [w]x P + (0, u). With the
-    body's pseudo-inertia J, the integral of (y, 1) (y, 1)^T over its mass, those of x x^T, x v^T, x and v are
-    P J P^T, P J V^T, and the last columns of P J and V J. All bodies are summed up in one product.
 
     Raises LinAlgError: All mass lies on a line, and the locked inertia has no inverse.
 
@@ -152,40 +139,6 @@ def mobility_and_momentum(parameters: Array, configuration: Configuration, body_
     configuration : of N instants
     body_twist : (N, b, 6) (u, w) at the base's origin
     """
-    count, bodies = configuration.position.shape[:2]
-    place = np.concatenate((configuration.rotation, configuration.position[..., None]), axis=-1)
-    velocity = skew(body_twist[..., 3:]) @ place
-    velocity[..., 3] += body_twist[..., :3]
-    pseudo = pseudo_inertia(parameters)
-    weighed = (place @ pseudo).swapaxes(1, 2).reshape(count, 3, 4 * bodies)
-    columns = np.zeros((count, bodies, 4, 7))
-    columns[..., :3], columns[:, :, 3, 3], columns[..., 4:] = place.swapaxes(2, 3), 1.0, velocity.swapaxes(2, 3)
-    both = columns.reshape(count, 4 * bodies, 7)
-    moments = weighed @ both  # (N, 3, 7): of x x^T, x, x v^T
-    second, first, moving = moments[..., :3], moments[..., 3], moments[..., 4:]
-    momentum = np.empty((count, 6))
-    momentum[:, :3] = pseudo[..., 3].ravel() @ both[..., 4:]
-    momentum[:, 3:] = moving[:, _NEXT, _LAST] - moving[:, _LAST, _NEXT]
-    return _mobility(float(np.sum(parameters[:, 0])), first, second), momentum
-
-
-def _mobility(mass: float, first: Array, second: Array) -> Array:
-    """Return M^-1 (N, 6, 6) of a mass, the integrals (N, 3) of x and (N, 3, 3) of x x^T over it.
-
-    With c the centre of mass and K the inverse of the inertia about it, w = K (L - c x P) and u = P / m + c x w.
-    """
-    centre = first / mass
-    about = second - mass * centre[:, :, None] * centre[:, None]
-    turned = skew(centre)
-    inertia = np.trace(about, axis1=1, axis2=2)[:, None, None] * np.eye(3) - about
-    # By its cofactors: LAPACK's calls take longer, for so small a matrix.
-    cofactors = cross(inertia[:, _NEXT], inertia[:, _LAST])
-    determinant = np.add.reduce(inertia[:, 0] * cofactors[:, 0], axis=-1)
-    if not determinant.all():
-        raise np.linalg.LinAlgError('no inertia about the centre of mass')
-    inverse = cofactors / determinant[:, None, None]
-    across = turned @ inverse
-    mobility = np.empty((len(first), 6, 6))
-    mobility[:, :3, :3] = np.eye(3) / mass - across @ turned
-    mobility[:, :3, 3:], mobility[:, 3:, :3], mobility[:, 3:, 3:] = across, across.swapaxes(1, 2), inverse
-    return mobility
+    bodies = express(parameters, configuration.rotation, configuration.position)
+    mobility = np.linalg.inv(inertia_matrix(np.sum(bodies, axis=1)))
+    return mobility, np.sum(momentum(bodies, body_twist), axis=1)

@@ -56,16 +56,19 @@ def parse_document(text: str) -> ET.Element:
     return robot
 
 
-def tree_of(text: str) -> ET.Element:
+def tree_of(text: str, *, comments: bool = False) -> ET.Element:
     """Return the root of an XML document, its elements and their kin without the namespace that is its default.
+
+    With comments inside the root, if asked for.
 
     Raises ParseError, UnicodeEncodeError: It is not XML.
     """
-    root = ET.fromstring(text)
+    root = ET.fromstring(text, ET.XMLParser(target=ET.TreeBuilder(insert_comments=comments)))
     if root.tag.startswith('{'):
         space = root.tag[: root.tag.index('}') + 1]
         for element in root.iter():
-            element.tag = element.tag.removeprefix(space)
+            if isinstance(element.tag, str):
+                element.tag = element.tag.removeprefix(space)
     return root
 
 

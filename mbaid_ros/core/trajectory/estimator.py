@@ -13,7 +13,7 @@ from mbaid_ros.core.filter.run import FilterRun
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout, Point
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
+from mbaid_ros.core.results.reporting import Reporting, Solution
 from mbaid_ros.core.results.status import Verdict, contradictions, judge, notes
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
@@ -22,10 +22,8 @@ from mbaid_ros.core.robot.orbit import brought
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import End, Posterior, posterior
 from mbaid_ros.core.trajectory.solution import (
-    NoSolution,
     Solved,
     error_budget,
-    estimates,
     forces,
     implausible,
     joint_delay,
@@ -59,7 +57,6 @@ class TrajectoryEstimator:
         self._plane = PlaneDetector(kernel.model)
         self._soft = soft_grasps(kernel)
         self._averaging = KnotAveraging(
-            kernel.model.joints,
             settings.noise,
             settings.window,
             settings.gyro,
@@ -84,9 +81,13 @@ class TrajectoryEstimator:
         )
         outcomes = [self._filter(window, each, origin) for window, each in zip(windows, averaged, strict=True)]
         self._last = windows[-1] if windows else self._last
-        return estimates(outcomes, self._reporting, self.method, located=self._settings.located)
+        solved = [each for each in outcomes if isinstance(each, Solved)]
+        found = [each.solution for each in solved], [each.history for each in solved]
+        made = iter(self._reporting.estimates(*found) if solved else [])  # of all solutions together
+        located = self._settings.located
+        return [each.completed(next(made), located=located) if isinstance(each, Solved) else each for each in outcomes]
 
-    def _filter(self, window: Samples, knots: Averaged, origin: int) -> Solved | NoSolution:
+    def _filter(self, window: Samples, knots: Averaged, origin: int) -> Solved | Estimate:
         """Filter one window, and return the solution by then, or why there is none."""
         while self.run_slice():
             pass
@@ -95,16 +96,17 @@ class TrajectoryEstimator:
         run = self._runs.present(self._averaging.origin)  # a new one if motion or target have changed
         ready, still_open = (each and self._runs.used(each) for each in (knots.ready, knots.still_open))
         # Predict the twist, linearise, update every hypothesis, choose.
-        moved = knots.moved or self._runs.variables.described or self._runs.variables.continues
+        moved = knots.moved or self._runs.variables.described or self._runs.variables.left_bias is not None
         run.take(ready, still_open, moved=moved)
         self._runs.isolation.take(ready, window)
         time = float(window.time[-1])
-        instant = Instant(time, origin + round(time * 1e9), self._samples)
+        stamp = origin + round(time * 1e9)
+        now = Estimate(self.method, 'waiting', time, stamp, samples=self._samples, innovations=run.innovations)
         if run.started and run.converged:
-            return self._solution(run, instant, window)
-        return self._no_solution(run, instant, window, moved=moved)
+            return self._solution(run, now, window)
+        return self._no_solution(run, now, window, moved=moved)
 
-    def _solution(self, run: FilterRun, now: Instant, window: Samples) -> Solved:
+    def _solution(self, run: FilterRun, now: Estimate, window: Samples) -> Solved:
         """Judge the solution of the best hypothesis, and return it with its history."""
         filtered, layout, origin = run.best, self._runs.layout, self._averaging.origin
         distribution = run.distribution()
@@ -117,6 +119,7 @@ class TrajectoryEstimator:
         estimated = [f'{filtered.hypothesis.name}; it is estimated as well, and widens the intervals'] if acting else []
         swinging = layout.kernel.springs.count > 0
         flexible = passive_joints(distribution, layout, run.largest_deflections, run.resolved) if swinging else ()
+        delay, delay_std = joint_delay(distribution, layout)
         x, factor = distribution.published(prior_scales, layout, _REPORTED)
         covariance = (
             factor @ factor.T + distribution.variables.outside[np.ix_(_REPORTED, _REPORTED)]
@@ -137,19 +140,22 @@ class TrajectoryEstimator:
                     *implausible(distribution, layout, flexible),
                 ),
             ),
-            instant=now,
-            verdict=verdict,
-            events=(
-                *forces(filtered, distribution),
-                *self._runs.events(distribution),
-                *jumps(filtered, distribution, origin),
+            history=replace(
+                now,
+                stage='trajectory',
+                causes=tuple((cause.text, cause.gain) for cause in verdict.causes),
+                events=(
+                    *forces(filtered, distribution),
+                    *self._runs.events(distribution),
+                    *jumps(filtered, distribution, origin),
+                ),
+                thrusters=thrusters(distribution, layout),
+                flexible=flexible,
+                time_offset=delay,
+                time_offset_std=delay_std,
             ),
             budget=partial(error_budget, distribution, layout, self._settings.uncertainty, prior_scales),
-            thrusters=thrusters(distribution, layout),
-            flexible=flexible,
-            delay=joint_delay(distribution, layout),
             impulse=self._momentum_change(window, distribution.mean),
-            innovations=run.innovations,
         )
 
     def _with_causes(self, run: FilterRun, verdict: Verdict) -> Verdict:
@@ -160,7 +166,8 @@ class TrajectoryEstimator:
             return replace(verdict, causes=causes)
         return verdict
 
-    def _no_solution(self, run: FilterRun, now: Instant, window: Samples, *, moved: bool) -> NoSolution:
+    def _no_solution(self, run: FilterRun, now: Estimate, window: Samples, *, moved: bool) -> Estimate:
+        """Return why there is no solution after a window."""
         isolation = self._runs.isolation
         if run.started:
             reason = 'no convergent solution yet: more motion is needed'
@@ -174,15 +181,13 @@ class TrajectoryEstimator:
         if moved:
             # A run that has lost its solution has not explained the contradiction.
             isolation.follow(run, suspicious=run.unexplained or isolation.suspicious)
-        return NoSolution(
+        return replace(
+            now,
             status='waiting' if moved and not run.started else 'not_identifiable',
-            instant=now,
             causes=tuple((cause.text, cause.gain) for cause in isolation.causes(run)),
             events=self._runs.events(None),
             warnings=(reason, *self._runs.warnings),
-            impulse=window.impulse[-1],
-            innovations=run.innovations,
-        )
+        ).after_thrust(window.impulse[-1])
 
     def _momentum_change(self, window: Samples, state: Array) -> Array:
         """Return how thrust and orbit have changed the momentum by the end of a window, (6,)."""
@@ -202,8 +207,8 @@ class TrajectoryEstimator:
         if run is None or last is None or not self.settled or not self._settings.located:
             return None
         distribution = run.distribution()
-        end = End.of(last, self._settings.noise, self._settings.window, self._averaging.origin, self._plane.normal)
-        end = end.after(self._momentum_change(last, distribution.mean))
+        settings, brought = self._settings, self._momentum_change(last, distribution.mean)
+        end = End.of(last, settings.noise, settings.window, self._averaging.origin, brought)
         return posterior(self._runs.layout, run.best.hypothesis, distribution, run.prior_scales(distribution), end)
 
     @property
@@ -246,6 +251,4 @@ def _point_of(estimate: Estimate, layout: Layout, origin: Array) -> Point:
     body[diagonal] = np.where(estimate.identifiable[diagonal], body[diagonal], body[diagonal].max())
     momentum = np.nan_to_num(estimate.momentum - estimate.impulse)
     momentum[3:] -= cross(origin, momentum[:3])
-    state = np.concatenate((np.zeros(BODY.stop), layout.known.mean))
-    state[MOMENTUM], state[BODY] = momentum, standard(body)
-    return layout.point(state)
+    return layout.point(layout.state(standard(body), momentum))

@@ -11,7 +11,7 @@ from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInfor
 from mbaid_ros.core.filter.state import LINEAR, Layout, Point
 from mbaid_ros.core.filter.time_update import Hypothesis, new_motion
 from mbaid_ros.core.filter.variables import Variables
-from mbaid_ros.core.filter.window import window_noises
+from mbaid_ros.core.filter.window import WindowNoise, window_noises
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.sensors.rates import FEWEST, with_rates
@@ -20,26 +20,11 @@ FIRST = LINEAR.start  # after the pose error, which each motion draws anew
 
 
 @dataclass(frozen=True, eq=False)
-class Sensing:
-    """Rate and noise of the sensors at the end of a run."""
+class End:
+    """The last sample of a run, and the rate and noise of its sensors by then."""
 
     rate: float  # samples a second
-    joint_position: float  # standard deviation of a sample, rad or m
-    # pose, twist: (6, 6) covariances of a sample as in `WindowNoise`; NaN twist where it is not measured
-    pose: Array
-    twist: Array
-
-    @property
-    def measures_twist(self) -> bool:
-        """Whether the base's twist is measured, beside its pose."""
-        return bool(np.all(np.isfinite(self.twist)))
-
-
-@dataclass(frozen=True, eq=False)
-class End:
-    """The last sample of a run."""
-
-    sensing: Sensing  # Sensing
+    noise: WindowNoise  # of one sample; NaN twist where it is not measured
     time: float  # s since the run's first sample
     joint_position: Array  # (n,) as read
     joint_velocity: Array  # (n,) as read
@@ -49,18 +34,27 @@ class End:
     base_position: Array
     origin: Array  # (3,) m, the run's, in the odometry frame
     brought: Array  # (6,) change of the momentum by thrust and orbit since the run began, L about its origin
-    normal: Array | None = None  # (3,) of the plane of a planar motion, odometry axes; None in space
+
+    @property
+    def measures_twist(self) -> bool:
+        """Whether the base's twist is measured, beside its pose."""
+        return bool(np.all(np.isfinite(self.noise.twist)))
 
     @staticmethod
-    def of(window: Samples, noise: SensorNoise, length: float, origin: Array, normal: Array | None) -> End:
-        """Return it from the last window of a run, of a length in s; origin (3,) m, normal (3,) of planar motion."""
+    def of(window: Samples, noise: SensorNoise, length: float, origin: Array, brought: Array) -> End:
+        """Return it from the last window of a run, of a length in s, that began at an origin (3,) m.
+
+        `brought` (6,) is the change of the momentum since then, L about the odometry's origin.
+        """
         last = window_noises([window[-1:]], noise)[0]
-        twist = np.full((6, 6), np.nan) if window.missing_rates[1] else last.twist
-        sensing = Sensing(len(window) / length, noise.found_in(window).joint_position, last.pose, twist)
+        if window.missing_rates[1]:
+            last = replace(last, twist=np.full((6, 6), np.nan))
+        rate = len(window) / length
         if window.missing_rates[0] and len(window) >= FEWEST:
             window = with_rates(window)
         return End(
-            sensing,
+            rate,
+            last,
             float(window.time[-1]),
             window.joint_position[-1],
             np.nan_to_num(window.joint_velocity[-1]),
@@ -68,15 +62,8 @@ class End:
             window.base_rotation[-1],
             window.base_position[-1] - origin,
             origin,
-            np.zeros(6),
-            normal,
+            np.concatenate((brought[:3], brought[3:] - cross(origin, brought[:3]))),
         )
-
-    def after(self, brought: Array) -> End:
-        """Return it with the momentum brought by thrust and orbit, (6,), L about the odometry's origin."""
-        change = brought.copy()
-        change[3:] -= cross(self.origin, brought[:3])
-        return replace(self, brought=change)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +92,7 @@ class Posterior:
     hypothesis: Hypothesis  # the best one
     mean: Array  # (s,) of the state
     triangle: Array  # (s - 6, s - 6) upper T, T^T T the covariance of the state without the pose error
-    end: End  # End
+    end: End
     continuation: Continuation  # as the filter has it
 
     @property

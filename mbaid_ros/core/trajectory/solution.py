@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,19 +21,21 @@ from mbaid_ros.core.results.estimate import (
     Estimate,
     Event,
     PassiveJoint,
-    Status,
     Thruster,
     constant_force,
 )
 from mbaid_ros.core.results.parameters import SENSOR_NOISE, DeferredBudget, ErrorBudget
-from mbaid_ros.core.results.reporting import Instant, Reporting, Solution
-from mbaid_ros.core.results.status import MOST_JUMPS, Reason, Verdict
+from mbaid_ros.core.results.reporting import Solution
+from mbaid_ros.core.results.status import MOST_JUMPS, Reason
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import physical_jacobian
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.environment import Thrusters
 from mbaid_ros.core.unknowns.flexible import FREQUENCY, SpringErrors
 from mbaid_ros.core.unknowns.sensors import TimeOffset
+
+U = TypeVar('U', bound=Unknown)
 
 _NOTHING = 1e-6  # chance that noise looks like a constant force as large: one less sure is not reported
 
@@ -118,7 +121,7 @@ def _seen(errors: Array, covariance: Array, layout: Layout) -> Array:
     A cause that is k of its deviations off shifts an estimate by k sqrt(share) standard deviations, and raises the
     chi-square by k^2 times this part: where the part is below the share, the data do not warn in time.
     """
-    within = layout.alike * covariance  # of numbers of the same cause
+    within = (layout.belongs @ layout.belongs.T) * covariance  # of numbers of the same cause
     left = ((errors @ within) * errors) @ layout.belongs
     return np.asarray(1.0 - left / np.maximum(errors**2 @ layout.belongs, np.finfo(float).tiny))
 
@@ -135,96 +138,36 @@ class Solved:
     """Solution of the best hypothesis after a window, and the history of its run."""
 
     solution: Solution  # body and momentum
-    instant: Instant  # when
-    verdict: Verdict  # on the model
-    events: tuple[Event, ...]  # forces and changes
+    history: Estimate  # all else that is known of the run by then
     budget: Callable[[Flags], ErrorBudget]  # returns the parts of the variance
-    thrusters: tuple[Thruster, ...]  # how far they are off their commands
-    flexible: tuple[PassiveJoint, ...]  # passive joints as estimated
-    delay: tuple[float, float]  # value and standard deviation of the joints' delay, s; NaN where it is no unknown
     impulse: Array  # (6,) by which thrust and orbit have changed the momentum since the first sample
-    innovations: Array  # as of `Estimate`
 
-    def completed(self, estimate: Estimate) -> Estimate:
-        """Return the estimate of this solution with the history."""
+    def completed(self, estimate: Estimate, *, located: bool) -> Estimate:
+        """Return the estimate of this solution with the budget, after all that has acted.
+
+        Where nothing locates the base, the frame moves with the common centre of mass.
+        """
         known = estimate.identifiable
-        return replace(
-            estimate,
-            stage='trajectory',
-            budget=self.budget(known) if known.any() else None,
-            causes=tuple((cause.text, cause.gain) for cause in self.verdict.causes),
-            events=self.events,
-            thrusters=self.thrusters,
-            flexible=self.flexible,
-            time_offset=self.delay[0],
-            time_offset_std=self.delay[1],
-        )
-
-
-@dataclass(frozen=True)
-class NoSolution:
-    """Why there is no solution after a window; attributes as of `Solved`."""
-
-    status: Status
-    instant: Instant
-    causes: tuple[tuple[str, float], ...]
-    events: tuple[Event, ...]
-    warnings: tuple[str, ...]
-    impulse: Array
-    innovations: Array
-
-
-def estimates(
-    outcomes: Sequence[Solved | NoSolution], reporting: Reporting, method: str, *, located: bool
-) -> list[Estimate]:
-    """Return an estimate of each outcome; those of solutions are made together.
-
-    Parameters
-    ----------
-    outcomes, reporting, method : Solved or NoSolution, Reporting, name of the method
-    located : whether anything locates the base: else the frame moves with the common centre of mass
-    """
-    solved = [each for each in outcomes if isinstance(each, Solved)]
-    solutions, instants = [each.solution for each in solved], [each.instant for each in solved]
-    reported = iter(reporting.estimates(method, solutions, instants) if solved else [])
-    made: list[Estimate] = []
-    for each in outcomes:
-        if isinstance(each, Solved):
-            estimate = each.completed(next(reported))
-            estimate = estimate if located else _with_linear_momentum_unknown(estimate)
-        else:
-            estimate = Estimate(
-                method,
-                each.status,
-                each.instant.time,
-                each.instant.stamp,
-                samples=each.instant.samples,
-                causes=each.causes,
-                events=each.events,
-                warnings=each.warnings,
-            )
-        made.append(replace(estimate.after_thrust(each.impulse), innovations=each.innovations))
-    return made
+        budget = self.budget(known) if known.any() else None
+        estimate = replace(estimate, budget=budget, causes=self.history.causes)
+        if not located:
+            momentum, covariance = estimate.momentum.copy(), estimate.momentum_covariance.copy()
+            momentum[:3] = covariance[:3] = covariance[:, :3] = np.nan
+            estimate = replace(estimate, momentum=momentum, momentum_covariance=covariance)
+        return estimate.after_thrust(self.impulse)
 
 
 def joint_delay(distribution: MeanAndCovariance, layout: Layout) -> tuple[float, float]:
     """Return the joints' delay and its standard deviation, s; NaN where it is no unknown."""
-    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
-        if isinstance(unknown, TimeOffset):
-            value = unknown.factor @ distribution.mean[place]
-            deviation = np.abs(unknown.factor @ _deviation(distribution, place))
-            return float(value[0]), float(deviation[0])
-    return np.nan, np.nan
+    found = ((float(value[0]), float(std[0])) for _, value, std in _of_kind(distribution, layout, TimeOffset))
+    return next(found, (np.nan, np.nan))
 
 
 def thrusters(distribution: MeanAndCovariance, layout: Layout) -> tuple[Thruster, ...]:
     """Return the estimated deviations of thrusters from their commands."""
     estimated: list[Thruster] = []
-    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
-        if isinstance(unknown, Thrusters):
-            # Each number of the state is one of these, in units of its prior.
-            stds = np.abs(unknown.factor @ _deviation(distribution, place))
-            estimated += Thruster.all_of(unknown.frames, unknown.factor @ distribution.mean[place], stds)
+    for unknown, value, std in _of_kind(distribution, layout, Thrusters):
+        estimated += Thruster.all_of(unknown.frames, value, std)
     return tuple(estimated)
 
 
@@ -233,12 +176,11 @@ def passive_joints(
 ) -> tuple[PassiveJoint, ...]:
     """Return the passive joints as estimated; `largest`, `resolved` (f,) as of `PassiveJoint.all_of`."""
     springs, model = layout.kernel.springs, layout.kernel.model
-    value, std, prior = np.zeros((3, springs.count, 2))
-    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
-        if isinstance(unknown, SpringErrors):
-            value = (unknown.factor @ distribution.mean[place]).reshape(-1, 2)
-            std = np.abs(unknown.factor @ _deviation(distribution, place)).reshape(-1, 2)
-            prior = np.linalg.norm(unknown.factor, axis=1).reshape(-1, 2)
+    value: Array = np.zeros((springs.count, 2))
+    std = prior = value
+    for unknown, numbers, stds in _of_kind(distribution, layout, SpringErrors):
+        value, std = numbers.reshape(-1, 2), stds.reshape(-1, 2)
+        prior = np.linalg.norm(unknown.factor, axis=1).reshape(-1, 2)
     names = [model.joint_names[joint] for joint in springs.joints]
     return PassiveJoint.all_of(names, (springs.rate, springs.ratio, prior), value, std, largest, resolved)
 
@@ -284,13 +226,13 @@ def soft_grasps(kernel: MomentumKernel) -> list[str]:
     ]
 
 
-def _with_linear_momentum_unknown(estimate: Estimate) -> Estimate:
-    """Return an estimate of a base that nothing locates: the frame moves with the common centre of mass."""
-    momentum, covariance = estimate.momentum.copy(), estimate.momentum_covariance.copy()
-    momentum[:3] = covariance[:3] = covariance[:, :3] = np.nan
-    return replace(estimate, momentum=momentum, momentum_covariance=covariance)
+def _of_kind(distribution: MeanAndCovariance, layout: Layout, kind: type[U]) -> Iterator[tuple[U, Array, Array]]:
+    """Yield the unknowns of a kind with their values and standard deviations, SI units.
 
-
-def _deviation(distribution: MeanAndCovariance, place: slice) -> Array:
-    """Return the standard deviations of some unknowns of the state."""
-    return np.sqrt(distribution.of_unknowns.diagonal()[place.start - BODY.stop : place.stop - BODY.stop])
+    Each number of the state is one of these, in units of its prior.
+    """
+    variances = distribution.of_unknowns.diagonal()
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        if isinstance(unknown, kind):
+            deviation = np.sqrt(variances[place.start - BODY.stop : place.stop - BODY.stop])
+            yield unknown, unknown.factor @ distribution.mean[place], np.abs(unknown.factor @ deviation)

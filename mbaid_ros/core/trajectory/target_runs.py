@@ -11,11 +11,11 @@ from mbaid_ros.core.diagnosis.candidates import CandidateCauses
 from mbaid_ros.core.diagnosis.fault_isolation import FaultIsolation
 from mbaid_ros.core.diagnosis.filter_passes import another_body
 from mbaid_ros.core.diagnosis.ranking import Change
+from mbaid_ros.core.filter.bank import hypotheses
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.run import FilterRun
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import BODY, Layout, layout_of
-from mbaid_ros.core.filter.time_update import hypotheses
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import Axes
 from mbaid_ros.core.filter.window import Window, without_twist
@@ -65,17 +65,13 @@ class ChangedTarget:
 
     def event(self, after: MeanAndCovariance | None) -> Event:
         """Return it as an event, with the change of mass and centre of mass where both states are known."""
-        text = self.text
-        if self.before is not None and after is not None and _known(self.before) and _known(after):
-            then, now = self.before.mean[BODY], after.mean[BODY]
+        text, both = self.text, [each for each in (self.before, after) if each is not None]
+        known = [each.deviation[BODY.start] < _KNOWN * each.mean[BODY.start] for each in both]
+        if len(both) == 2 and all(known):
+            then, now = (each.mean[BODY] for each in both)
             heavier = float(now[0] - then[0]) if self.exchanged else None
             text = changed_by(text, heavier, now[1:4] / now[0] - then[1:4] / then[0])
         return Event(self.time, 'target_changed', np.zeros(3), np.zeros(3), text)
-
-
-def _known(distribution: MeanAndCovariance) -> bool:
-    """Return whether the mass is known well enough for a centre of mass."""
-    return bool(distribution.deviation[BODY.start] < _KNOWN * distribution.mean[BODY.start])
 
 
 class TargetRuns:
@@ -155,7 +151,7 @@ class TargetRuns:
             if before is not None and before.planar == self._plane.planar:
                 self.variables = self.variables.continued(before.root, before.bias)
             self.run = self._new_run([])
-            if self.variables.continues:
+            if self.variables.left_bias is not None:  # of the run that this one continues
                 self.run.offer(partial(self.layout.point, self.variables.spread @ self.variables.prior()[0]))
         elif (change := self.isolation.change) is not None:
             self.run = self._run_after(self.run, change, origin)

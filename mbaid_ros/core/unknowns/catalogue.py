@@ -1,7 +1,7 @@
 """All unknowns of the nominal model.
 
-A new unknown is a class beside its kin with its words, named in `words.py`, a field of `Uncertainty` and a line here:
-in `_of_sensors` where it belongs to a run, in `_not_calibrated` where it belongs to the robot.
+A new unknown is a class beside its kin with its words, a field of `Uncertainty` and a line here: in `_of_sensors` where
+it belongs to a run, in `_not_calibrated` where it belongs to the robot.
 """
 
 from __future__ import annotations

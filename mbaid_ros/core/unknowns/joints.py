@@ -93,7 +93,7 @@ def joint_placements(
     factor = diagonal(np.column_stack((zeros, *(origins,) * 3, *(axes,) * 2)).ravel())
     parts = ('zero', *('origin',) * 3, *('axis',) * 2)
     labels = tuple(f'{part}:{name}' for name in kernel.model.joint_names for part in parts)
-    return JointPlacements(factor, labels, Kinematics(kernel.model).axial[1:, :, :2])
+    return JointPlacements(factor, labels, Kinematics(kernel.model).across)
 
 
 def momentum_displaced(kernel: MomentumKernel, states: BodyStates, displacement: Array) -> Array:

@@ -7,45 +7,18 @@ from functools import lru_cache
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.unknowns.base import (
-    OdometryMount,
-    OdometryScale,
-    OdometryTurning,
-    TwistBias,
-    TwistLate,
-)
-from mbaid_ros.core.unknowns.bodies import KnownBodies
-from mbaid_ros.core.unknowns.declaration import Words
-from mbaid_ros.core.unknowns.environment import (
-    ExternalForce,
-    ExternalTorque,
-    Gravity,
-    OrbitShape,
-)
-from mbaid_ros.core.unknowns.flexible import (
-    SpringErrors,
-    StartingSwing,
-    SwingNoise,
-)
-from mbaid_ros.core.unknowns.joints import (
-    FlexibleJoints,
-    JointPlacements,
-    JointTracking,
-)
-from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
+from mbaid_ros.core.unknowns import base, bodies, environment, flexible, joints, sensors
+from mbaid_ros.core.unknowns.declaration import Unknown, Words
 
 # By kind of cause: those of every unknown, and of the priors of target and momentum.
 _WORDS: dict[str, Words] = {
     'target prior': Words(remedy='the prior of the target (target_prior)'),
     'momentum prior': Words(remedy='the prior of the momentum (momentum.linear_prior_std)'),
 }
-for _unknown in (
-    *(KnownBodies, JointPlacements, JointTracking, FlexibleJoints),
-    *(OdometryMount, OdometryScale, OdometryTurning, TwistBias, TwistLate),
-    *(TimeOffset, ClockDrift, Gravity, OrbitShape, ExternalTorque, ExternalForce),
-    *(SpringErrors, StartingSwing, SwingNoise),
-):
-    _WORDS.update(_unknown.words)
+for _module in (base, bodies, environment, flexible, joints, sensors):
+    for _unknown in vars(_module).values():
+        if isinstance(_unknown, type) and issubclass(_unknown, Unknown):
+            _WORDS.update(_unknown.words)
 _LARGEST_SIZE = 10.0  # that is tried (trajectory.md, eq. 8): beyond it, how many times is not known
 
 

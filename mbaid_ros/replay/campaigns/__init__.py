@@ -1,1 +1,1 @@
-"""The executable `campaign`: one run, its second motion, the folder of results, their statistics."""
+"""The executable `campaign`: one run, the folder of results, their statistics."""

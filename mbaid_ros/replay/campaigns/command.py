@@ -192,7 +192,6 @@ def _contents(campaign: Campaign) -> dict[str, Any]:
                 'choices': dict(case.choices),
                 'simulator': values_of(case.simulator),
                 'estimator': values_of(case.estimator),
-                **({'then': case.then} if case.then else {}),
             }
             for case in campaign.cases
         ],

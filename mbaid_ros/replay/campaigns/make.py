@@ -8,30 +8,21 @@ from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
 
 import numpy as np
 
 from mbaid_ros.cli import one_line
-from mbaid_ros.config.campaign import PLANNED, CampaignRun, Case
+from mbaid_ros.config.campaign import CampaignRun, Case
 from mbaid_ros.core.errors import DataError, ParameterError
-from mbaid_ros.core.geometry import Array, Flags, cross
-from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.planning.motions import simple_motion
-from mbaid_ros.planning.planner import Planner
 from mbaid_ros.replay.campaigns.statistics import FAILED, Result, nees
 from mbaid_ros.replay.command import Workers
 from mbaid_ros.replay.output import plain, shaped, shaped_std
 from mbaid_ros.replay.run import BAG_TYPES
-from mbaid_ros.session.methods import make_reporting
-from mbaid_ros.session.planning import make_planner, plan_settings
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
 
 _CHUNK = 10.0  # s of the run that are in memory at once; it does not change the numbers
-STOP, REST = 3.0, 0.5  # s, in which the joints come to rest before a second motion, and rest after it
 _PATIENCE = 10.0  # s for the scheduler to answer
 
 
@@ -76,10 +67,7 @@ def _head(run: CampaignRun) -> Result:
 
 def _result(run: CampaignRun, urdf: str) -> Result:
     simulated, session = prepare(run.case, urdf)
-    reader = _Reader(simulated, session)
-    reader.read(simulated.config.duration)
-    second = _make_second_motion(run.case, reader) if run.case.then else None
-    final = reader.last or Estimate(run.case.estimator.method, 'waiting')
+    final = _last_estimate(simulated, session) or Estimate(run.case.estimator.method, 'waiting')
     truth = simulated.target_inertia
     return {
         **_head(run),
@@ -92,95 +80,25 @@ def _result(run: CampaignRun, urdf: str) -> Result:
         'samples': final.samples,
         'span_s': final.time,
         'warnings': list(final.warnings),
-        **({} if second is None else {'then': second.as_json(final, _sizes(session, final))}),
     }
 
 
-class _Reader:
-    """Hands the simulated robot's messages to the session, and keeps the last estimate."""
-
-    def __init__(self, simulated: SimulatedRun, session: Session) -> None:
-        self.simulated, self.session = simulated, session
-        self.last: Estimate | None = None
-        self._until = 0.0
-        self._add = {
-            'joint_states': session.add_joint_state,
-            'odom': session.add_odometry,
-            'thrust': session.add_thrust,
-            'stored_momentum': session.add_stored_momentum,
-            'imu': session.add_imu,
-        }
-
-    def read(self, seconds: float) -> None:
-        """Go on for some seconds."""
-        begin, self._until = self._until, self._until + seconds
-        for end in np.minimum(begin + np.arange(1, np.ceil(seconds / _CHUNK) + 1) * _CHUNK, self._until):
-            for timed in self.simulated.read(float(end)):
-                self._add[timed.topic](timed.message)
-            estimates = self.session.process()
-            self.last = estimates[-1] if estimates else self.last
-
-
-def _make_second_motion(case: Case, reader: _Reader) -> SecondMotion:
-    """Make the motion that follows, from where the joints have come to rest."""
-    simulated, session = reader.simulated, reader.session
-    simulated.come_to_rest(STOP)
-    reader.read(STOP + REST)
-    motion = motion_of(case.then, session, simulated, case.simulator.motion.seed)
-    simulated.follow(motion.trajectory)
-    reader.read(motion.trajectory.duration + REST)
-    return motion
-
-
-def _sizes(session: Session, final: Estimate) -> Array:
-    """Return the sizes that standard deviations are relative to, (10,)."""
-    return make_reporting(session.config, session.robot.kernel).sizes(final.parameters[None])[0]
-
-
-@dataclass(frozen=True, eq=False)
-class SecondMotion:
-    """A motion and its begin."""
-
-    kind: str
-    trajectory: JointTrajectory
-    before: float  # the largest relative standard deviation where it begins
-    base: Array  # (2,) rad and m, by which it truly turns and displaces the base from where this would coast
-    asked: Flags  # (10,) which parameters can be known at all, as in a plane some cannot
-
-    def as_json(self, final: Estimate, sizes: Array) -> dict[str, object]:
-        """Return its outcome, by the last estimate and the sizes (10,) that standard deviations are relative to."""
-        after = float(np.max((final.std / sizes)[self.asked]))  # NaN where one of them is not determined
-        turned, displaced = self.base
-        values = {'before': self.before, 'after': after, 'turned': turned, 'displaced': displaced}
-        return {'motion': self.kind, 'seconds': self.trajectory.duration, **plain(values)}
-
-
-def motion_of(kind: str, session: Session, simulated: SimulatedRun, seed: int) -> SecondMotion:
-    """Return the motion that follows.
-
-    Raises DataError: There is no posterior to begin from.
-    Raises ParameterError: No motion is possible.
-    """
-    posterior = session.posterior()
-    if posterior is None:
-        raise DataError('the first motion leads to no solution of method trajectory that another could begin from')
-    planner = make_planner(session.config, posterior)
-    if kind == PLANNED:
-        trajectory = planner.plan().trajectory
-    else:
-        trajectory = simple_motion(kind, planner.motions, plan_settings(session.config).base, seed)
-    asked = planner.information.asked
-    before = float(planner.information.relative[asked].max())
-    return SecondMotion(kind, trajectory, before, _excursion(planner, posterior, simulated, trajectory), asked)
-
-
-def _excursion(planner: Planner, posterior: Posterior, simulated: SimulatedRun, trajectory: JointTrajectory) -> Array:
-    """Return how far the motion turns and displaces the base of the true robot, rad and m."""
-    state, momentum = posterior.state, simulated.momentum.copy()
-    momentum[3:] -= cross(posterior.end.origin, momentum[:3])
-    state[6:12], state[12:22] = momentum, simulated.target.parameters
-    floating = planner.motions.as_if(posterior.layout.point(state, posterior.deviation))
-    return planner.motions.excursion_along(trajectory, floating)[:2]
+def _last_estimate(simulated: SimulatedRun, session: Session) -> Estimate | None:
+    """Hand the simulated robot's messages to the session, and return the last estimate."""
+    add = {
+        'joint_states': session.add_joint_state,
+        'odom': session.add_odometry,
+        'thrust': session.add_thrust,
+        'stored_momentum': session.add_stored_momentum,
+        'imu': session.add_imu,
+    }
+    last, duration = None, simulated.config.duration
+    for end in np.minimum(np.arange(1, np.ceil(duration / _CHUNK) + 1) * _CHUNK, duration):
+        for timed in simulated.read(float(end)):
+            add[timed.topic](timed.message)
+        estimates = session.process()
+        last = estimates[-1] if estimates else last
+    return last
 
 
 def made_here(runs: Sequence[CampaignRun], urdf: str, processes: int) -> Generator[Result]:

@@ -62,54 +62,6 @@ def nees_band(freedom: int) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class SecondMotionStatistics:
-    """Medians over runs of the improvement by second motions."""
-
-    seconds: float  # length
-    # before, after: largest relative standard deviation where it begins, and in the end; that of the runs in which
-    # every parameter is determined then
-    before: float
-    after: float
-    halvings: float  # of that, a minute of the motion
-    # turned, displaced: by which it moves the base, rad and m; the most of all runs
-    turned: float
-    displaced: float
-
-    @staticmethod
-    def from_runs(motions: Sequence[Mapping[str, Any]]) -> SecondMotionStatistics | None:
-        """Return the statistics of the runs' motions; None of none."""
-        if not motions:
-            return None
-        names = ('seconds', 'before', 'after', 'turned', 'displaced')
-        columns = {name: np.array([each[name] for each in motions], dtype=float) for name in names}
-        columns['halvings'] = np.log2(columns['before'] / columns['after']) / columns['seconds'] * 60.0
-        most = {name: float(np.nanmax(columns.pop(name))) for name in ('turned', 'displaced')}
-        return SecondMotionStatistics(**{name: _median(column) for name, column in columns.items()}, **most)
-
-    def as_json(self) -> dict[str, float | None]:
-        """Return them as scripts read them."""
-        return plain(vars(self))
-
-    def __str__(self) -> str:
-        """Return them in a line."""
-        improved = f'from {100.0 * self.before:.3g}'
-        if np.isnan(self.after):
-            improved += ' % to not determined'
-        else:
-            improved += f' to {100.0 * self.after:.3g} %, halved {self.halvings:.1f} times a minute'
-        return (
-            f'then {self.seconds:.1f} s: the least known {improved}; base turned by '
-            f'{np.degrees(self.turned):.2f} deg, displaced by {self.displaced:.3g} m at most'
-        )
-
-
-def _median(values: Array) -> float:
-    """Return the median of finite values; NaN of none."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else np.nan
-
-
-@dataclass(frozen=True)
 class CaseStatistics:
     """One case over all its seeds and motions."""
 
@@ -122,7 +74,6 @@ class CaseStatistics:
     determined: Array  # (10,) share of the runs in which the parameter was determined
     nees: float  # mean over the runs of `nees`
     nees_band: tuple[float, float]  # of such means
-    then: SecondMotionStatistics | None = None  # of second motions; None where there are none
 
 
 def statistics(results: Iterable[Result]) -> list[CaseStatistics]:
@@ -131,7 +82,7 @@ def statistics(results: Iterable[Result]) -> list[CaseStatistics]:
     for result in results:
         name = ' '.join(f'{group}={choice}' for group, choice in result['case'].items()) or 'all runs'
         # Of each result only what counts: together they may not fit in memory.
-        kept: Result = {key: result[key] for key in ('case', 'status', 'nees', 'then') if key in result}
+        kept: Result = {key: result[key] for key in ('case', 'status', 'nees') if key in result}
         kept['numbers'] = np.array([_ten(result.get(key)) for key in ('estimate', 'truth', 'std')])
         by_case.setdefault(name, []).append(kept)
     return [_case(name, own) for name, own in by_case.items()]
@@ -152,7 +103,6 @@ def _case(name: str, results: Sequence[Result]) -> CaseStatistics:
         determined=mean(np.isfinite(estimate) * 1.0),
         nees=float(np.mean(squared)) if len(squared) else np.nan,
         nees_band=nees_band(int(np.sum(np.isfinite(estimate) & np.isfinite(std)))),
-        then=SecondMotionStatistics.from_runs([result['then'] for result in made if 'then' in result]),
     )
 
 
@@ -180,7 +130,6 @@ def as_json(cases: Sequence[CaseStatistics], results: Iterable[Result]) -> dict[
                 'determined': shaped(case.determined),
                 'nees': plain(case.nees),
                 'nees_band_95': plain(case.nees_band),
-                **({} if case.then is None else {'then': case.then.as_json()}),
             }
             for case in cases
         ],
@@ -200,8 +149,6 @@ def table(cases: Sequence[CaseStatistics], results: Iterable[Result]) -> str:
         if np.isfinite(case.nees):
             low, high = case.nees_band
             rows.append(f'  NEES a parameter {case.nees:.3g}; {low:.3g} to {high:.3g} if the covariance is right')
-        if case.then is not None:
-            rows.append(f'  {case.then}')
     failed = _failed(results)
     rows += ['', f'{_count(cases)} runs, {len(failed)} of them failed, {_count(cases, "inconsistent")} inconsistent']
     rows += [f'  run {result["run"]}: {result["reason"]}' for result in failed[:_REASONS]]

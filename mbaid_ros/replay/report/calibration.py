@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from mbaid_ros.calibration.result import LinkResult
-from mbaid_ros.calibration.structure import formula
 from mbaid_ros.cli import one_line
 from mbaid_ros.core.results.parameters import PARAMETERS, UNITS
 from mbaid_ros.replay.calibrated import HEAD, JOINTS_HEAD, Calibrated, headline, joint_rows, rows, sentences
@@ -13,7 +10,7 @@ from mbaid_ros.replay.report.markup import folded, listed, number, page, paragra
 
 
 def calibration_page(result: Calibrated) -> str:
-    """Return the page of a calibration: for each body how far the data moved it, and the observable combinations."""
+    """Return the page of a calibration: for each body how far the data moved it."""
     look = 'wrong' if result.contradicted else 'bad' if result.warnings else 'good'
     parts = [
         paragraph(', '.join(one_line(motion.bag) for motion in result.motions), 'note'),
@@ -27,9 +24,6 @@ def calibration_page(result: Calibrated) -> str:
         '<h2>Joints</h2>',
         paragraph('Beside the robot description, in the axes of each joint; the axis tilts about two normals of it.'),
         table(JOINTS_HEAD, joint_rows(result)),
-        '<h2>Observable combinations</h2>',
-        paragraph('Only these combinations are observable, not each body alone.'),
-        _combinations(result),
     ]
     return page(f'Calibration of {result.kernel.model.name}', parts)
 
@@ -42,14 +36,3 @@ def _body(link: LinkResult) -> str:
         for name, *values, learnt, unit in zip(PARAMETERS, *columns, link.learnt, UNITS, strict=True)
     ]
     return folded(link.name, table(head, cells))
-
-
-def _combinations(result: Calibrated) -> str:
-    calibration = result.calibration
-    cells = []
-    for each in result.base_parameters:
-        factors = each.factors
-        std = float(np.sqrt(factors @ calibration.covariance @ factors))
-        cad, value = number(float(factors @ calibration.prior.mean)), number(float(factors @ calibration.theta))
-        cells.append((formula(result.kernel.unknown, factors), cad, value, number(std, 2)))
-    return table(('combination, of kg, kg m, kg m²', 'CAD', 'calibrated', 'std'), cells)

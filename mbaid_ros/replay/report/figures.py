@@ -15,6 +15,7 @@ from mbaid_ros.replay.report.markup import SERIES, TIME, Colour, curve, entitle,
 from mbaid_ros.replay.report.sections import SHOWN_UNITS
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.saved import Truth
+from mbaid_ros.session.methods import LARGEST_RESIDUAL
 
 _PLOTTED = 800  # points of a curve: more than a screen resolves
 _SHORTEST = 1e-9  # s, that a time axis spans
@@ -118,11 +119,10 @@ def _vector(axis: Axes, time: Array, values: Array, stds: Array) -> None:
 def _residual(axis: Axes, time: Array, residual: Array, run: Run) -> None:
     axis.plot(time, residual, color=Colour.FIRST, linewidth=1.3)
     level(axis, 1.0, Colour.FAINT, '--', 1.0)
-    limit = run.settings.get('convergence.largest_residual')
     always = [0.0, 1.0]
-    if isinstance(limit, float) and np.nanmax(residual) > 0.5 * limit:
-        level(axis, limit, Colour.SECOND, '--', 1.0)
-        always.append(limit)
+    if np.nanmax(residual) > 0.5 * LARGEST_RESIDUAL:
+        level(axis, LARGEST_RESIDUAL, Colour.SECOND, '--', 1.0)
+        always.append(LARGEST_RESIDUAL)
     scale(axis, residual, always=always)
     axis.set_ylim(bottom=0.0)
     entitle(axis, 'Residual [\N{GREEK SMALL LETTER SIGMA}]: 1 means noise as declared')

@@ -16,6 +16,7 @@ from mbaid_ros.core.robot.model import express, load_model, parse
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import Springs, Surroundings
+from mbaid_ros.simulation.motion import Driven
 from mbaid_ros.simulation.simulation import Simulation, Truth
 
 # (time, s; base rotation (3, 3); base position (3,), m; (10,) standard parameters of the robot about the base's origin
@@ -73,19 +74,23 @@ _STEP = 1e-4  # s, of a difference quotient
 
 
 @dataclass(frozen=True)
-class _Following:
+class _Following(Driven):
     """Joints (n,) of which some follow a path; springs move the others."""
 
     path: Path
     driven: Flags
 
+    def reference(self, time: float) -> tuple[Array, Array, Array]:
+        """Return position, velocity and acceleration of the joints at a time, (n,) each, zero for springs."""
+        position, rate = self.path(np.array([time - _STEP, time, time + _STEP]))
+        result = np.zeros((3, len(self.driven)))
+        result[:, self.driven] = position[1], rate[1], (rate[2] - rate[0]) / (2.0 * _STEP)
+        return result[0], result[1], result[2]
+
     def command(self, time: float, position: Array, velocity: Array) -> Array:
-        """Return the joint accelerations, zero for springs."""
+        """Return the joint accelerations, zero for springs, which no reference holds."""
         del position, velocity
-        before, after = self.path(np.array([time - _STEP, time + _STEP]))[1]
-        result = np.zeros(len(self.driven))
-        result[self.driven] = (after - before) / (2.0 * _STEP)
-        return result
+        return self.reference(time)[2]
 
     def later(self, time: float) -> _Following:
         """Return the motion from a time on, s."""

@@ -19,9 +19,9 @@ from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.simulated_robot import is_driven, make_initial_state, make_motion, make_simulation
+from mbaid_ros.simulated_robot import make_initial_state, make_motion, make_simulation
 from mbaid_ros.simulation.dynamics import State
-from mbaid_ros.simulation.motion import Driven, tracking
+from mbaid_ros.simulation.motion import Driven
 from mbaid_ros.simulation.simulation import Simulation, Truth
 
 ORBIT = {'orbit.mean_motion': 1.1308e-3, 'orbit.nadir': (0.6, 0.0, 0.8), 'orbit.normal': (0.8, 0.0, -0.6)}
@@ -150,7 +150,7 @@ def _until(truth: Truth, seconds: float) -> Truth:
 
 def _driven(robot: str) -> Driven:
     driven = make_motion(simulator_config(robot), model(robot))
-    if not is_driven(driven):
+    if not isinstance(driven, Driven):
         raise ValueError(f'the joints of {robot} are not driven')
     return driven
 
@@ -179,16 +179,11 @@ def _with_panel(robot: str, instants: Array) -> tuple[RobotModel, RobotModel, Tr
 
 
 @dataclass(frozen=True)
-class Stopping:
+class Stopping(Driven):
     """A motion at half its pace that rests for half of each period, by a time of its own: s' = pace max(0, sin)^2."""
 
     motion: Driven
     begin: float = 0.0  # s
-
-    @property
-    def start(self) -> Array:
-        """Where the joints begin, (n,)."""
-        return self.motion.start
 
     def reference(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration of the joints at a time, (n,) each."""
@@ -199,10 +194,6 @@ class Stopping:
         pace, change = _PACE * np.sin(rate * moving) ** 2, _PACE * rate * np.sin(2.0 * rate * moving)
         position, velocity, acceleration = self.motion.reference(own)
         return position, pace * velocity, pace * pace * acceleration + change * velocity
-
-    def command(self, time: float, position: Array, velocity: Array) -> Array:
-        """Return the reference's acceleration, corrected by the tracking error."""
-        return tracking(self.reference(time), position, velocity)
 
     def later(self, time: float) -> Stopping:
         """Return the same motion, begun at a time (s) of this one."""

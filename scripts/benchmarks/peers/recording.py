@@ -14,7 +14,6 @@ from mbaid_ros.core.geometry import Array, rotate, rotation_from_quaternion, ske
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian
-from mbaid_ros.core.robot.momentum_rows import momentum_rows
 from mbaid_ros.core.samples import Samples, SensorNoise
 
 JOINTS, ODOMETRY = '/joint_states', '/odom'
@@ -94,13 +93,13 @@ class Recording:
         P and L are total linear and angular momentum about the odometry origin. Rows are linear, then angular momentum
         about the base's origin, in odometry axes.
         """
-        rows = momentum_rows(self.kernel, self.samples)
+        states = self.kernel.states(self.samples)
         place = self.samples.base_position
         matrix = np.zeros((len(place), 6, 16))
-        matrix[..., :10] = np.moveaxis(rows.regressors[0], -1, 0)
+        matrix[..., :10] = states.regressor
         matrix[..., 10:] = -np.eye(6)
         matrix[:, 3:, 10:13] = skew(place)
-        return matrix, -rows.known.T
+        return matrix, -states.known_momentum
 
     @property
     def scale(self) -> Array:

@@ -7,25 +7,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.precapture import free_model, free_urdf, perturbed
+from benchmarks.precapture import factors, free_model, free_urdf, perturbed
 from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.calibration.result import Calibration
-from mbaid_ros.calibration.unknowns import LinkPrior
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.model_errors import BodyDeviations
 from mbaid_ros.session import methods
 from mbaid_ros.simulation.motion import Sinusoids, random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from observed import HIGH, MID, drifting, identify, kernel, observe, windows
-from servicing import GENERAL, LINKS, NOTHING, PRIORS, WEIGHED, all_unknown, free_motion, standard_parameters
+from servicing import GENERAL, LINKS, PRIORS, WEIGHED, all_unknown, free_motion, standard_parameters
 from simulated import robot, state
 
 
-def calibrated(model: RobotModel, truth: Truth, seed: int, priors: tuple[LinkPrior, ...] = PRIORS) -> Calibration:
-    return calibrate(all_unknown(model), [windows(observe(truth, MID, seed))], CalibrationSettings(MID, priors))
+def calibrated(model: RobotModel, truth: Truth, seed: int, priors: tuple[BodyDeviations, ...] = PRIORS) -> Calibration:
+    unknown = all_unknown(model)
+    return calibrate(unknown, [windows(observe(truth, MID, seed))], CalibrationSettings(MID, factors(unknown, priors)))
 
 
 def momentum_rows(model: RobotModel, truth: Truth) -> Array:
@@ -73,12 +74,11 @@ def test_without_a_weighed_body_the_common_factor_stays_open() -> None:
     cad = perturbed(servicer, priors, 3)
     found = calibrated(cad, free_motion(1, 60.0), 3, priors)
     theta = standard_parameters(servicer)
-    # Eight masses and eight inertias, each to 5 %, tell the common factor together; one of them alone, far less.
-    assert 0.01 < found.scale.relative_std < 0.03
-    assert found.scale.fixed_by[0][1] < 0.1
+    # Eight bodies, each to 5 %, tell the common factor together; one of them alone, far less.
+    assert 0.01 < found.scale_std < 0.03
     rows = momentum_rows(servicer, free_motion(2, 30.0))
     factor = np.sum(found.theta[::10]) / np.sum(theta[::10])
-    assert abs(factor - 1.0) < 4.0 * found.scale.relative_std
+    assert abs(factor - 1.0) < 4.0 * found.scale_std
     # Up to that factor the momentum is as right as ever.
     left, wrong = rows @ (found.theta / factor - theta), rows @ (standard_parameters(cad) - theta)
     assert np.all(sizes(wrong) > 5.0 * sizes(left))
@@ -112,12 +112,12 @@ def test_the_known_momentum_of_a_wheel_fixes_the_scale() -> None:
         unknown = MomentumKernel(
             perturbed(model, (*priors, replace(GENERAL, mass=0.0, com=0.0, inertia=0.0)), seed), *LINKS
         )
-        found = calibrate(unknown, [windows(observe(truth, MID, seed))], CalibrationSettings(MID, priors))
-        assert found.scale.fixed_by[0][0] == 'the known bodies'
+        settings = CalibrationSettings(MID, factors(unknown, priors))
+        found = calibrate(unknown, [windows(observe(truth, MID, seed))], settings)
         # A fifth of what masses and inertias known to 5 % tell together.
-        assert found.scale.relative_std < 0.003
+        assert found.scale_std < 0.003
         factor = np.sum(found.theta[::10]) / np.sum(standard_parameters(free_model())[::10])
-        squares.append(((factor - 1.0) / found.scale.relative_std) ** 2)
+        squares.append(((factor - 1.0) / found.scale_std) ** 2)
     assert sum(squares) < 16.0  # three chi-squares: 1 in 1000
 
 
@@ -127,7 +127,7 @@ def test_one_unknown_link_is_the_single_link_method(spatial: Truth, monkeypatch:
     exact = {name.replace('.', '__'): value for name, value in EXACT.items()}
     given = {**exact, 'time_offset__estimate': False}
     alone = identify(unknown, spatial, MID, 4, method='trajectory', **given)[-1]
-    found = calibrate(unknown, [windows(observe(spatial, MID, 4))], CalibrationSettings(MID, (NOTHING,)))
+    found = calibrate(unknown, [windows(observe(spatial, MID, 4))], CalibrationSettings(MID, (None,)))
     link = found.links[0]
     # Either stops when a pass moves it by less than a tenth of a standard deviation; the estimator takes off what the
     # rows' noise does, and widens its intervals by the residual.
@@ -138,11 +138,11 @@ def test_one_unknown_link_is_the_single_link_method(spatial: Truth, monkeypatch:
 
 def test_in_a_plane_what_lies_out_of_it_stays_at_cad(planar: Truth) -> None:
     model = robot('table1')
-    priors = (WEIGHED, *(LinkPrior(0.05, 0.05, 0.05),) * 4)
+    # All weighed: where the data tell the mass, they tell what of the moments goes with it.
+    priors = (BodyDeviations(0.001, 0.05, 0.05),) * 5
     cad = perturbed(model, priors, 8)
-    found = calibrate(all_unknown(cad), [windows(observe(planar, MID, 8))], CalibrationSettings(MID, priors))
+    found = calibrated(cad, planar, 8, priors)
     assert found.planar
-    assert found.structure.rank == 16
     assert 0 < found.determined <= 16
     for link in found.links:
         # A thin link whose moment about the normal grows has to grow across it as well, to be a body.
@@ -159,11 +159,12 @@ def test_several_motions_keep_their_own_momenta(drift: Array) -> None:
     truths = [free_motion(1, 60.0), drifting(free_motion(2, 30.0), 0.05 * drift, np.array([30.0, -20.0, 10.0]))]
     runs = [windows(observe(truth, MID, seed)) for seed, truth in enumerate(truths)]
     unknown = all_unknown(perturbed(servicer, PRIORS, 5))
-    both = calibrate(unknown, runs, CalibrationSettings(MID, PRIORS))
+    settings = CalibrationSettings(MID, factors(unknown, PRIORS))
+    both = calibrate(unknown, runs, settings)
     for index, truth in enumerate(truths):
         error = both.momentum[index] - total_momentum(servicer, truth[:1])[0]
         assert normalised(error, both.momentum_covariance[index]) < 35.0  # six chi-squares: 1 in 200 000
-    one = calibrate(unknown, runs[:1], CalibrationSettings(MID, PRIORS))
+    one = calibrate(unknown, runs[:1], settings)
     assert np.all(np.diag(both.covariance) < 1.001 * np.diag(one.covariance))
     assert both.determined >= one.determined
 
@@ -184,7 +185,8 @@ def test_encoders_that_are_found_to_be_noisy_do_not_move_the_joints() -> None:
     noise = replace(MID, joint_position=15.0 * MID.joint_position)
     found_in = np.tile([noise.joint_position, noise.joint_velocity, 0.0], (100, 1))
     run = windows(replace(observe(at_rest(), noise, 0), noise=found_in))
-    found = calibrate(all_unknown(servicer), [run], CalibrationSettings(MID, PRIORS))
+    unknown = all_unknown(servicer)
+    found = calibrate(unknown, [run], CalibrationSettings(MID, factors(unknown, PRIORS)))
     assert found.still == servicer.joint_names
     assert found.determined == 0
 
@@ -200,13 +202,15 @@ def test_a_robot_at_rest_says_nothing() -> None:
 
 
 def test_every_body_can_exist_even_where_data_and_prior_say_little() -> None:
-    loose = LinkPrior(mass=0.5, com=0.2, inertia=1.0)
+    loose = BodyDeviations(mass=0.5, com=0.2, inertia=1.0)
     priors = (WEIGHED, *(loose,) * 7)
     truth = free_motion(1, 60.0)[:200]
     bent = 0.0
     for seed in range(3):
         unknown = all_unknown(free_model())
-        found = calibrate(unknown, [windows(observe(truth, HIGH, seed))], CalibrationSettings(HIGH, priors))
+        found = calibrate(
+            unknown, [windows(observe(truth, HIGH, seed))], CalibrationSettings(HIGH, factors(unknown, priors))
+        )
         assert all(is_physical(part) for part in found.theta.reshape(-1, 10))
         bent = max(bent, float(found.corrections.max()))
     assert bent > 0.0

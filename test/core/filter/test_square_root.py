@@ -10,11 +10,17 @@ from scipy.stats import multivariate_normal
 
 from drawn_windows import NUMBERS, STATE, UNKNOWNS, positive, prepare, variables, window
 from mbaid_ros.core.filter.chain import WindowModel
-from mbaid_ros.core.filter.integrated_twist import IntegratedTwist
-from mbaid_ros.core.filter.pushing import momentum_change
+from mbaid_ros.core.filter.measured_window import IntegratedTwist
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR
-from mbaid_ros.core.filter.time_update import UNDISTURBED, Hypothesis, advance, momentum_inflation, pose_reset
+from mbaid_ros.core.filter.time_update import (
+    UNDISTURBED,
+    Hypothesis,
+    advance,
+    momentum_change,
+    momentum_inflation,
+    pose_reset,
+)
 from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
 from mbaid_ros.core.filter.whitened import Axes
 from mbaid_ros.core.geometry import Array
@@ -293,13 +299,12 @@ def test_the_linked_filter_is_least_squares() -> None:  # noqa: PLR0915
     models = []
     for _ in range(count):
         way = rng.normal(size=6), rng.normal(size=(6, STATE)), rng.normal(size=6), rng.normal(size=(6, STATE))
-        twist = IntegratedTwist(*way, 0.1 * positive(rng), np.array(0.45), np.array(0.08), np.array(0.7))
+        share, left, change = np.array(0.45), np.array(0.08), np.array(0.7)
+        twist = IntegratedTwist(np.array(object=True), *way, 0.1 * positive(rng), share, left, change)
         model = window(rng)
         common = model.joints @ model.joints.T
-        several = np.empty((), dtype=object)
-        several[()] = twist
         covariance = positive(rng) + common
-        models.append((replace(model, pose_covariance=covariance, integrated=several), twist, common))
+        models.append((replace(model, pose_covariance=covariance, integrated=twist), twist, common))
     gaussian = SquareRootInformation.prior(space)
     for model, _, _ in models:
         white = prepare(model, space)

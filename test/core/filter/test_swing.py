@@ -9,10 +9,8 @@ from scipy.interpolate import CubicSpline
 from benchmarks.appendages import PANELS, SLOSH, with_fuel, with_panel_on_the_target, with_panels
 from mbaid_ros.core.filter.averaging import KnotAveraging
 from mbaid_ros.core.filter.exponential import steps_of
-from mbaid_ros.core.filter.knots import Midpoints
 from mbaid_ros.core.filter.state import BODY, LINEAR, Layout, Point
 from mbaid_ros.core.filter.swing import BESIDE, SwingCourse
-from mbaid_ros.core.filter.twist_prediction import predict
 from mbaid_ros.core.filter.window import in_stacks
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -73,7 +71,7 @@ class Case:
             ),
         )
         self.layout = Layout.of(kernel, unknowns)
-        averaging = KnotAveraging(self.model.joints, MID, 0.5)
+        averaging = KnotAveraging(MID, 0.5)
         self.windows = [each.ready for each in averaging.take(windows(samples)) if each.ready is not None]
         self.state: Array = np.zeros(self.layout.size)
         momentum = total_momentum(self.model, truth[:1])[0]
@@ -93,11 +91,8 @@ class Case:
         derivatives: list[Array] = []
         deflections: list[Array] = []
         for stacks in in_stacks(self.windows, 3):
-            motions = [stack.motion(point.side, None, BESIDE) for stack in stacks]
-            motions = list(course.applied(stacks, motions, point))
-            flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
-            prediction, bodies = predict(self.layout, flat, point)
-            course.add_to(stacks, motions, point, prediction, bodies)
+            begun = [stack.motion(point.side, None, BESIDE) for stack in stacks]
+            motions, prediction, _, _ = course.predict(stacks, begun, point)
             parts = prediction.divided([motion.turn.shape[:2] for motion, _ in motions])
             windows_of: dict[int, tuple[Array, ...]] = {}
             for stack, part, (motion, inside) in zip(stacks, parts, motions, strict=True):

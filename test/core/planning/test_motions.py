@@ -11,11 +11,10 @@ import wheels
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.planning.goal import BaseLimits, JointLimits, joint_limits, keeping_speed
-from mbaid_ros.planning.motions import SIMPLE, simple_motion
+from mbaid_ros.planning.goal import JointLimits, joint_limits, keeping_speed
 from mbaid_ros.planning.splines import Splines
 from mbaid_ros.simulation.steered import Followed
-from planned import FASTEST, Begun, planner
+from planned import Begun, planner
 from simulated import robot
 
 TIMES = np.array([0.0, 0.7, 2.0, 2.5])
@@ -160,26 +159,3 @@ def test_a_motion_moves_the_others_while_a_wheel_goes_on(identified: Begun) -> N
     still = np.zeros((1, motions.splines.count, 7))
     assert motions.excursions(still)[0] == pytest.approx(0.0, abs=1e-12)
     assert motions.joints(still, times)[0][:, 0, 6] == pytest.approx(position[:, 6])
-
-
-TURN = np.radians(0.5)
-
-
-@pytest.mark.parametrize('kind', SIMPLE)
-def test_simple_motions_keep_the_limits_and_come_close_to_one(identified: Begun, kind: str) -> None:
-    motions = planner(identified, duration=14.0).motions
-    free, held = (simple_motion(kind, motions, base, 3) for base in (BaseLimits(), BaseLimits(rotation=TURN)))
-    times = np.linspace(0.0, 14.0, 1401)
-    for trajectory in (free, held):
-        position, rate, bend = trajectory.at(times)
-        assert trajectory.duration == 14.0
-        assert position[0] == pytest.approx(motions.start)
-        assert rate[[0, -1]] == pytest.approx(0.0, abs=1e-12)
-        assert np.all((position >= motions.limits.lower) & (position <= motions.limits.upper))
-        assert np.abs(rate).max() <= FASTEST
-        assert np.abs(bend).max() <= 0.1
-    use = (np.abs(free.at(times)[1]).max(axis=0) / FASTEST, np.abs(free.at(times)[2]).max(axis=0) / 0.1)
-    assert np.all(np.maximum(*use) > 0.95)
-    turned = motions.excursion_along(held, motions.floating)[0]
-    assert 0.85 * TURN < turned < 1.01 * TURN
-    assert motions.excursion_along(free, motions.floating)[0] > turned

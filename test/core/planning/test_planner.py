@@ -25,10 +25,14 @@ from mbaid_ros.planning.collisions import Collisions, no_mesh
 from mbaid_ros.planning.goal import BaseLimits
 from mbaid_ros.planning.information import Grid
 from mbaid_ros.planning.plan import Plan
+from mbaid_ros.planning.planner import Planner
 from mbaid_ros.planning.search import drawn_legs, speeds_of
 from mbaid_ros.session.methods import make_reporting
 from mbaid_ros.session.planning import advice
-from mbaid_ros.simulation.simulation import Truth, total_momentum
+from mbaid_ros.simulation.environment import Springs as SimulatedSprings
+from mbaid_ros.simulation.environment import Surroundings
+from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
+from mbaid_ros.simulation.steered import Followed
 from observed import MID, estimator, kernel, observe, windows
 from planned import FASTEST, START, Begun, angle, begun, first_motion, follow, planner
 from simulated import state
@@ -56,8 +60,8 @@ def test_what_is_predicted_to_be_known_is_known_after_the_motion(
 def test_a_motion_is_planned_with_the_noise_that_was_found(identified: Begun) -> None:
     found = np.array([[3.0 * MID.joint_position, MID.joint_velocity, 0.0]])
     for samples, joints in ((identified.samples, 1.0), (replace(identified.samples, noise=found), 3.0)):
-        sensing = End.of(samples, MID, 0.5, np.zeros(3), None).sensing
-        assert sensing.joint_position == joints * MID.joint_position
+        noise = End.of(samples, MID, 0.5, np.zeros(3), np.zeros(6)).noise
+        assert noise.joint_position == joints * MID.joint_position
 
 
 def test_the_promise_is_told_for_bodies_as_the_target_may_be_as_well(identified: Begun) -> None:
@@ -112,19 +116,43 @@ def test_the_base_of_a_known_robot_moves_as_the_simulated_one_does(identified: B
     assert base.position[-1, 0] == pytest.approx(truth.base_position[-1], abs=5e-6)
 
 
-def test_passive_joints_are_not_commanded_and_swing_in_each_motion_by_itself() -> None:
+@pytest.fixture(scope='module')
+def with_springs() -> tuple[Planner, Begun]:
+    """Return a planner of a robot with two panels on springs, and the robot."""
     panels = MomentumKernel(load_model(with_panels()), 'link7')
     places = tuple(panels.model.joint_names.index(name) for name in PANELS)
     springs = Springs(places, np.full(2, 2.0), np.full(2, 0.01), np.zeros((2, 2)))
-    declared: dict[str, Any] = {f'flexible.{name}.frequency': 0.32 for name in PANELS}
+    declared: dict[str, Any] = {f'flexible.{name}.frequency': 1.0 / np.pi for name in PANELS}
     robot = begun(unknown=panels.swinging(springs), **declared | {'flexible.joints': PANELS})
-    planning = planner(robot, duration=6.0)
-    assert not planning.motions.limits.moved[list(places)].any()
-    motions, grid = planning.motions, planning.motions.coarse
+    return planner(robot, duration=6.0), robot
+
+
+def test_passive_joints_are_not_commanded_and_swing_in_each_motion_by_itself(
+    with_springs: tuple[Planner, Begun],
+) -> None:
+    motions = with_springs[0].motions
+    assert motions.limits.moved.tolist() == [True] * 7 + [False] * 2
     drawn = speeds_of(drawn_legs(2, len(motions.start), np.random.default_rng(0)), motions.splines.count)
     speeds = motions.within(np.where(motions.limits.moved, 0.05, 0.0) * drawn)
-    both = motions.relative(speeds, grid)
-    assert both[0] == pytest.approx(motions.relative(speeds[:1], grid)[0], rel=1e-9)
+    both = motions.relative(speeds, motions.coarse)
+    assert both[0] == pytest.approx(motions.relative(speeds[:1], motions.coarse)[0], rel=1e-9)
+
+
+def test_passive_joints_swing_as_predicted_and_no_further_than_is_allowed(with_springs: tuple[Planner, Begun]) -> None:
+    motions, robot = with_springs[0].motions, with_springs[1]
+    drawn = speeds_of(drawn_legs(1, len(motions.start), np.random.default_rng(2)), motions.splines.count)
+    fast = motions.within(np.where(motions.limits.moved, 1.0, 0.0) * drawn)
+    most = 0.5 * float(motions.excursions(fast)[0, 3])
+    gentle = motions.gentle(fast, BaseLimits(deflection=most))
+    trajectory, model = motions.trajectory(gentle[0]), robot.kernel.model
+    springs = SimulatedSprings.of(model, PANELS, [1.0 / np.pi] * 2, [0.01] * 2)
+    motion = Followed(trajectory, robot.state.joint_position, np.arange(7))
+    simulation = Simulation(model, motion, robot.state, surroundings=Surroundings(springs=springs))
+    truth = simulation.advance(np.linspace(0.0, trajectory.duration, 300))
+    swung = float(np.abs(truth.joint_position[:, 7:]).max())
+    assert swung <= most
+    assert swung == pytest.approx(motions.excursions(gentle)[0, 3], rel=0.05)
+    assert motions.excursions_of([motions.floating] * 2, gentle[0])[:, 3] == pytest.approx([swung] * 2, rel=0.05)
 
 
 def test_a_stuck_joint_is_left_out(identified: Begun) -> None:

@@ -18,7 +18,7 @@ from mbaid_ros.core.results.published_inertia import (
     is_complete,
     is_usable,
 )
-from mbaid_ros.core.results.reporting import Curvature, Instant, Reporting, Solution
+from mbaid_ros.core.results.reporting import Curvature, Reporting, Solution
 from mbaid_ros.core.robot.kinematics import Plane
 from mbaid_ros.core.robot.momentum import physical_jacobian, standard
 from mbaid_ros.core.two_stage import IntervalConsistency
@@ -58,7 +58,7 @@ def solution(relative: float | Array, body: Array = BODY, **changes: object) -> 
 
 
 def report(made: Solution) -> Estimate:
-    return REPORTING.estimates('difference', [made], [Instant(time=3.0, stamp=4, samples=500)])[0]
+    return REPORTING.estimates([made], [Estimate('difference', 'waiting', time=3.0, stamp=4, samples=500)])[0]
 
 
 def test_what_is_well_determined_is_published_with_its_covariance() -> None:

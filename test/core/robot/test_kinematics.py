@@ -2,49 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import express, load_model
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
-from mbaid_ros.core.robot.momentum_rows import momentum_rows
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
-from mbaid_ros.core.samples import Samples
 from peer import Motion, Peer
-from random_robots import random_state, random_storage, random_urdf
+from random_robots import random_state, random_urdf
 
 SEEDS = range(4)
 COUNT = 67
-
-
-def rows_case(seed: int, count: int = COUNT) -> tuple[MomentumKernel, Samples]:
-    """Return a tree with two unknown links, and states of it."""
-    rng = np.random.default_rng(seed)
-    model = load_model(random_urdf(rng, joints=int(rng.integers(4, 10))))
-    position, velocity, rotation, twist = random_state(rng, model.joints, count)
-    none = np.zeros((count, 6, 6))
-    place = rng.normal(size=(count, 3))
-    samples = Samples(
-        np.arange(count) * 0.01, position, velocity, place, rotation, twist[:, :3], twist[:, 3:], none, none
-    )
-    kernel = MomentumKernel(model, model.last_link, model.links[1].name)
-    if seed % 2:
-        kernel = kernel.storing(random_storage(rng, model))
-        samples = replace(samples, stored=rng.normal(size=(count, kernel.storage.count)))
-    return kernel, samples
-
-
-@pytest.mark.parametrize('seed', SEEDS)
-def test_they_are_those_of_the_states(seed: int) -> None:
-    kernel, samples = rows_case(seed)
-    rows, states = momentum_rows(kernel, samples), kernel.states(samples)
-    assert pytest.approx(states.known_momentum, rel=1e-12, abs=1e-11) == rows.known.T
-    for found, link in zip(rows.regressors, kernel.unknown, strict=True):
-        assert np.moveaxis(found, -1, 0) == pytest.approx(states.regressor_of(link), rel=1e-12, abs=1e-12)
 
 
 INSTANTS = 33
@@ -80,7 +49,7 @@ def test_mass_on_a_line_is_told() -> None:
     bodies = kinematics.configure(rotation, position)
     point = np.zeros_like(model.body_parameters())
     point[0, 0] = 1.0  # all of it in the base's origin
-    with pytest.raises(np.linalg.LinAlgError, match='no inertia'):
+    with pytest.raises(np.linalg.LinAlgError, match='Singular'):
         mobility_and_momentum(point, bodies, kinematics.body_twists(bodies, velocity, twist))
 
 

@@ -13,10 +13,10 @@ from scipy.integrate import solve_ivp
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.difference.window_rows import window_rows
 from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum_rows import momentum_rows
 from mbaid_ros.core.robot.orbit import Orbit, Turning, about, brought, of_bodies, of_link
 from mbaid_ros.core.samples import BaseStream
 from mbaid_ros.core.sensors.falling_frame import FallingFrame
@@ -178,7 +178,7 @@ def test_what_falls_freely_moves_as_clohessy_and_wiltshire_say(rate: float, begi
 
 @pytest.mark.parametrize('seed', range(4))
 def test_the_rows_lack_what_the_orbit_has_brought(seed: int) -> None:
-    """The same for the fast rows and the states of single bodies, the unknown links' columns in their own frames."""
+    """The unknown links' columns are in their own frames."""
     rng = np.random.default_rng(seed)
     model = load_model(random_urdf(rng, joints=6))
     kernel = MomentumKernel(model, model.last_link, model.links[1].name)
@@ -196,15 +196,19 @@ def test_the_rows_lack_what_the_orbit_has_brought(seed: int) -> None:
         rate_tilt=np.zeros((0, 0)),
     )
     with_tide = FallingFrame(orbit(0.5), model, relative_twist=True).applied(samples, 0)
-    plain, rows = momentum_rows(kernel, samples), momentum_rows(kernel, with_tide)
+    plain, rows = (
+        window_rows(kernel, [each[k : k + 1] for k in range(len(each))], MID, np.zeros(3))
+        for each in (samples, with_tide)
+    )
     columns = about(with_tide.tide, with_tide.base_position)
     assert kernel.states(with_tide).tide == pytest.approx(columns)
-    assert rows.known == pytest.approx(plain.known - of_bodies(columns, kernel.known).T, rel=1e-12, abs=1e-12)
+    assert rows.offset == pytest.approx(plain.offset - of_bodies(columns, kernel.known), rel=1e-12, abs=1e-12)
     whole = with_tide.impulse[-1] + brought(with_tide, model.body_parameters())
-    parts = plain.known[:, -1] - rows.known[:, -1]
-    for link, before, after in zip(kernel.unknown, plain.regressors, rows.regressors, strict=True):
-        assert before - after == pytest.approx(np.moveaxis(of_link(columns, link), 0, -1), abs=1e-12)
-        parts += (before - after)[..., -1] @ link.parameters
+    parts = plain.offset[-1] - rows.offset[-1]
+    for link, place in zip(kernel.unknown, (slice(10), slice(10, 20)), strict=True):
+        change = (plain.rows - rows.rows)[..., place]
+        assert change == pytest.approx(of_link(columns, link), abs=1e-12)
+        parts += change[-1] @ link.parameters
     parts[3:] += np.cross(with_tide.base_position[-1], parts[:3])
     assert parts == pytest.approx(whole, rel=1e-10, abs=1e-12)
 

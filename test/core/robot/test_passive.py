@@ -9,13 +9,14 @@ import pinocchio
 import pytest
 
 from mbaid_ros.core.filter.knots import Midpoints
-from mbaid_ros.core.filter.passive_prediction import passive_motion
+from mbaid_ros.core.filter.passive_prediction import PassiveColumns
 from mbaid_ros.core.filter.state import BODY, LINEAR, Layout, Point
+from mbaid_ros.core.filter.twist_prediction import predict
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Springs
 from mbaid_ros.core.robot.model import load_model, parse
-from mbaid_ros.core.robot.passive import PassiveMotion, spring_constants
+from mbaid_ros.core.robot.passive import spring_constants
 from mbaid_ros.simulation import environment as simulated
 from mbaid_ros.simulation.dynamics import Dynamics, State
 from mbaid_ros.simulation.environment import Surroundings
@@ -61,25 +62,34 @@ class Case:
         values[LINEAR.start : LINEAR.start + 6], values[BODY] = momentum, self.kernel.target.parameters
         return self.layout.point(values)
 
-    def moving(self, state: State, along: Array) -> tuple[PassiveMotion, Array]:
-        """Return what s (f,) at a state's configuration lead to, with the momentum of the case."""
-        rotation = np.eye(3)[None]
+    def moving(self, state: State, along: Array, turn: Array | None = None) -> tuple[PassiveColumns, Array]:
+        """Return how x changes by s (f,) at a state's configuration, with the momentum of the case, and base twist.
+
+        `turn` (3, 3) are the base's axes, in which the momentum is as in its own; else those of the odometry.
+        """
+        rotation: Array = np.eye(3) if turn is None else turn
+        rate = state.joint_velocity.copy()
+        rate[self.joints] = 0.0
         none = np.zeros((1, 3))
         middle = Midpoints(
-            *(state.joint_position[None], state.joint_velocity[None], rotation, state.base_position[None]),
+            *(state.joint_position[None], rate[None], rotation[None], state.base_position[None]),
             *(np.zeros((1, 6)), none, none, np.zeros((1, 6))),
         )
         middle = replace(middle, tide=np.zeros((1, 0)), thrust=np.zeros((1, 0)))
-        return passive_motion(self.layout, middle, self.point(self.momenta(self.state())[:6]), along[None])
+        total = self.momenta(self.state())[:6]
+        point = self.point(np.concatenate((rotation @ total[:3], rotation @ total[3:])))
+        prediction, bodies = predict(self.layout, middle, point, along[None])
+        assert bodies.passive is not None
+        return bodies.passive, prediction.twist[0]
 
 
 @pytest.mark.parametrize('seed', SEEDS)
 def test_momenta_and_rates_are_those_of_pinocchio(seed: int) -> None:
     case = Case(seed)
     along = case.momenta(case.state())[6:][case.joints]
-    found, rates = case.moving(case.state(), along)
-    assert rates[0] == pytest.approx(case.rate[case.joints], rel=1e-9, abs=1e-9)
-    assert found.along[0] == pytest.approx(along, rel=1e-9, abs=1e-9)
+    found, twist = case.moving(case.state(), along)
+    assert found.slope[0, : len(case.joints)] == pytest.approx(case.rate[case.joints], rel=1e-9, abs=1e-9)
+    assert twist == pytest.approx(case.twist, rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize('seed', SEEDS)
@@ -108,7 +118,7 @@ def test_momenta_along_the_joints_change_as_in_the_simulator(seed: int) -> None:
     change = (
         -25.0 * after(0.0) + 48.0 * after(1e-3) - 36.0 * after(2e-3) + 16.0 * after(3e-3) - 3.0 * after(4e-3)
     ) / 12e-3
-    assert found.forces[0] == pytest.approx(change, rel=1e-6, abs=1e-6 * float(np.abs(change).max()))
+    assert found.slope[0, len(case.joints) :] == pytest.approx(change, rel=1e-6, abs=1e-6 * float(np.abs(change).max()))
 
 
 @pytest.mark.parametrize('seed', SEEDS)
@@ -122,7 +132,7 @@ def test_derivatives_by_the_state(seed: int) -> None:
         position = start.joint_position.copy()
         position[case.joints] += change[:size]
         moved, _ = case.moving(replace(start, joint_position=position), along + change[size:])
-        return np.concatenate((moved.rates[0], moved.forces[0]))
+        return moved.slope[0]
 
     for place in range(2 * size):
         step = STEP * np.eye(2 * size)[place]
@@ -136,12 +146,6 @@ def test_the_momenta_do_not_depend_on_the_axes() -> None:
     start = case.state()
     along = case.momenta(start)[6:][case.joints]
     straight, _ = case.moving(start, along)
-    total = case.momenta(start)[:6]
-    turned = np.concatenate((turn @ total[:3], turn @ total[3:]))
-    none = np.zeros((1, 3))
-    middle = Midpoints(
-        *(start.joint_position[None], start.joint_velocity[None], turn[None], none, np.zeros((1, 6))),
-        *(none, none, np.zeros((1, 6))),
-    )
-    found, _ = passive_motion(case.layout, middle, case.point(turned), along[None])
-    assert found.forces == pytest.approx(straight.forces, rel=1e-9)
+    found, twist = case.moving(start, along, turn)
+    assert found.slope == pytest.approx(straight.slope, rel=1e-9)
+    assert twist == pytest.approx(np.concatenate((turn @ case.twist[:3], turn @ case.twist[3:])), rel=1e-9)

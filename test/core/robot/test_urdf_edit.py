@@ -38,7 +38,6 @@ def test_every_link_of_the_robots_takes_the_identified_inertia(name: str) -> Non
 )
 def test_any_way_to_write_a_link(link: str) -> None:
     changed = replace_inertial(FRAME.format(link=link), 'tool', IDENTIFIED)
-    assert changed.startswith('<?xml')
     assert '<!-- ünd -->' in changed
     assert read_description(changed).inertials == {'tool': WRITTEN}
     assert replace_inertial(changed, 'tool', IDENTIFIED) == changed

@@ -103,13 +103,13 @@ def test_a_wrong_spin_inertia_with_its_prior(run: Truth, seeds: int) -> None:
     assert normalised(follow(wrong, inside(run, 0), MID)[-1], wrong) > 10.0 * LIMIT
 
 
-def ramped(amplitude: float = 0.0) -> Wheels:
+def ramped() -> Wheels:
     start, slope = np.array([10.0, -20.0, 5.0, 0.0]), np.array([2.0, 1.0, -1.5, 0.0])
-    return Wheels.drawn(NAMES, UNIT, np.full(4, SPIN), (start, slope), (amplitude, 3))
+    return Wheels(NAMES, UNIT, np.full(4, SPIN), start, slope)
 
 
 def test_simulated_wheels_exchange_momentum(joints: Sinusoids) -> None:
-    wheels, model = ramped(30.0), bare().model
+    wheels, model = ramped(), bare().model
     start = state(joints.start, joints.reference(0.0)[1], (0.02, -0.03, 0.04), 0.1)
     truth = Simulation(model, joints, start, surroundings=Surroundings(wheels)).advance(np.arange(200) * 0.1)
     total = total_momentum(model, truth, wheels)
