@@ -15,6 +15,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, Integers
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise, Stamps
+from mbaid_ros.core.sensors.base import block_std
 from mbaid_ros.core.sensors.correlation import FEWEST, correlation
 
 # Of the differences: they cancel polynomials of fifth degree, which motion resembles over seven readings.
@@ -237,13 +238,7 @@ class NoiseLevels:
             self._joints.add(joints.stamp, values, np.repeat(self._noise[None], len(values), axis=0))
         if base is not None and len(base.stamp):
             parts = base.position, base.rotation.reshape(-1, 9), base.linear_velocity, base.angular_velocity
-            sizes = np.concatenate(
-                [
-                    np.sqrt(np.mean(np.diagonal(each, axis1=1, axis2=2).reshape(-1, 2, 3), axis=2))
-                    for each in (base.pose_covariance, base.twist_covariance)
-                ],
-                axis=1,
-            )
+            sizes = np.concatenate((block_std(base.pose_covariance), block_std(base.twist_covariance)), axis=1)
             self._base.add(base.stamp, np.concatenate(parts, axis=1), sizes)
 
     def until(self, stamp: int, spacing: float, *, free: tuple[bool, bool]) -> Levels:
