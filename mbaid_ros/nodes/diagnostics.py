@@ -83,8 +83,8 @@ class Diagnostics:
 
     @property
     def stuck(self) -> bool:
-        """Whether no sample has been used between the last two reports."""
-        return self._used_at < self._time
+        """Whether no sample has been used lately, though no busy machine has held up the node: its messages wait."""
+        return self._period <= STALE_AFTER < self._time - self._used_at
 
     def missing(self, state: RunState) -> tuple[str, ...]:
         """Return the obstacles to an estimate, one sentence each."""
@@ -104,9 +104,7 @@ class Diagnostics:
         """Return why no new estimate can be expected; empty while it can. Call it after `statuses`."""
         if state.halted:
             return state.halted
-        if self._period > STALE_AFTER:
-            return ''  # a busy machine has held up the node, and messages wait for it
-        if self._time - self._used_at <= STALE_AFTER:
+        if not self.stuck:
             return ''  # one topic may be read to its end while another still waits
         silent = [
             each.topic

@@ -29,7 +29,7 @@ from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import check_outputs, passive_joints, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.replay.run import read_motions
 from mbaid_ros.session.known_robot import link_deviations, weighed
-from mbaid_ros.session.settings import springs, storage, surroundings
+from mbaid_ros.session.settings import declared_uncertainty, springs, storage
 
 CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
 _INERTIA = PARAMETERS[4:]
@@ -107,7 +107,10 @@ def _settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> Cali
         noise=estimator.noise.declared,
         priors=tuple(_link_prior(link, estimator.known_links) for link in kernel.unknown),
         uncertainty=replace(
-            surroundings(estimator, model), weighed=None if total is None else replace(total, with_target=True)
+            declared_uncertainty(estimator, model),
+            orbit=0.0,
+            circle=None,
+            weighed=None if total is None else replace(total, with_target=True),
         ),
         window=estimator.window,
         gyro=estimator.imu.noise_density,

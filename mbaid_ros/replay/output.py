@@ -144,8 +144,8 @@ def as_json(run: Run) -> dict[str, Any]:
 
 def passive_joints(joints: Sequence[PassiveJoint]) -> dict[str, dict[str, Any]] | None:
     """Return the numbers of each passive joint by its name; None where none is declared."""
-    numbers = {joint.joint: plain(vars(joint)) for joint in joints}
-    return {numbers[name].pop('joint'): numbers[name] for name in numbers} or None
+    names = 'frequency', 'frequency_std', 'damping', 'damping_std', 'deflection', 'resolved'
+    return {joint.joint: {name: plain(getattr(joint, name)) for name in names} for joint in joints} or None
 
 
 def events(run: Run) -> list[dict[str, Any]]:

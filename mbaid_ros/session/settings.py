@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig, make_orbit, make_storage
@@ -151,31 +149,18 @@ def _spin_deviations(config: WheelsConfig) -> tuple[float, ...]:
 
 
 def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertainty:
-    """Return the declared uncertainty of joints, mount, wheels, stamps, target, momentum and orbit.
+    """Return the declared uncertainty of joints, mount, wheels, thrusters, stamps, target, momentum and orbit.
 
     Raises ParameterError: A name is not that of a joint, or half of a prior is missing.
     """
-    uncertainty = surroundings(config, model)
-    orbit = 0.0 if config.imu.alone or config.orbit.mean_motion > 0.0 else config.orbit.undeclared_rate
-    return replace(
-        uncertainty, target=_target_prior(config.target_prior), orbit=orbit, circle=_uncertain_circle(config.orbit)
-    )
-
-
-def surroundings(config: EstimatorConfig, model: RobotModel) -> Uncertainty:
-    """Return the declared uncertainty of joints, mount, wheels, thrusters, stamps and momentum.
-
-    Raises ParameterError: A name is not that of a joint.
-    """
-    parts = ('zero_std', 'origin_std', 'axis_std', 'tracking_std')
-    zeros, origins, axes, tracking = (joint_values(config.known_joints, part, model) for part in parts)
-    mount = config.odometry_mount
+    joints, mount = config.known_joints, config.odometry_mount
     alone = config.imu.alone  # without odometry there is no mount, and the frame has no momentum
+    tracking = joint_values(joints, 'tracking_std', model)
     passive = config.flexible.passive(model.joint_names).values()
     return Uncertainty(
-        zeros,
-        origins,
-        axes,
+        zeros=joint_values(joints, 'zero_std', model),
+        origins=joint_values(joints, 'origin_std', model),
+        axes=joint_values(joints, 'axis_std', model),
         mount_position=0.0 if alone else mount.position_std,
         mount_orientation=0.0 if alone else mount.orientation_std,
         marker=marker_frame(config),
@@ -198,6 +183,9 @@ def surroundings(config: EstimatorConfig, model: RobotModel) -> Uncertainty:
         spring_ratio=[joint.damping_std for joint in passive],
         spring_start=[joint.initial_std for joint in passive],
         spring_noise=[joint.disturbance_std for joint in passive],
+        target=_target_prior(config.target_prior),
+        orbit=0.0 if alone or config.orbit.mean_motion > 0.0 else config.orbit.undeclared_rate,
+        circle=_uncertain_circle(config.orbit),
     )
 
 

@@ -24,7 +24,7 @@ from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import Stack
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.passive import driven
+from mbaid_ros.core.robot.passive import along_passive, spring_constants
 from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
 from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.unknowns.flexible import SwingNoise
@@ -121,8 +121,12 @@ def _of_swing(
     """
     deviation, length = noise
     states, springs = bodies.states, kernel.springs
-    gamma = sensitivity_to_joints(kernel, states)[1]
-    by_joints, turned = driven(kernel, bodies.parameters, states.configuration.joint_twist, gamma, bodies.mobility)
+    assert bodies.passive is not None, 'there are passive joints'
+    inertias, gamma = bodies.passive.inertias, sensitivity_to_joints(kernel, states)[1]
+    # Deflections by constant errors of the joints, and their accelerations, (B, f, n); the base's twist by their rates.
+    _, errors = inertias.solve(-gamma, -along_passive(kernel, states.configuration.joint_twist, gamma))
+    by_joints = inertias.free @ (spring_constants(kernel, bodies.parameters)[0][:, None] * errors)
+    turned = -inertias.mobility @ np.swapaxes(inertias.gamma, 1, 2)
     processes = np.flatnonzero(np.isfinite(layout.times))
     own = processes < swing.shape[-1] - (BODY.stop - LINEAR.start)
     columns = processes[own] + BODY.stop - LINEAR.start

@@ -236,10 +236,9 @@ class LinearisationCache:
         self._turn = {window: turn for turn, window in enumerate(windows)}
         self._made.clear()
 
-    @property
-    def largest_deflections(self) -> Array:
-        """The largest deflections (f,) of passive joints so far, rad or m."""
-        return np.zeros(0) if self._course is None else self._course.largest
+    def deflections(self, window: Window) -> Array:
+        """Return the largest deflections of passive joints so far, least and highest in a window, (3, f) rad or m."""
+        return np.zeros((3, 0)) if self._course is None else self._course.deflections(window)
 
     def whitened(self, window: Window, point: Point) -> WhitenedWindow:
         """Return a window, linearised at a point."""

@@ -118,7 +118,7 @@ class TrajectoryEstimator:
         acting = filtered.hypothesis.disturbed and filtered.hypothesis.physical
         estimated = [f'{filtered.hypothesis.name}; it is estimated as well, and widens the intervals'] if acting else []
         swinging = layout.kernel.springs.count > 0
-        flexible = passive_joints(distribution, layout, run.largest_deflections, run.resolved) if swinging else ()
+        flexible = passive_joints(distribution, layout, run.deflections, run.resolved) if swinging else ()
         delay, delay_std = joint_delay(distribution, layout)
         x, factor = distribution.published(prior_scales, layout, _REPORTED)
         covariance = (

@@ -172,9 +172,9 @@ def thrusters(distribution: MeanAndCovariance, layout: Layout) -> tuple[Thruster
 
 
 def passive_joints(
-    distribution: MeanAndCovariance, layout: Layout, largest: Array, resolved: Flags
+    distribution: MeanAndCovariance, layout: Layout, deflections: Array, resolved: Flags
 ) -> tuple[PassiveJoint, ...]:
-    """Return the passive joints as estimated; `largest`, `resolved` (f,) as of `PassiveJoint.all_of`."""
+    """Return the passive joints as estimated; `deflections`, `resolved` as of `PassiveJoint.all_of`."""
     springs, model = layout.kernel.springs, layout.kernel.model
     value: Array = np.zeros((springs.count, 2))
     std = prior = value
@@ -182,7 +182,7 @@ def passive_joints(
         value, std = numbers.reshape(-1, 2), stds.reshape(-1, 2)
         prior = np.linalg.norm(unknown.factor, axis=1).reshape(-1, 2)
     names = [model.joint_names[joint] for joint in springs.joints]
-    return PassiveJoint.all_of(names, (springs.rate, springs.ratio, prior), value, std, largest, resolved)
+    return PassiveJoint.all_of(names, (springs.rate, springs.ratio, prior), value, std, deflections, resolved)
 
 
 _FAR = 3.0  # standard deviations of its declaration, beyond which a frequency is another thing's
