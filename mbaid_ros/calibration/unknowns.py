@@ -133,7 +133,7 @@ class Normals:
         for unknown, *numbers in self._values_of(SpringErrors):
             value, std, prior = (each.reshape(-1, 2) for each in (*numbers, np.linalg.norm(unknown.factor, axis=1)))
         names = [kernel.model.joint_names[joint] for joint in springs.joints]
-        declared, unasked = (springs.rate, springs.ratio, prior), np.full(springs.count, np.nan)
+        declared, unasked = (springs.rate, springs.ratio, prior), np.full((3, springs.count), np.nan)
         found = resolved(springs.rate, springs.ratio, std[:, 0], seconds)
         return PassiveJoint.all_of(names, declared, value, std, unasked, found)
 

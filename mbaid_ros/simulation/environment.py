@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Integers, cross, rotate, rotate_back, unvec
-from mbaid_ros.core.robot.kinematics import Kinematics, cantilever_inertias
+from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.orbit import Orbit
@@ -28,7 +28,7 @@ class Springs:
     def of(model: RobotModel, names: Sequence[str], frequencies: Sequence[float], ratios: Sequence[float]) -> Springs:
         """Return those of joints with natural frequencies, Hz, all else held, and damping ratios."""
         joints = np.array([model.joint_names.index(name) for name in names], dtype=np.intp)
-        inertia = cantilever_inertias(Kinematics(model), model.body_parameters())[joints]
+        inertia = np.sum(Kinematics(model).cantilever[joints] * model.body_parameters(), axis=(1, 2))
         rate = 2.0 * np.pi * np.array(frequencies)
         return Springs(joints, inertia * rate**2, 2.0 * np.array(ratios) * inertia * rate)
 
