@@ -169,10 +169,7 @@ def _as_json(result: Calibrated) -> dict[str, Any]:
             'matrix': calibration.block_covariance.tolist(),
         },
         'identifiability': {'determined': calibration.determined},
-        'scale': {
-            'relative_std': calibration.scale.relative_std,
-            'fixed_by': [{'name': name, 'share': share} for name, share in calibration.scale.fixed_by],
-        },
+        'scale': {'relative_std': calibration.scale_std},
         'momentum': [
             {'bag': bag, **shaped_momentum(value, covariance)}
             for bag, value, covariance in zip(bags, calibration.momentum, calibration.momentum_covariance, strict=True)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbaid_ros.config.capture import ThrustConfig
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig, make_orbit, make_storage
-from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.estimator import EstimatorConfig, ThrustConfig
 from mbaid_ros.config.flexible import FlexibleConfig
 from mbaid_ros.config.model_errors import KnownJointsConfig, TargetPriorConfig
 from mbaid_ros.core.errors import ParameterError, listing
