@@ -27,13 +27,13 @@ help:
 	@echo "make demo    set-up, then identify a captured body on a live ROS 2 graph"
 	@echo "make bags    set-up, then make the bags of bags/ anew"
 	@echo "make test    set-up, lint, types, then every test but the long ones, which make test-long runs"
-	@echo "make test-basilisk  set-up, then what is compared with Basilisk, which is installed for it (some minutes)"
+	@echo "make test-basilisk  set-up, then exported parameters in Basilisk, which is installed for it"
 	@echo "make fuzz    set-up, then damaged bags and other files through the executables (ARGS=\"--inputs N\")"
 	@echo "make lint    set-up, lint and types"
 	@echo "make docs    set-up, then the pages of docs/ as a site in build/docs (installs Sphinx for itself; Python 3.11 or later)"
 	@echo "make clean   remove what the others made"
 	@echo "make benchmark-NAME  set-up, then measure, and write the tables of a page in docs/ (ARGS=\"--seeds 10\", ARGS=--help)"
-	@echo "             NAME: accuracy, model-errors, disturbances, speed, planning, orbit (an hour each on two cores), starts,"
+	@echo "             NAME: accuracy, model-errors, disturbances, speed, orbit (an hour each on two cores), starts,"
 	@echo "             honesty, benches, peers (half an hour), calibration (minutes); make paper-table likewise (seconds)"
 	@echo "HASHES=1     with setup: only packages whose SHA-256 is in requirements.lock"
 	@echo "PYTHON=...   the Python to build with, 3.10 to 3.13 (for the first set-up, or after make clean)"
@@ -55,7 +55,7 @@ test: lint
 
 test-basilisk: install/.built
 	@$(BIN)/python -m pip install --quiet bsk==2.12.1
-	@. ./install/setup.sh && BASILISK=1 pytest -s test/replay/test_basilisk.py test/core/simulation/test_basilisk_orbit.py
+	@. ./install/setup.sh && pytest test/replay/test_basilisk.py
 
 test-long: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 test-long: export OPENBLAS_NUM_THREADS := 1

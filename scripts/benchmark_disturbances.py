@@ -12,6 +12,7 @@ import numpy as np
 
 from benchmarks.data import CONFIG, NOISE, RATE, START, history, model, simulator_config
 from benchmarks.frame import Frame, Runs, declared, number, percent, provenance, table
+from benchmarks.precapture import free_urdf
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
@@ -98,7 +99,7 @@ CASES = {
         'four wheels spin up, their speeds not in JointState', _spinning, wheels.urdf, wheels.unaware
     ),
     'late': Case(f'joints stamped {1e3 * _LATE:g} ms late', late=_LATE),
-    'capture': Case(f'a capture at {_CAPTURED:g} s', _capture, captured.with_bare_link, captured.with_bare_link),
+    'capture': Case(f'a capture at {_CAPTURED:g} s', _capture, free_urdf, free_urdf),
 }
 
 

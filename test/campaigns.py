@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
-import pytest
-
+from checked import answer
 from mbaid_ros.replay.start import campaign
 from simulated import CONFIG
 
+refused = partial(answer, campaign, code=2)
 TEXT = f"""
 model: {CONFIG / 'table1.urdf'}
 simulator_params: {CONFIG / 'table1_simulator.yaml'}
@@ -27,12 +28,3 @@ def written(folder: Path, text: str = TEXT) -> Path:
     path = folder / 'campaign.yaml'
     path.write_text(text)
     return path
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert campaign(list(arguments)) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ''
-    assert captured.err.startswith('mbaid_ros campaign: ')
-    assert captured.err.count('\n') == 1
-    return captured.err

@@ -6,51 +6,31 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks.honesty.paths import servicer
+from benchmarks.precapture import BARE_LINK7, free_model
 from floating import RATE, float_freely
-from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotation_from_quaternion, unvec
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.momentum import physical, standard
-from mbaid_ros.core.robot.urdf_edit import replace_inertial
-from mbaid_ros.simulated_robot import make_motion
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, kernel
-from simulated import CONFIG, robot
+from simulated import robot
 
 LINK = 'link7'
 CHASER = np.array([0.3, -0.2, 0.1, 4.0, -3.0, 6.0])  # (P, L) of the robot before the capture
-# The empty last link: (m, r_c, I_c), as the robot description's comment has it.
-BARE = np.array([7.0, 0.010, -0.015, 0.150, 0.070, 0.001, -0.003, 0.075, 0.002, 0.040])
-
-
-def with_bare_link() -> str:
-    """Return the robot description as it is before the capture."""
-    text = (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8')
-    return replace_inertial(text, LINK, BARE)
 
 
 def alone() -> Array:
     """Return the captured body's (m, h, I_o) in the last link's frame."""
-    return robot('servicer7').link(LINK).parameters - standard(BARE)
+    return robot('servicer7').link(LINK).parameters - standard(BARE_LINK7)
 
 
 def chaser() -> MomentumKernel:
     """Return the robot before the capture, its last link as the estimator's URDF has it."""
-    return MomentumKernel(load_model(with_bare_link()), LINK)
-
-
-def servicer_motion() -> Sinusoids:
-    """Return how the joints are driven."""
-    config = build(SimulatorConfig, load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator'))
-    motion = make_motion(config, robot('servicer7'))
-    assert isinstance(motion, Sinusoids)
-    return motion
+    return MomentumKernel(free_model(), LINK)
 
 
 @dataclass(frozen=True)
@@ -77,7 +57,7 @@ def capture(before: float, after: float, velocity: Array, spin: Array) -> Joined
     before, after : s
     velocity, spin : (3,) m/s, rad/s of the body before the capture, its CoM's and its own, odometry axes
     """
-    motion = servicer_motion()
+    motion = servicer()
     first = float_freely(chaser(), motion, CHASER, before + 1.0 / RATE)  # its last instant is that of the capture
     rotation, position = rotation_from_quaternion(first.base_orientation[-1]), first.base_position[-1]
     brought = _momentum(rotation, position, first.joint_position[-1], velocity, spin)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from typing import TypeVar
 
 import numpy as np
+import pytest
+
+from mbaid_ros.core.geometry import Array
 
 Thing = TypeVar('Thing')
 
@@ -14,6 +18,21 @@ def some(thing: Thing | None) -> Thing:
     """Return what must not be None."""
     assert thing is not None
     return thing
+
+
+def answer(
+    command: Callable[[list[str]], int], capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0
+) -> str:
+    """Return all that a command says: its output, or with another exit code than 0 its one line of error."""
+    assert command(list(arguments)) == code
+    captured = capsys.readouterr()
+    if not code:
+        assert not captured.err
+        return captured.out
+    assert not captured.out
+    assert captured.err.startswith('mbaid_ros ')
+    assert captured.err.count('\n') == 1
+    return captured.err
 
 
 def same(one: object, other: object) -> bool:
@@ -25,3 +44,21 @@ def same(one: object, other: object) -> bool:
     if isinstance(one, tuple | list) and isinstance(other, tuple | list):
         return len(one) == len(other) and all(map(same, one, other))
     return one == other or (isinstance(one, float) and isinstance(other, float) and np.isnan(one) and np.isnan(other))
+
+
+def central_difference(function: Callable[[Array], Array], point: Array, step: float | Array) -> Array:
+    """Return d function / d point by central differences, (..., n) with the function's own axes first.
+
+    Parameters
+    ----------
+    function : of an (n,) array
+    point : (n,)
+    step : of every coordinate, or (n,) of each: the error is of the order step^2, and of rounding / step
+    """
+    steps = np.broadcast_to(step, point.shape)
+    columns = []
+    for index, size in enumerate(steps):
+        change = np.zeros(len(point))
+        change[index] = size
+        columns.append((np.asarray(function(point + change)) - np.asarray(function(point - change))) / (2.0 * size))
+    return np.stack(columns, axis=-1)

@@ -1,7 +1,4 @@
-"""Streams of messages of a simulated robot, and what goes wrong with them on their way.
-
-The messages are plain objects with the fields of ROS messages: what is tested takes any that have them.
-"""
+"""Streams of messages of a simulated robot, and what goes wrong with them on their way."""
 
 from __future__ import annotations
 
@@ -9,11 +6,12 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from benchmarks.data import coloured
+from benchmarks.honesty import readings
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
@@ -25,6 +23,7 @@ from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion
 from simulated import CONFIG, robot
+from wire import header, joint_state, odometry, of
 
 EPOCH = 1_700_000_000_000_000_000  # ns
 JOINTS, ODOMETRY = 'joint_states', 'odom'
@@ -49,40 +48,19 @@ def fine_motion(name: str, seconds: float) -> Truth:
     return configured_motion(name, seconds, FINE)
 
 
-def header(stamp: int, frame: str = '') -> Any:
-    seconds, nanoseconds = divmod(stamp, 1_000_000_000)
-    return SimpleNamespace(stamp=SimpleNamespace(sec=seconds, nanosec=nanoseconds), frame_id=frame)
-
-
 def stamp_of(arrival: Arrival) -> int:
     stamp = arrival.message.header.stamp
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
-def joint_state(stamp: int, names: Sequence[str], position: Any, velocity: Any) -> Any:
-    return SimpleNamespace(
-        header=header(stamp), name=list(names), position=position, velocity=velocity, effort=np.zeros(0)
-    )
-
-
-def _fields(names: str, values: Array) -> Any:
-    return SimpleNamespace(**dict(zip(names, map(float, values), strict=True)))
-
-
-def odometry(stamp: int, child: str, pose: Array, twist: Array, covariances: tuple[Array, Array]) -> Any:
-    """Return an Odometry of a pose (position, quaternion) and a twist (linear, angular)."""
-    place = SimpleNamespace(position=_fields('xyz', pose[:3]), orientation=_fields('xyzw', pose[3:]))
-    motion = SimpleNamespace(linear=_fields('xyz', twist[:3]), angular=_fields('xyz', twist[3:]))
-    return SimpleNamespace(
-        header=header(stamp, 'odom'),
-        child_frame_id=child,
-        pose=SimpleNamespace(pose=place, covariance=covariances[0].ravel()),
-        twist=SimpleNamespace(twist=motion, covariance=covariances[1].ravel()),
-    )
-
-
 def arrivals(
-    name: str, seconds: float, seed: int, joint_times: Array | None = None, odometry_times: Array | None = None
+    name: str,
+    seconds: float,
+    seed: int,
+    joint_times: Array | None = None,
+    odometry_times: Array | None = None,
+    *,
+    read: readings.Defect = lambda found, _rng: found,
 ) -> list[Arrival]:
     """Return what sensors of the middle quality say of a robot's run of config/, in the order of its stamps.
 
@@ -92,21 +70,23 @@ def arrivals(
     seconds : length
     seed : of the noise
     joint_times, odometry_times : s, multiples of 2 ms: when each is measured; every 10 ms where not given
+    read : what is wrong with the readings
     """
     truth, model, sensors = fine_motion(name, seconds), robot(name), Sensors(MID, seed)
     every = np.arange(0.0, seconds - 1e-9, 0.01)
     places = [np.round((every if t is None else t) * FINE).astype(int) for t in (joint_times, odometry_times)]
-    joints, base = sensors.joints(truth[places[0]]), sensors.base(truth[places[1]])
-    covariances = base.pose_covariance, base.twist_covariance
+    clean = readings.Readings(truth[places[1]], sensors.joints(truth[places[0]]), sensors.base(truth[places[1]]))
+    found = read(clean, np.random.default_rng(seed))
+    joints, base = found.joints, found.base
+    covariances = np.array((base.pose_covariance, base.twist_covariance))
     result = [
-        Arrival(JOINTS, 0, joint_state(_stamp(time), model.joint_names, position, velocity))
+        Arrival(JOINTS, 0, joint_state(model.joint_names, position, velocity, stamp=_stamp(time)))
         for time, position, velocity in zip(joints.time, joints.position, joints.velocity, strict=True)
     ]
-    pose = np.concatenate((base.position, base.orientation), axis=1)
-    twist = np.concatenate((base.linear_velocity, base.angular_velocity), axis=1)
+    parts = (base.position, base.orientation, base.linear_velocity, base.angular_velocity)
     result += [
-        Arrival(ODOMETRY, 0, odometry(_stamp(time), model.base_link, pose[index], twist[index], covariances))
-        for index, time in enumerate(base.time)
+        Arrival(ODOMETRY, 0, odometry(numbers, covariances, stamp=_stamp(time), child=model.base_link))
+        for time, numbers in zip(base.time, np.concatenate(parts, axis=1), strict=True)
     ]
     return in_order([replace(arrival, time=stamp_of(arrival)) for arrival in result])
 
@@ -182,14 +162,24 @@ def nan_rates(message: Any) -> None:
 
 
 def no_twist(message: Any) -> None:
-    nothing = np.full(3, np.nan)
-    twist = SimpleNamespace(linear=_fields('xyz', nothing), angular=_fields('xyz', nothing))
-    message.twist = SimpleNamespace(twist=twist, covariance=np.zeros(36))
+    nothing = of('Vector3', np.full(3, np.nan))
+    twist = replace(message.twist.twist, linear=nothing, angular=copy(nothing))
+    message.twist = replace(message.twist, twist=twist, covariance=np.zeros(36))
 
 
 def no_covariance(message: Any) -> None:
-    message.pose = SimpleNamespace(pose=message.pose.pose, covariance=np.zeros(36))
-    message.twist = SimpleNamespace(twist=message.twist.twist, covariance=np.zeros(36))
+    scaled_covariances(0.0)(message)
+
+
+def scaled_covariances(factor: float) -> Callable[[Any], None]:
+    """Return the change that multiplies the covariances of an Odometry."""
+
+    def change(message: Any) -> None:
+        for name in ('pose', 'twist'):
+            part = getattr(message, name)
+            setattr(message, name, replace(part, covariance=factor * part.covariance))
+
+    return change
 
 
 def permuted_and_extra(message: Any) -> None:
@@ -208,66 +198,26 @@ def odd_quaternion(message: Any) -> None:
     """Scale the quaternion, and turn its sign every other millisecond or so."""
     values = message.pose.pose.orientation
     factor = 1.05 * (1.0 if message.header.stamp.nanosec // 10_000_000 % 2 else -1.0)
-    turned = _fields('xyzw', factor * np.array([values.x, values.y, values.z, values.w]))
-    place = SimpleNamespace(position=message.pose.pose.position, orientation=turned)
-    message.pose = SimpleNamespace(pose=place, covariance=message.pose.covariance)
+    turned = of('Quaternion', factor * np.array([values.x, values.y, values.z, values.w]))
+    message.pose = replace(message.pose, pose=replace(message.pose.pose, orientation=turned))
 
 
-def thrown(share: float, seed: int) -> Defect:
-    """Return the defect that throws a share of the poses off by 0.2 m and 5 degrees."""
+def navigation(constant: float, declared: float) -> readings.Defect:
+    """Return readings of a navigation filter: all errors last (s), and so many times their size is declared."""
 
-    def apply(messages: list[Arrival]) -> list[Arrival]:
-        generator = np.random.default_rng(seed)
+    def defect(found: readings.Readings, rng: np.random.Generator) -> readings.Readings:
+        base, truth = readings.correlated(constant, found, rng).base, found.truth
+        linear, angular = (
+            getattr(truth, f'base_{name}')
+            + coloured(getattr(base, name) - getattr(truth, f'base_{name}'), truth.time, constant)
+            for name in ('linear_velocity', 'angular_velocity')
+        )
+        covariances = {
+            f'{part}_covariance': declared**2 * getattr(base, f'{part}_covariance') for part in ('pose', 'twist')
+        }
+        return replace(found, base=replace(base, linear_velocity=linear, angular_velocity=angular, **covariances))
 
-        def change(message: Any) -> None:
-            way = generator.normal(size=(2, 3)) * (generator.random() < share)
-            way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
-            place, turn = message.pose.pose.position, message.pose.pose.orientation
-            position = np.array([place.x, place.y, place.z]) + 0.2 * way[0]
-            orientation = quaternions.product(
-                quaternions.exp(np.deg2rad(5.0) * way[1]), np.array([turn.x, turn.y, turn.z, turn.w])
-            )
-            pose = SimpleNamespace(position=_fields('xyz', position), orientation=_fields('xyzw', orientation))
-            message.pose = SimpleNamespace(pose=pose, covariance=message.pose.covariance)
-
-        return changed(ODOMETRY, change)(messages)
-
-    return apply
-
-
-def correlated(name: str, seconds: float, constant: float, seed: int, declared: float = 0.0) -> Defect:
-    """Return the defect that gives the poses of a robot's run noise as large as before, with a time constant (s).
-
-    With `declared` as a navigation filter does: the twist has such noise, too, and the covariances declare so many
-    times its size.
-    """
-    truth, generator = fine_motion(name, seconds), np.random.default_rng(seed)
-
-    def apply(messages: list[Arrival]) -> list[Arrival]:
-        keep = np.exp(-0.01 / constant)  # from one pose to the next, every 10 ms
-        error = generator.normal(size=12 if declared else 6)
-
-        def change(message: Any) -> None:
-            nonlocal error
-            error = keep * error + np.sqrt(1.0 - keep**2) * generator.normal(size=len(error))
-            stamp = message.header.stamp
-            place = round((int(stamp.sec) - EPOCH // 1_000_000_000 + stamp.nanosec * 1e-9) * FINE)
-            position = truth.base_position[place] + MID.base_position * error[:3]
-            turn = quaternions.exp(MID.base_orientation * error[3:6])
-            orientation = quaternions.product(turn, truth.base_orientation[place])
-            pose = SimpleNamespace(position=_fields('xyz', position), orientation=_fields('xyzw', orientation))
-            message.pose = SimpleNamespace(pose=pose, covariance=message.pose.covariance)
-            if declared:
-                linear = truth.base_linear_velocity[place] + MID.base_linear_velocity * error[6:9]
-                angular = truth.base_angular_velocity[place] + MID.base_angular_velocity * error[9:]
-                twist = SimpleNamespace(linear=_fields('xyz', linear), angular=_fields('xyz', angular))
-                for part, of_it in (('pose', pose), ('twist', twist)):
-                    covariance = declared**2 * np.asarray(getattr(message, part).covariance)
-                    setattr(message, part, SimpleNamespace(**{part: of_it, 'covariance': covariance}))
-
-        return changed(ODOMETRY, change)(messages)
-
-    return apply
+    return defect
 
 
 def in_halves(messages: list[Arrival]) -> list[Arrival]:
@@ -349,9 +299,8 @@ def of_marker(position: Array, quaternion: Array, frame: str) -> Defect:
             )
         )
         twist = np.concatenate((quaternions.rotate(back, velocity), quaternions.rotate(back, rate)))
-        covariances = message.pose.covariance, message.twist.covariance
-        stamp = message.header.stamp
-        moved = odometry(int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec), frame, pose, twist, covariances)
-        message.__dict__.update(vars(moved))
+        covariances = np.array((message.pose.covariance, message.twist.covariance))
+        moved = odometry(np.concatenate((pose, twist)), covariances, child=frame)
+        message.__dict__.update(vars(moved), header=message.header)
 
     return changed(ODOMETRY, change)

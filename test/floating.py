@@ -6,7 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, cross, exp, quaternion_from_rotation
+from benchmarks.honesty.paths import following
+from benchmarks.honesty.worlds import Flow, World, integrated, truth_of
+from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
@@ -58,7 +60,7 @@ def float_freely(
     push: Push = still,
     pulse: tuple[float, Array] = (np.inf, np.zeros(6)),
 ) -> Truth:
-    """Integrate the base of a robot whose joints move as told (Runge-Kutta, one step a sample: errors below 1e-9).
+    """Integrate the base of a robot whose joints move as told, as the benchmarks do (errors below 1e-9).
 
     Parameters
     ----------
@@ -69,59 +71,23 @@ def float_freely(
     push : what changes the momentum
     pulse : s, (6,): a jump of the momentum
     """
-    step = 1.0 / RATE
-    steps = round(seconds * RATE)
-    references = [motion.reference(time) for time in np.arange(2 * steps - 1) * step / 2.0]
-    joints = np.array([reference[0] for reference in references])
-    rates = np.array([reference[1] for reference in references])
+    steps, path = round(seconds * RATE), following(motion)
+    joints, rates = path(np.arange(2 * steps - 1) / (2.0 * RATE))
     rest = np.zeros((len(joints), 6))
     states = kernel.states_of(np.broadcast_to(np.eye(3), (len(joints), 3, 3)), joints, rates, rest)
     target = express(kernel.target.parameters, states.rotation, states.position)
-    inverse = np.linalg.inv(inertia_matrix(np.sum(states.known, axis=1) + target))
+    whole = np.sum(states.known, axis=1) + target
     moving = states.known_momentum + momentum(target, states.twist)
-
-    def twist(index: int, rotation: Array, position: Array, total: Array) -> Array:
-        """Return (v, w) in base axes."""
-        about_base = total[3:] - np.cross(position, total[:3])
-        return inverse[index] @ (np.concatenate((total[:3] @ rotation, about_base @ rotation)) - moving[index])
-
-    def rate(index: int, origin: Array, change: Array) -> Array:
-        """Return the rate of (rotation vector from `origin`, position, momentum)."""
-        turn, position, total = change[:3], change[3:6], change[6:]
-        rotation = origin @ exp(turn)
-        base = twist(index, rotation, position, total)
-        spin = base[3:]
-        bent = spin + 0.5 * np.cross(turn, spin) + np.cross(turn, np.cross(turn, spin)) / 12.0
-        return np.concatenate((bent, rotation @ base[:3], push(index * step / 2.0, rotation, position)))
-
-    rotation, change = np.eye(3), np.concatenate((np.zeros(6), start))
-    jump = int(np.ceil(pulse[0] * RATE)) if np.isfinite(pulse[0]) else -1
-    kept = []
-    for number in range(steps):
-        if number == jump:
-            change[6:] += pulse[1]
-        index = 2 * number
-        kept.append((rotation, change[3:6], twist(index, rotation, change[3:6], change[6:])))
-        if number == steps - 1:
-            break
-        first = rate(index, rotation, change)
-        second = rate(index + 1, rotation, change + 0.5 * step * first)
-        third = rate(index + 1, rotation, change + 0.5 * step * second)
-        fourth = rate(index + 2, rotation, change + step * third)
-        change = change + step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
-        rotation = rotation @ exp(change[:3])
-        change[:3] = 0.0
-    base = np.array([item[2] for item in kept])
-    return Truth(
-        time=np.arange(steps) * step,
-        joint_position=joints[::2],
-        joint_velocity=rates[::2],
-        joint_effort=np.zeros_like(joints[::2]),
-        base_position=np.array([item[1] for item in kept]),
-        base_orientation=quaternion_from_rotation(np.array([item[0] for item in kept])),
-        base_linear_velocity=base[:, :3],
-        base_angular_velocity=base[:, 3:],
-    )
+    world = World('', path, seconds, RATE, wrench=lambda time, rotation, place, _: push(time, rotation, place))
+    flow = Flow(np.linalg.inv(inertia_matrix(whole)), moving, whole, world)
+    begin = np.concatenate(([0.0, 0.0, 0.0, 1.0], np.zeros(3), start))
+    jump = min(int(np.ceil(min(pulse[0], seconds) * RATE)), steps - 1)
+    course = integrated(flow.rate, begin, jump + 1, RATE)
+    course[jump, 7:] += pulse[1]
+    after = integrated(lambda node, state: flow.rate(2 * jump + node, state), course[jump], steps - jump, RATE)
+    course = np.concatenate((course[:jump], after))
+    twists = np.array([flow.twist(2 * number, state)[1] for number, state in enumerate(course)])
+    return truth_of(world, course, twists, joints[::2], rates[::2])
 
 
 def true_momentum(kernel: MomentumKernel, samples: Samples) -> Array:

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.data import simulator_config
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kinematics import Kinematics
@@ -25,7 +24,7 @@ from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from mbaid_ros.simulation.simulation import total_momentum
 from observed import MID
-from simulated import CONFIG, robot
+from simulated import robot
 from streams import urdf
 
 DENSITY = 1e-4  # rad/s/sqrt(Hz)
@@ -60,10 +59,9 @@ def messages(
     orientation : rad, noise of the orientation that the IMU tells; 0 is that it tells none
     link : that the IMU is on; empty is the base link
     """
-    values = load_parameter_file(CONFIG / f'{name}_simulator.yaml', 'simulator')
     noise = {f'noise.{channel}': value for channel, value in vars(MID).items() if channel != 'base_correlation_time'}
     own = {**IMU, 'imu.orientation_noise': orientation, 'imu.link': link}
-    config = build(SimulatorConfig, {**values, **noise, **own, 'seed': seed, 'odometry_rate': 10.0})
+    config = simulator_config(name, {**noise, **own, 'seed': seed, 'odometry_rate': 10.0})
     made = SimulatedRun(config, urdf(name), BAG_TYPES)
     made.start = 1_700_000_000_000_000_000
     said = made.read(seconds - 0.001)
@@ -98,8 +96,7 @@ def taken(
 
 def angular_momentum(name: str) -> Array:
     """Return the true angular momentum of a robot's run about its centre of mass, odometry axes, kg m^2/s."""
-    values = load_parameter_file(CONFIG / f'{name}_simulator.yaml', 'simulator')
-    truth = make_simulation(build(SimulatorConfig, values), robot(name)).advance(np.zeros(1))
+    truth = make_simulation(simulator_config(name), robot(name)).advance(np.zeros(1))
     momentum = total_momentum(robot(name), truth)[0]
     placed = Kinematics(robot(name)).configure(rotation_from_quaternion(truth.base_orientation), truth.joint_position)
     bodies = express(robot(name).body_parameters(), placed.rotation, placed.position)[0]

@@ -44,11 +44,6 @@ def linear_blocks(count: int, seed: int) -> Blocks:
     return noisy_blocks(count, seed, row_noise=0.0)
 
 
-def quadratic(information: Array, x: Array) -> float:
-    """Return x^T N x."""
-    return float(x @ information @ x)
-
-
 def noise_information(blocks: Blocks, x: Array) -> Array:
     """Return the (u, u) part of the likelihood's information at x that the noise in the rows brings in expectation."""
     return np.asarray(np.sum(own_information(blocks, whitened(blocks, x)), axis=0))

@@ -10,7 +10,6 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, exp, rotate
 from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 
-JOINTS = 2
 _START = 1_700_000_000_000_000_000
 Stream = TypeVar('Stream', JointStream, BaseStream)
 

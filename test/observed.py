@@ -6,12 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.data import sampled
+from benchmarks.data import sampled, simulation, simulator_config
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
@@ -21,12 +19,11 @@ from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.session.methods import make_estimator
-from mbaid_ros.simulated_robot import make_initial_state, make_motion
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.sensors import Sensors
-from mbaid_ros.simulation.simulation import Simulation, Truth
+from mbaid_ros.simulation.simulation import Truth
 from mbaid_ros.simulation.true_robot import true_robot
-from simulated import CONFIG, robot
+from simulated import robot
 
 # One standard deviation of a sample: the encoders' as the names say, the base's the same in all.
 LOW = SensorNoise(1e-5, 1e-4, 1e-3, 1e-4, 1e-3, 1e-4)
@@ -36,13 +33,10 @@ HIGH = SensorNoise(1e-3, 1e-2, 1e-3, 1e-4, 1e-3, 1e-4)
 
 def configured_motion(name: str, seconds: float, rate: float, model_errors: ModelErrors | None = None) -> Truth:
     """Return the run that config/ describes for a robot, sampled at a rate (Hz)."""
-    config = build(SimulatorConfig, load_parameter_file(CONFIG / f'{name}_simulator.yaml', 'simulator'))
     model = robot(name)
     if model_errors is not None:
         model = true_robot(model, model_errors, (model.last_link,))
-    motion = make_motion(config, model)
-    simulation = Simulation(model, motion, make_initial_state(config, model, motion))
-    return simulation.advance(np.arange(round(seconds * rate)) / rate)
+    return simulation(simulator_config(name), model).advance(np.arange(round(seconds * rate)) / rate)
 
 
 def drifting(truth: Truth, velocity: Array, start: Array | None = None) -> Truth:

@@ -2,72 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mbaid_ros.bags import BagWriter, message_class
+from mbaid_ros.bags import BagWriter
+from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Passive
 from mbaid_ros.simulation.simulation import Simulation, Truth
 from simulated import table1
+from wire import joint_state, odometry
 
-JOINT_STATE = 'sensor_msgs/msg/JointState'
-ODOMETRY = 'nav_msgs/msg/Odometry'
+JOINT_STATE, ODOMETRY = JOINT_STATE_TYPE, ODOMETRY_TYPE
 EPOCH = 1_700_000_000  # s, stamp of the first sample
 
 
-def time_message(nanoseconds: int) -> Any:
-    return message_class('builtin_interfaces/msg/Time')(
-        sec=EPOCH + nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000
-    )
-
-
-def header(nanoseconds: int, frame: str) -> Any:
-    return message_class('std_msgs/msg/Header')(stamp=time_message(nanoseconds), frame_id=frame)
-
-
-def vector(values: Sequence[float], kind: str = 'Vector3') -> Any:
-    return message_class(f'geometry_msgs/msg/{kind}')(*(float(value) for value in values))
-
-
-def joint_state(nanoseconds: int, names: Sequence[str], position: Any, velocity: Any) -> Any:
-    return message_class(JOINT_STATE)(
-        header=header(nanoseconds, ''),
-        name=list(names),
-        position=np.array(position),
-        velocity=np.array(velocity),
-        effort=np.zeros(0),
-    )
-
-
-def odometry(nanoseconds: int, truth: Truth, index: int, child_frame: str) -> Any:
-    zero = np.zeros(36)
-    pose = message_class('geometry_msgs/msg/Pose')(
-        position=vector(truth.base_position[index], 'Point'),
-        orientation=vector(truth.base_orientation[index], 'Quaternion'),
-    )
-    twist = message_class('geometry_msgs/msg/Twist')(
-        linear=vector(truth.base_linear_velocity[index]), angular=vector(truth.base_angular_velocity[index])
-    )
-    return message_class(ODOMETRY)(
-        header=header(nanoseconds, 'odom'),
-        child_frame_id=child_frame,
-        pose=message_class('geometry_msgs/msg/PoseWithCovariance')(pose=pose, covariance=zero),
-        twist=message_class('geometry_msgs/msg/TwistWithCovariance')(twist=twist, covariance=zero),
-    )
-
-
 def messages(model: RobotModel, truth: Truth) -> Iterator[tuple[str, Any, int]]:
-    """Yield (topic, message, ns since the start)."""
+    """Yield (topic, message, ns since the start); no covariance is set."""
+    pose, twist = (
+        (truth.base_position, truth.base_orientation),
+        (truth.base_linear_velocity, truth.base_angular_velocity),
+    )
+    base = np.concatenate((*pose, *twist), axis=1)
     for index, time in enumerate(truth.time):
-        stamp = round(time * 1e9)
-        names, position = model.joint_names, truth.joint_position[index]
-        yield '/joint_states', joint_state(stamp, names, position, truth.joint_velocity[index]), stamp
-        yield '/odom', odometry(stamp, truth, index, model.base_link), stamp
+        since = round(time * 1e9)
+        stamp, joints = EPOCH * 1_000_000_000 + since, (truth.joint_position[index], truth.joint_velocity[index])
+        yield '/joint_states', joint_state(model.joint_names, *joints, stamp=stamp), since
+        yield '/odom', odometry(base[index], np.zeros((2, 36)), stamp=stamp, child=model.base_link), since
 
 
 def write(path: Path, model: RobotModel, truth: Truth) -> Path:

@@ -6,11 +6,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from benchmarks.data import simulator_config
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.orbit import Orbit
@@ -44,9 +43,8 @@ def _dotted(parameters: dict[str, object]) -> dict[str, object]:
 
 def simulated(seconds: float, **parameters: object) -> SimulatedRun:
     """Return a noisy run at 20 Hz; in names of parameters, two underlines are a dot."""
-    values = load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator')
-    values |= {'duration': seconds, 'joint_rate': 20.0, 'odometry_rate': 20.0, **NOISE}
-    return SimulatedRun(build(SimulatorConfig, {**values, **_dotted(parameters)}), URDF, BAG_TYPES)
+    values = {'duration': seconds, 'joint_rate': 20.0, 'odometry_rate': 20.0, **NOISE, **_dotted(parameters)}
+    return SimulatedRun(simulator_config('servicer7', values), URDF, BAG_TYPES)
 
 
 def session(**parameters: object) -> Session:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+import wire
 from mbaid_ros.bags import BagReader, BagWriter, message_class
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -15,15 +16,9 @@ COUNT = 1500
 
 
 def joint_state(index: int) -> Any:
-    header = message_class('std_msgs/msg/Header')(
-        stamp=message_class('builtin_interfaces/msg/Time')(sec=index // 100, nanosec=index % 100 * 10_000_000),
-        frame_id='',
-    )
     # Random numbers, so that the chunks do not compress to nothing and a cut can fall within one.
     noise = np.random.default_rng(index).normal(size=40)
-    return message_class(JOINT_STATE)(
-        header=header, name=['a', 'b'], position=noise, velocity=noise, effort=np.zeros(0)
-    )
+    return wire.joint_state(['a', 'b'], noise, noise, stamp=10_000_000 * index)
 
 
 def string(text: str) -> Any:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
 from rclpy.serialization import serialize_message
 
+from benchmarks.data import simulator_config
 from mbaid_ros.bags import deserialize, serialize
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import METHODS, build
-from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.nodes.subscriptions import TYPES
@@ -40,8 +38,8 @@ def run(robot: str, seconds: float, rate: float = 100.0, start: int = EPOCH) -> 
     seconds, rate : s, and samples a second: the first at 0, the last before `seconds`
     start : ns, first stamp
     """
-    config = build(SimulatorConfig, load_parameter_file(CONFIG / f'{robot}_simulator.yaml', 'simulator'))
-    simulated = SimulatedRun(replace(config, joint_rate=rate, odometry_rate=rate), urdf(robot), TYPES)
+    config = simulator_config(robot, {'joint_rate': rate, 'odometry_rate': rate})
+    simulated = SimulatedRun(config, urdf(robot), TYPES)
     simulated.start = start
     return tuple(simulated.read(seconds - 0.5 / rate))
 

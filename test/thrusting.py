@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 import recorded
-from captured import sensed, servicer_motion
+from benchmarks.honesty.paths import servicer
+from captured import sensed
 from floating import float_freely, still
-from mbaid_ros.bags import message_class
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.outgoing import wrench_message
+from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import configured_motion, kernel
 from simulated import robot
@@ -37,18 +39,13 @@ def pushed(*, thrust: bool = True) -> Truth:
     """Return the servicer's motion with the pulse, or without."""
     start = total_momentum(robot('servicer7'), configured_motion('servicer7', 0.1, 20.0)[:1])[0]
     # Every fourth sample: 25 a second are enough.
-    return float_freely(kernel('servicer7'), servicer_motion(), start, SECONDS, push if thrust else still)[::4]
+    return float_freely(kernel('servicer7'), servicer(), start, SECONDS, push if thrust else still)[::4]
 
 
 def command(time: float, wrench: Array, frame: str = 'base_link') -> Timed:
     """Return a command that comes when it is stamped, as in recorded.messages."""
     stamp = round(time * 1e9)
-    force, torque = recorded.vector(wrench[:3].tolist()), recorded.vector(wrench[3:].tolist())
-    message = message_class(WRENCH)(
-        header=recorded.header(stamp, frame),
-        wrench=message_class('geometry_msgs/msg/Wrench')(force=force, torque=torque),
-    )
-    return '/thrust', message, stamp
+    return '/thrust', wrench_message(BAG_TYPES, recorded.EPOCH * 1_000_000_000 + stamp, frame, wrench), stamp
 
 
 def messages(seed: int, *commands: Timed, thrust: bool = True) -> list[Timed]:

@@ -18,28 +18,30 @@ def header(stamp: int, frame: str = '') -> Any:
     return message_class('std_msgs/msg/Header')(stamp=time, frame_id=frame)
 
 
+def of(kind: str, values: Sequence[float] | Array) -> Any:
+    """Return a message of geometry_msgs that holds numbers alone: a Point, a Quaternion, a Vector3."""
+    return message_class(f'geometry_msgs/msg/{kind}')(*map(float, values))
+
+
 def joint_state(
-    names: Sequence[str], position: Array, velocity: Array, *, stamp: int = 1, effort: int = 0, frame: str = ''
+    names: Sequence[str], position: Any, velocity: Any, *, stamp: int = 1, effort: int = 0, frame: str = ''
 ) -> Any:
-    return message_class(JOINT_STATE_TYPE)(header(stamp, frame), list(names), position, velocity, np.ones(effort))
+    numbers = (np.array(each, dtype=float) for each in (position, velocity, np.ones(effort)))
+    return message_class(JOINT_STATE_TYPE)(header(stamp, frame), list(names), *numbers)
 
 
 def odometry(
     numbers: Array, covariances: Array, *, stamp: int = 1, child: str = 'base_link', frame: str = 'odom'
 ) -> Any:
     """Return an Odometry of 13 numbers (position, orientation, linear and angular velocity) and two covariances."""
-
-    def kind(name: str) -> Any:
-        return message_class(f'geometry_msgs/msg/{name}')
-
-    place = kind('Pose')(kind('Point')(*numbers[:3]), kind('Quaternion')(*numbers[3:7]))
-    motion = kind('Twist')(kind('Vector3')(*numbers[7:10]), kind('Vector3')(*numbers[10:]))
-    return message_class(ODOMETRY_TYPE)(
-        header(stamp, frame),
-        child,
-        kind('PoseWithCovariance')(place, covariances[0].ravel()),
-        kind('TwistWithCovariance')(motion, covariances[1].ravel()),
-    )
+    parts = []
+    for name, kinds, values, covariance in (
+        ('Pose', ('Point', 'Quaternion'), np.split(numbers[:7], [3]), covariances[0]),
+        ('Twist', ('Vector3', 'Vector3'), np.split(numbers[7:], [3]), covariances[1]),
+    ):
+        part = message_class(f'geometry_msgs/msg/{name}')(*map(of, kinds, values))
+        parts.append(message_class(f'geometry_msgs/msg/{name}WithCovariance')(part, covariance.ravel()))
+    return message_class(ODOMETRY_TYPE)(header(stamp, frame), child, *parts)
 
 
 def as_bytes(message: Any) -> bytes:

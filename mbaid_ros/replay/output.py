@@ -22,7 +22,7 @@ from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
 from mbaid_ros.core.two_stage import FIRST_STAGE
 from mbaid_ros.files import as_utf8, require_writable, write_text
-from mbaid_ros.messages.poses import JOINT_MISSING
+from mbaid_ros.messages.fields import JOINT_MISSING
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.results import Run
 from mbaid_ros.session.continuation import continuation_as_json

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -46,14 +45,6 @@ class BodyPoses:
     rotation: Array  # (n + 1, 3, 3) body to odometry axes
     position: Array  # (n + 1, 3) m, body origins in the odometry frame
     angular_velocity: Array  # (3,) rad/s, of the base, in its axes
-
-
-class Effect(Protocol):
-    """Something that acts on bodies."""
-
-    def wrenches(self, now: BodyPoses) -> Array:
-        """Return force (N) and torque (N m) about each body's origin, in its axes, (n + 1, 6)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -110,7 +101,7 @@ class Tide:
         return Tide(orbit, origin, values[:, 0], values[:, 1:4], unvec(values[:, 4:]))
 
     def wrenches(self, now: BodyPoses) -> Array:
-        """Return m G x at each centre of mass and 3 mu/r^3 up x I up, about the body's origin: (n + 1, 6)."""
+        """Return m G x at each centre of mass and 3 mu/r^3 up x I up, about the bodies' origins, (n + 1, 6)."""
         instant = np.array([now.time])
         up = rotate_back(now.rotation, np.broadcast_to(self.orbit.upward(instant), now.position.shape))
         place = self.origin + now.position + rotate(now.rotation, self.centre)
@@ -147,6 +138,9 @@ class Wheels:
     def later(self, time: float) -> Wheels:
         """Return the same wheels, begun at a time (s) of this one."""
         return replace(self, start=self.speeds(np.array([time]))[0])
+
+
+Effect = Tide | Wheels  # has the wrenches (n + 1, 6) on all bodies: force (N) and torque (N m) about their origins
 
 
 @dataclass(frozen=True)

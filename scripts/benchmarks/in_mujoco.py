@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -80,25 +80,21 @@ class InMuJoCo:
             force, torque = mass * square * (3.0 * (up @ at) * up - at), 3.0 * square * np.cross(up, inertia @ up)
             mujoco.mj_applyFT(model, data, force, torque, at, body, data.qfrc_passive)
 
-    def measured(self, start: State, instants: Array) -> dict[str, Array]:
-        """Return the readings of encoders and odometry: joints, position, rotation, twist (angular first)."""
-        self._begin(start)
-        model, data = self.model, self.data
-        seen: dict[str, list[Array]] = {'joints': [], 'position': [], 'rotation': [], 'twist': []}
+    def measured(self, start: State, instants: Array) -> Truth:
+        """Return the readings of encoders and odometry, all joints free."""
+        model, data, twist = self.model, self.data, np.zeros(6)
         site = model.site('odometry').id
-        mujoco.set_mjcb_passive(self._pull if self.around else None)
-        try:
-            for steps in np.diff(np.round(instants / model.opt.timestep).astype(int), prepend=0):
-                mujoco.mj_step(model, data, nstep=int(steps))
-                mujoco.mj_forward(model, data)
-                twist = np.zeros(6)
-                mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, site, twist, 1)
-                joints, rotation = data.qpos[self.place] - self.errors.zeros, data.site_xmat[site].reshape(3, 3)
-                for name, value in zip(seen, (joints, data.site_xpos[site], rotation, twist), strict=True):
-                    seen[name].append(np.array(value))
-        finally:
-            mujoco.set_mjcb_passive(None)
-        return {name: np.array(values) for name, values in seen.items()}
+
+        def row() -> tuple[Array, ...]:
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, site, twist, 1)
+            return data.qpos[self.place], data.qvel[self.rate], data.site_xpos[site], data.site_xmat[site], twist
+
+        count = len(self.place)
+        rows = self._followed(start, instants, row)
+        position, velocity, place, turn, angular, linear = np.split(rows, np.cumsum([count, count, 3, 9, 3]), axis=1)
+        joints = (position - self.errors.zeros, velocity, np.zeros_like(position))
+        orientation = quaternion_from_rotation(turn.reshape(-1, 3, 3))
+        return Truth(np.array(instants), *joints, place, orientation, linear, angular)
 
     def driven(self, motion: Driven, start: State, instants: Array, joints: Sequence[str]) -> Truth:
         """Return the true motion at instants, in which named joints follow a motion by computed torques.
@@ -118,32 +114,33 @@ class InMuJoCo:
             data.qfrc_applied[rate] = matrix[np.ix_(rate, free)] @ floating + matrix[np.ix_(rate, rate)] @ wanted
             data.qfrc_applied[rate] -= other[rate]
 
+        def row() -> tuple[Array, ...]:
+            return data.qpos[place], data.qvel[rate], data.qfrc_applied[rate], data.qpos[:7], data.qvel[:6]
+
+        count = len(joints)
+        rows = self._followed(start, instants, row, drive)
+        position, velocity, effort, pose, twist = np.split(rows, np.cumsum([count, count, count, 7]), axis=1)
+        orientation = np.roll(pose[:, 3:], -1, axis=1)
+        linear = rotate_back(rotation_from_quaternion(orientation), twist[:, :3])
+        return Truth(np.array(instants), position, velocity, effort, pose[:, :3], orientation, linear, twist[:, 3:])
+
+    def _followed(
+        self, start: State, instants: Array, row: Callable[[], Sequence[Array]], drive: object | None = None
+    ) -> Array:
+        """Return rows of numbers at instants; `drive` sets the torques of the joints."""
         self._begin(start)
-        rows = []
+        model, data, rows = self.model, self.data, []
         mujoco.set_mjcb_control(drive)
         mujoco.set_mjcb_passive(self._pull if self.around else None)
         try:
             for steps in np.diff(np.round(instants / model.opt.timestep).astype(int), prepend=0):
                 mujoco.mj_step(model, data, nstep=int(steps))
                 mujoco.mj_forward(model, data)
-                parts = (data.qpos[place], data.qvel[rate], data.qfrc_applied[rate], data.qpos[:7], data.qvel[:6])
-                rows.append(np.concatenate(parts))
+                rows.append(np.concatenate(row()))
         finally:
             mujoco.set_mjcb_control(None)
             mujoco.set_mjcb_passive(None)
-        count = len(joints)
-        position, velocity, effort, pose, twist = np.split(np.array(rows), np.cumsum([count, count, count, 7]), axis=1)
-        orientation = np.roll(pose[:, 3:], -1, axis=1)
-        return Truth(
-            time=np.array(instants),
-            joint_position=position,
-            joint_velocity=velocity,
-            joint_effort=effort,
-            base_position=pose[:, :3],
-            base_orientation=orientation,
-            base_linear_velocity=rotate_back(rotation_from_quaternion(orientation), twist[:, :3]),
-            base_angular_velocity=twist[:, 3:],
-        )
+        return np.array(rows)
 
     def _begin(self, start: State) -> None:
         """Set the state at time 0."""

@@ -10,23 +10,19 @@ import sqlite3
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 
 from fuzzing.damage import Damage, of_bytes, of_text, one
+from fuzzing.plain_bags import BAG, CONFIG, TYPES, database, mcap, recorded
 from fuzzing.trial import Main
-from mbaid_ros.bags import BagReader, BagWriter
-from mbaid_ros.bags.types import definition
+from mbaid_ros.bags import BagWriter
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.recordings.convert import main as convert
 from mbaid_ros.replay.start import FORMATS, export, replay
 
-CONFIG = Path(__file__).resolve().parents[2] / 'config'
-BAG = CONFIG.parent / 'bags' / 'table1_live'
-TYPES = {'joint_states': 'sensor_msgs/msg/JointState', 'odom': 'nav_msgs/msg/Odometry'}
 _MESSAGES = 600
 _METHODS = ('difference', 'paper_difference') * 10 + ('trajectory',)  # which takes ten times as long
 _LINES = 200  # of a log
@@ -42,6 +38,7 @@ joints:
 thrust: {frame: plate, force: [fx, {constant: 0.0}, {constant: -1}]}
 """
 _URDF = CONFIG / 'table1.urdf'
+_bag = cache(mcap)  # that nothing is wrong with
 _CELLS = ('NULL', "'text'", "x'00ff'", '1.5e300', '-1', '9223372036854775807', "''", 'zeroblob(100000)')
 _CONTRADICTIONS = (
     ('float64[] position', 'float64[1000000000] position'),
@@ -54,16 +51,6 @@ _CONTRADICTIONS = (
     ('geometry_msgs/Point position', 'geometry_msgs/Pose position'),
 )
 _TABLES = ('topics', 'messages', 'message_definitions')
-_SCHEMA = """
-CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT);
-INSERT INTO schema VALUES (4, 'jazzy');
-CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT,
-  offered_qos_profiles TEXT, type_description_hash TEXT);
-CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT, encoding TEXT,
-  encoded_message_definition TEXT, type_description_hash TEXT);
-CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB);
-CREATE INDEX timestamp_idx ON messages (timestamp ASC);
-"""
 
 
 @dataclass(frozen=True)
@@ -88,7 +75,7 @@ def formats(folder: Path) -> dict[str, Format]:
     """Return all kinds of files by name, with the other files that they need in a folder."""
     rows, small, model = folder / 'bag.db3', str(folder / 'small.db3'), ['--model', str(_URDF)]
     robot, yaml, truth = folder / 'robot.urdf', folder / 'estimator.yaml', folder / 'truth.json'
-    content = _database(Path(small))
+    content = database(Path(small), _MESSAGES).read_bytes()
     compared = [small, *model, '--truth', str(truth), '--report', str(folder / 'report.html')]
     parameters, body = (CONFIG / 'table1_estimator.yaml').read_bytes(), (BAG / 'truth.json').read_bytes()
     return {
@@ -109,35 +96,10 @@ def _mcap(path: Path, model: list[str]) -> dict[str, Format]:
         return [str(path), *model, '--method', _METHODS[number % len(_METHODS)], '--json', '-']
 
     def in_bytes(_data: bytes, generator: np.random.Generator) -> bytes:
-        return of_bytes(_bag(one((CompressionType.NONE, CompressionType.ZSTD), generator)), generator)
+        return of_bytes(_bag(_MESSAGES, one((CompressionType.NONE, CompressionType.ZSTD), generator)), generator)
 
     ways = {'bytes': in_bytes, 'schemas': _in_schemas}
     return {f'MCAP {name}': Format(path, b'', way, replay, arguments) for name, way in ways.items()}
-
-
-@cache
-def _messages() -> tuple[tuple[str, bytes, int], ...]:
-    """Return topic, CDR bytes and time, ns, of the first messages of a bag."""
-    with BagReader(BAG) as bag:
-        return tuple(islice(bag.raw([f'/{topic}' for topic in TYPES]), _MESSAGES))
-
-
-def _written(compression: CompressionType, lie: Callable[[str], str] = str) -> bytes:
-    """Return a bag; `lie` changes the text of its schemas."""
-    stream = io.BytesIO()
-    writer = Writer(stream, chunk_size=4_000, compression=compression)
-    writer.start(profile='ros2')
-    channels = {}
-    for topic, kind in TYPES.items():
-        schema = writer.register_schema(kind, 'ros2msg', lie(definition(kind)[0]).encode())
-        channels[f'/{topic}'] = writer.register_channel(f'/{topic}', 'cdr', schema)
-    for count, (topic, data, when) in enumerate(_messages()):
-        writer.add_message(channels[topic], when, data, when, count)
-    writer.finish()  # type: ignore[no-untyped-call]
-    return stream.getvalue()
-
-
-_bag = cache(_written)  # that nothing is wrong with
 
 
 def _in_schemas(_data: bytes, generator: np.random.Generator) -> bytes:
@@ -145,34 +107,18 @@ def _in_schemas(_data: bytes, generator: np.random.Generator) -> bytes:
     plain = CompressionType.NONE
     if generator.random() < 0.5:
         old, new = one(_CONTRADICTIONS, generator)
-        return of_bytes(_written(plain, lambda text: text.replace(old, new)), generator)
-    return _written(plain, lambda text: of_bytes(text.encode(), generator).decode(errors='replace'))
+        return of_bytes(mcap(_MESSAGES, plain, lambda text: text.replace(old, new)), generator)
+    return mcap(_MESSAGES, plain, lambda text: of_bytes(text.encode(), generator).decode(errors='replace'))
 
 
 def _metadata(bag: Path, model: list[str]) -> Format:
     with BagWriter(bag) as short:
         for topic, kind in TYPES.items():
-            short.add_topic(f'/{topic}', kind)
-        for message in _messages():
+            short.add_topic(topic, kind)
+        for message in recorded(_MESSAGES):
             short.write_raw(*message)
     path = bag / 'metadata.yaml'
     return Format(path, path.read_bytes(), of_text, replay, lambda _: [str(bag), *model])
-
-
-def _database(path: Path) -> bytes:
-    """Write the first messages of a bag as a bag of sqlite3; return its bytes."""
-    with contextlib.closing(sqlite3.connect(path)) as connection:
-        connection.executescript(_SCHEMA)
-        numbers = {f'/{topic}': number for number, topic in enumerate(TYPES, start=1)}
-        for (topic, number), kind in zip(numbers.items(), TYPES.values(), strict=True):
-            row = (number, topic, kind, 'cdr', '', '')
-            connection.execute('INSERT INTO topics VALUES (?, ?, ?, ?, ?, ?)', row)
-            meaning = (number, kind, 'ros2msg', definition(kind)[0], '')
-            connection.execute('INSERT INTO message_definitions VALUES (?, ?, ?, ?, ?)', meaning)
-        rows = [(None, numbers[topic], when, data) for topic, data, when in _messages()]
-        connection.executemany('INSERT INTO messages VALUES (?, ?, ?, ?)', rows)
-        connection.commit()
-    return path.read_bytes()
 
 
 def _in_database(data: bytes, generator: np.random.Generator) -> bytes:

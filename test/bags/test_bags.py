@@ -18,7 +18,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from hostile_bags import SCHEMA
+from fuzzing.plain_bags import SCHEMA
 from mbaid_ros.bags import BagReader, BagWriter, message_types, serialize
 from mbaid_ros.bags.types import definition
 from mbaid_ros.core.errors import DataError

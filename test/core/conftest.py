@@ -5,19 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.honesty import paths
 from floating import float_freely
-from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model_errors import declared
-from mbaid_ros.simulated_robot import make_motion
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth
 from observed import configured_motion, kernel
 from planned import Begun, begun
-from simulated import CONFIG, robot
 from wrong_robots import LINKS
 
 RATE, FAST = 20.0, 100.0  # Hz
@@ -50,10 +46,7 @@ def drift() -> Array:
 @pytest.fixture(scope='session')
 def joints() -> Sinusoids:
     """Return how the servicer's joints are driven."""
-    config = build(SimulatorConfig, load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator'))
-    motion = make_motion(config, robot('servicer7'))
-    assert isinstance(motion, Sinusoids)
-    return motion
+    return paths.servicer()
 
 
 @pytest.fixture(scope='session')

@@ -14,8 +14,7 @@ import pytest
 from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, Packets, packer
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.messages.joints import JointReader
-from mbaid_ros.messages.poses import (
+from mbaid_ros.messages.fields import (
     BAD_QUATERNION,
     LENGTH_MISMATCH,
     NOT_FINITE,
@@ -24,8 +23,8 @@ from mbaid_ros.messages.poses import (
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
 )
+from mbaid_ros.messages.joints import JointReader
 from mbaid_ros.session.session import Session
-from recorded import joint_state as plain
 from simulated import CONFIG
 from wire import again, as_bytes, joint_state, odometry
 
@@ -194,7 +193,7 @@ NAMES = ('wheel', 'elbow', 'finger', 'shoulder')
 
 def test_their_speeds_come_after_the_joints() -> None:
     reader = JointReader(('shoulder', 'elbow'), ('wheel',))
-    message = plain(5, NAMES, [np.nan, 0.2, 9.0, 0.4], [300.0, 2.0, 9.0, 4.0])
+    message = joint_state(NAMES, [np.nan, 0.2, 9.0, 0.4], [300.0, 2.0, 9.0, 4.0], stamp=5)
     streams, dropped = reader.read([message])
     assert not dropped
     (joints, stream), *others = streams.items()
@@ -207,7 +206,7 @@ def test_their_speeds_come_after_the_joints() -> None:
 @pytest.mark.parametrize('velocity', [[np.nan, 2.0, 9.0, 4.0], []])
 def test_a_message_without_their_speed_is_not_used(velocity: list[float]) -> None:
     reader = JointReader(('shoulder', 'elbow'), ('wheel',))
-    streams, dropped = reader.read([plain(5, NAMES, [1e9, 0.2, 9.0, 0.4], velocity)])
+    streams, dropped = reader.read([joint_state(NAMES, [1e9, 0.2, 9.0, 0.4], velocity, stamp=5)])
     assert not streams
     assert dropped == {NOT_FINITE: 1}
 
@@ -215,8 +214,8 @@ def test_a_message_without_their_speed_is_not_used(velocity: list[float]) -> Non
 def test_wheels_may_have_messages_of_their_own() -> None:
     reader = JointReader(('shoulder', 'elbow'), ('wheel',))
     messages = [
-        plain(5, ('shoulder', 'elbow'), [0.1, 0.2], [1.0, 2.0]),
-        plain(6, ('wheel',), [0.0], [7.0]),
+        joint_state(('shoulder', 'elbow'), [0.1, 0.2], [1.0, 2.0], stamp=5),
+        joint_state(('wheel',), [0.0], [7.0], stamp=6),
     ]
     streams, dropped = reader.read(messages)
     assert not dropped

@@ -16,13 +16,13 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 import recorded
-from captured import capture, sensed, with_bare_link
+from benchmarks.precapture import free_model, free_urdf
+from captured import capture, sensed
 from graph import Graph
 from mbaid_ros.bags import serialize
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.capture.estimator import BEFORE
-from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST
 from mbaid_ros.nodes.subscriptions import TYPES, qos
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message
@@ -55,7 +55,7 @@ def messages() -> tuple[list[Timed], list[Timed]]:
     """Return what the sensors say until the capture and after it, as rclpy's messages."""
     run = capture(BEGIN, 10.0, np.array([0.004, -0.006, 0.003]), np.array([0.02, -0.03, 0.015]))
     parts: tuple[list[Timed], list[Timed]] = ([], [])
-    for topic, message, time in recorded.messages(load_model(with_bare_link()), sensed(run.truth, 3)):
+    for topic, message, time in recorded.messages(free_model(), sensed(run.truth, 3)):
         ours, name = CLASSES[topic]
         parts[time > BEGIN * 1e9].append((topic, deserialize_message(serialize(message, name), ours)))
     return parts
@@ -63,7 +63,7 @@ def messages() -> tuple[list[Timed], list[Timed]]:
 
 def expected(before: list[Timed], after: list[Timed]) -> Any:
     """Return the last message on ~/debris."""
-    session = Session(build(EstimatorConfig, PARAMETERS), with_bare_link())
+    session = Session(build(EstimatorConfig, PARAMETERS), free_urdf())
     for topic, message in before:
         (session.add_joint_state if topic == '/joint_states' else session.add_odometry)(message)
     assert session.capture() == f'captured {BEGIN:.3f} s after the first sample'
@@ -76,7 +76,7 @@ def expected(before: list[Timed], after: list[Timed]) -> Any:
 
 
 def test_a_capture_told_to_a_live_estimator(graph: Graph, tmp_path: Path) -> None:
-    (tmp_path / 'robot.urdf').write_text(with_bare_link(), encoding='utf-8')
+    (tmp_path / 'robot.urdf').write_text(free_urdf(), encoding='utf-8')
     file = {'robot_description_file': tmp_path / 'robot.urdf'}
     words = [word for name, value in {**file, **PARAMETERS}.items() for word in ('-p', f'{name}:={value}')]
     graph.start('estimator', '--ros-args', *words)

@@ -34,11 +34,9 @@ def running_estimator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Grap
         yield place
 
 
-# -- Every topic and field of the layouts for RViz, Foxglove and PlotJuggler is one that a running estimator has.
+# -- Every topic and field of the layouts for RViz and PlotJuggler is one that a running estimator has.
 
-RVIZ, FOXGLOVE, PLOTJUGGLER = (
-    CONFIG / name for name in ('mbaid_ros.rviz', 'foxglove_layout.json', 'plotjuggler_layout.xml')
-)
+RVIZ, PLOTJUGGLER = CONFIG / 'mbaid_ros.rviz', CONFIG / 'plotjuggler_layout.xml'
 
 
 @pytest.fixture(name='topics')

@@ -21,7 +21,7 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from captured import with_bare_link
+from benchmarks.precapture import free_urdf
 from graph import Graph, Process
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
@@ -171,15 +171,15 @@ def test_the_quality_of_service_follows_parameters_and_publishers(graph: Graph) 
 
 def test_a_fully_identified_link_and_the_captured_body_alone_are_published(graph: Graph, tmp_path: Path) -> None:
     messages = run('servicer7', 25.0, rate=50.0)
-    (tmp_path / 'robot.urdf').write_text(with_bare_link(), encoding='utf-8')
+    (tmp_path / 'robot.urdf').write_text(free_urdf(), encoding='utf-8')
     start(graph, f'robot_description_file:={tmp_path / "robot.urdf"}', 'debris.report:=true', robot='servicer7')
     descriptions = graph.collect('/estimator/robot_description', String)
     bodies = graph.collect('/estimator/debris', InertiaEstimate)
     publish(graph, messages)
     expected = offline(EstimatorConfig(), 'servicer7', messages)[0][-1]
     assert is_complete(expected)
-    text = replace_inertial(with_bare_link(), 'link7', expected.parameters)
-    session = Session(build(EstimatorConfig, {'debris.report': True}), with_bare_link())
+    text = replace_inertial(free_urdf(), 'link7', expected.parameters)
+    session = Session(build(EstimatorConfig, {'debris.report': True}), free_urdf())
     alone = session.robot.debris(expected)
     assert alone is not None
     last = bits([debris_message(alone, expected, TYPES, SERVICER7)])

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -18,6 +19,7 @@ import rclpy
 from mbaid_msgs.msg import InertiaEstimate
 from rclpy.node import Node
 
+from checked import answer
 from graph import LOCAL, Graph, executable, free_domain
 from mbaid_ros.cli import run
 from mbaid_ros.nodes import estimator, player, recorder, simulator, watch
@@ -54,13 +56,7 @@ def test_every_executable_is_installed_and_an_unknown_argument_is_one_line() -> 
     [
         (['table1.urdf'], "unknown argument 'table1.urdf'"),
         (assigned('windows:=1.0'), "unknown parameter 'windows'; known: window, "),
-        (assigned('window:=0.0'), "parameter 'window' is 0.0 s; accepted: a number > 0 and <= 1e+06 s"),
         (assigned('window:=wide'), "parameter 'window' is 'wide'; accepted: a number > 0 and <= 1e+06 s"),
-        (
-            assigned('noise.joint_position:=-1'),
-            "parameter 'noise.joint_position' is -1 rad; accepted: a number >= 0 rad",
-        ),
-        (assigned('method:=kalman'), "parameter 'method' is 'kalman'; accepted: "),
         (assigned('method:=paper_main'), 'method paper_main needs paper.total_angular_momentum'),
         (assigned('method:=paper_main', TABLE1), 'method paper_main needs paper.total_angular_momentum'),
         (assigned('robot_description_file:=/no/robot.urdf'), "'/no/robot.urdf'"),
@@ -110,13 +106,10 @@ def test_a_parameter_file_without_a_section_for_the_node_is_refused(
 
 
 def refused(node: Any, arguments: list[str], text: str, capfd: pytest.CaptureFixture[str]) -> None:
-    assert run(node.main, arguments) == 2
-    captured = capfd.readouterr()
-    assert not captured.out
-    assert captured.err.startswith(f'mbaid_ros {node.NAME}: ')
-    assert captured.err.count('\n') == 1
-    assert text in captured.err
-    assert '/src/' not in captured.err
+    error = answer(partial(run, node.main), capfd, *arguments, code=2)
+    assert error.startswith(f'mbaid_ros {node.NAME}: ')
+    assert text in error
+    assert '/src/' not in error
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

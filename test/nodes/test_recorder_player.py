@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 import recorded
+from checked import answer
 from graph import Graph, graph
 from mbaid_ros.bags import BagReader, BagWriter, deserialize, message_class, serialize
 from mbaid_ros.cli import run
@@ -196,12 +198,11 @@ def test_a_choice_of_topics_with_a_clock_and_latched_topics_in_a_loop(live: Grap
 def test_a_users_error_is_one_line(
     bag: Path, capfd: pytest.CaptureFixture[str], node: Any, arguments: list[str], text: str
 ) -> None:
-    assert run(node.main, [argument.replace('{bag}', str(bag)) for argument in arguments]) == 2
-    captured = capfd.readouterr()
-    assert text in captured.err
-    assert captured.err.startswith(f'mbaid_ros {node.NAME}: ')
-    assert captured.err.count('\n') == 1
-    assert captured.out == ''
+    error = answer(
+        partial(run, node.main), capfd, *(argument.replace('{bag}', str(bag)) for argument in arguments), code=2
+    )
+    assert text in error
+    assert error.startswith(f'mbaid_ros {node.NAME}: ')
 
 
 # -- a bag played into the live estimator

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,6 +14,7 @@ import pytest
 from scipy.io import loadmat, savemat
 
 from benchmarks.benches import Twin, spot_2021, spot_2023
+from checked import answer
 from mbaid_ros import limits
 from mbaid_ros.bags import BagReader
 from mbaid_ros.core.errors import DataError
@@ -27,6 +29,7 @@ from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Simulation
 
+refused = partial(answer, main, code=2)
 _THROWN_RATE, _RESTING = 4030.0, 2100  # Hz; samples before the flywheel starts
 
 
@@ -109,18 +112,11 @@ def test_the_base_the_slope_and_the_delay_are_found(
     assert np.linalg.norm(push['linear']) / (mass + 0.791) == pytest.approx(twin_2021.slope, rel=0.2)
 
 
-def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    assert main(arguments) == 2
-    text = capsys.readouterr().err
-    assert text.count('\n') == 1
-    return text
-
-
 def test_what_cannot_be_used_is_one_line(
     twin_2021: Twin, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def convert(log: Path, *options: str) -> str:
-        return refused(['spot-2021', str(log), '--output', str(tmp_path / 'bag'), *options], capsys)
+        return refused(capsys, 'spot-2021', str(log), '--output', str(tmp_path / 'bag'), *options)
 
     other = tmp_path / 'run.mat'
     assert 'accepted: a regular file' in convert(tmp_path)
@@ -207,11 +203,10 @@ def test_what_is_held_is_found_with_thrusters_on(
 def test_a_table_of_another_width_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = tmp_path / 'ExpLog'
     log.write_text('0,1,2\n')
-    assert main(['spot-2023', str(log)]) == 2
-    assert 'has 3 columns; accepted: 80 or 81' in capsys.readouterr().err
+    assert 'has 3 columns; accepted: 80 or 81' in refused(capsys, 'spot-2023', str(log))
     log.write_text(','.join(['0'] * 80))
-    assert main(['spot-2023', str(log), '--output', str(tmp_path / 'bag')]) == 2
-    assert 'holds no joint states and no poses' in capsys.readouterr().err
+    bag = ['--output', str(tmp_path / 'bag')]
+    assert 'holds no joint states and no poses' in refused(capsys, 'spot-2023', str(log), *bag)
 
 
 # -- TU Delft's throws: a twin's log, in the authors' own CSV, becomes a bag of gyro, accelerometer and flywheel.
@@ -322,10 +317,7 @@ def test_a_throw_that_cannot_be_used_is_one_line(
     twin_throw: Twin, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def convert(log: Path, *options: str) -> str:
-        assert main(['tudelft-throw', str(log), '--output', str(tmp_path / 'bag'), *options]) == 2
-        text = capsys.readouterr().err
-        assert text.count('\n') == 1
-        return text
+        return refused(capsys, 'tudelft-throw', str(log), '--output', str(tmp_path / 'bag'), *options)
 
     lines = twin_throw.log.read_text().splitlines()
     log = tmp_path / 'throw.csv'
@@ -338,5 +330,4 @@ def test_a_throw_that_cannot_be_used_is_one_line(
     assert 'has 99 rows; accepted: 2000 or more' in convert(log, '--object', 'a')
     log.write_text('time,erpm[0]\n1,2')
     assert "lacks the column 'gyroADC[0]'" in convert(log, '--object', 'a')
-    assert main(['csv', str(log), '--object', 'a']) == 2
-    assert '--object is for tudelft-throw, not for csv' in capsys.readouterr().err
+    assert '--object is for tudelft-throw, not for csv' in refused(capsys, 'csv', str(log), '--object', 'a')

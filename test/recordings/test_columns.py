@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from checked import answer
 from mbaid_ros.bags import BagReader
 from mbaid_ros.recordings.convert import main
 
@@ -32,11 +33,20 @@ thrust: {frame: plate, force: [fx, {constant: 0.0}, {constant: -1}]}
 """
 
 
-def convert(folder: Path, table: str = TABLE, mapping: str = MAPPING, *options: str) -> int:
+def arguments(folder: Path, table: str = TABLE, mapping: str = MAPPING, *options: str) -> list[str]:
+    """Write a table and its mapping, and return how they are converted."""
     (folder / 'run.csv').write_text(table)
     (folder / 'columns.yaml').write_text(mapping)
     files = [str(folder / 'run.csv'), '--columns', str(folder / 'columns.yaml'), '--output', str(folder / 'bag')]
-    return main(['csv', *files, *options])
+    return ['csv', *files, *options]
+
+
+def convert(folder: Path, *given: str) -> int:
+    return main(arguments(folder, *given))
+
+
+def refused(folder: Path, capsys: pytest.CaptureFixture[str], *given: str) -> str:
+    return answer(main, capsys, *arguments(folder, *given), code=2)
 
 
 def messages(folder: Path, topic: str) -> list[Any]:
@@ -121,10 +131,7 @@ BASE = 'base: {position: [x, y], heading: yaw}\n'
 def test_a_mapping_that_does_not_fit_is_one_line(
     mapping: str, text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert convert(tmp_path, TABLE, mapping) == 2
-    error = capsys.readouterr().err
-    assert text in error
-    assert error.count('\n') == 1
+    assert text in refused(tmp_path, capsys, TABLE, mapping)
     assert not (tmp_path / 'bag').exists()
 
 
@@ -140,23 +147,21 @@ def test_a_mapping_that_does_not_fit_is_one_line(
 def test_a_table_that_cannot_be_used_is_one_line(
     table: str, text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert convert(tmp_path, table) == 2
-    assert text in capsys.readouterr().err
+    assert text in refused(tmp_path, capsys, table)
 
 
 def test_arguments_that_do_not_fit_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments, text in (
+    for words, text in (
         (['csv', 'run.csv'], 'csv needs --columns YAML'),
         (['spot-2021', 'run.mat', '--columns', 'a.yaml'], '--columns is for csv, not for spot-2021'),
         (['tsv', 'run.tsv'], "invalid choice: 'tsv'"),
     ):
-        assert main(arguments) == 2
-        assert text in capsys.readouterr().err
-    assert convert(tmp_path, TABLE, MAPPING, '--from', '3', '--to', '1') == 2
-    assert '--from 3 s is not before --to 1 s' in capsys.readouterr().err
+        assert text in answer(main, capsys, *words, code=2)
+    backwards = refused(tmp_path, capsys, TABLE, MAPPING, '--from', '3', '--to', '1')
+    assert '--from 3 s is not before --to 1 s' in backwards
     assert convert(tmp_path) == 0
-    assert convert(tmp_path) == 2
-    assert 'exists already' in capsys.readouterr().err
+    capsys.readouterr()
+    assert 'exists already' in refused(tmp_path, capsys)
 
 
 @pytest.mark.parametrize('huge', ['inf', '1e308'])

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from distributed import Client
 
+from campaigns import refused, written
 from documents import CAMPAIGNS, blocks, project
 from mbaid_ros.config.campaign import CampaignRun
 from mbaid_ros.replay.campaigns import command
@@ -133,21 +134,11 @@ def test_a_campaign_on_a_cluster_that_loses_a_worker_is_that_of_this_machine(
     assert there.out.replace('cluster/', 'here/') == capsys.readouterr().out
 
 
-def refused(capsys: pytest.CaptureFixture[str], folder: Path, scheduler: str) -> str:
-    yaml = folder / 'campaign.yaml'
-    yaml.write_text(TEXT)
-    assert campaign([str(yaml), '--output', str(folder / 'output'), '--scheduler', scheduler]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ''
-    assert captured.err.count('\n') == 1
-    return captured.err
-
-
 @pytest.mark.parametrize('address', ['tcp://127.0.0.1:1', 'nowhere', 'ftp://127.0.0.1:1', 'tcp://127.0.0.1:port'])
 def test_a_scheduler_that_is_not_there_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, address: str
 ) -> None:
     monkeypatch.setattr(cluster, '_PATIENCE', 0.2)
-    line = refused(capsys, tmp_path, address)
+    line = refused(capsys, str(written(tmp_path, TEXT)), '--output', str(tmp_path / 'output'), '--scheduler', address)
     assert line.startswith(f"mbaid_ros campaign: --scheduler '{address}' cannot be reached: ")
     assert line.endswith('accepted: the address that `dask scheduler` prints\n')

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,9 @@ import pytest
 from scipy.stats import chi2
 
 import recorded
-from captured import BARE, alone, capture, sensed, with_bare_link
-from mbaid_ros.core.robot.model import load_model
+from benchmarks.precapture import BARE_LINK7, free_model, free_urdf
+from captured import alone, capture, sensed
+from checked import answer
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.replay.start import export, replay
 from simulated import CONFIG
@@ -23,7 +25,7 @@ BAG = CONFIG.parent / 'bags' / 'servicer7_mid'
 def replayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with what a replay writes."""
     folder = tmp_path_factory.mktemp('captured')
-    (folder / 'robot.urdf').write_text(with_bare_link(), encoding='utf-8')
+    (folder / 'robot.urdf').write_text(free_urdf(), encoding='utf-8')
     parameters = (CONFIG / 'servicer7_estimator.yaml').read_text(encoding='utf-8')
     (folder / 'estimator.yaml').write_text(f'{parameters}    debris: {{report: true}}\n')
     outputs = (('--json', 'result.json'), ('--report', 'report.html'), ('--output', 'estimates'))
@@ -39,15 +41,12 @@ def test_the_body_is_found(folder: Path) -> None:
     covariance = np.array(found['covariance'])
     error = values - physical(alone())
     assert float(error @ np.linalg.solve(covariance, error)) < chi2.isf(1e-3, 10)
-    assert found['mass'] == pytest.approx(result['estimate']['mass'] - BARE[0])
+    assert found['mass'] == pytest.approx(result['estimate']['mass'] - BARE_LINK7[0])
     std = [found['std']['mass'], *found['std']['com'], *found['std']['inertia'].values()]
     assert std == pytest.approx(np.sqrt(np.diag(covariance)))
 
 
-def exported(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> str:
-    assert export(list(arguments)) == code
-    captured = capsys.readouterr()
-    return captured.err if code else captured.out
+exported = partial(answer, export)
 
 
 def test_it_is_exported_from_json_and_bag_alike(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
@@ -58,14 +57,14 @@ def test_it_is_exported_from_json_and_bag_alike(capsys: pytest.CaptureFixture[st
     assert from_json == from_bag
     together = json.loads(exported(capsys, str(folder / 'estimates'), '--format', 'json'))
     assert together['target_link'] == 'link7'
-    assert together['mass'] - from_json['mass'] == pytest.approx(BARE[0])
+    assert together['mass'] - from_json['mass'] == pytest.approx(BARE_LINK7[0])
 
 
 def test_a_capture_in_a_bag(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     run = capture(4.0, 10.0, np.array([0.004, -0.006, 0.003]), np.array([0.02, -0.03, 0.015]))
-    bag = recorded.write(tmp_path / 'bag', load_model(with_bare_link()), sensed(run.truth, 2))
+    bag = recorded.write(tmp_path / 'bag', free_model(), sensed(run.truth, 2))
     urdf, parameters, report = (tmp_path / name for name in ('robot.urdf', 'estimator.yaml', 'report.html'))
-    urdf.write_text(with_bare_link(), encoding='utf-8')
+    urdf.write_text(free_urdf(), encoding='utf-8')
     told = 'estimator: {ros__parameters: {capture.time: 4.0, debris.report: true}}'
     parameters.write_text(told)
     arguments = [str(bag), '--model', str(urdf), '--target', 'link7', '--params', str(parameters), '--json', '-']
@@ -89,6 +88,6 @@ def test_a_capture_in_a_bag(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
     assert (result['status'], result['capture']) == ('inconsistent', None)
     assert any('the known model changes' in warning for warning in result['warnings'])
     # A bag that ends before the capture leads to no estimate.
-    early = recorded.write(tmp_path / 'early', load_model(with_bare_link()), sensed(run.truth, 2)[:350])
+    early = recorded.write(tmp_path / 'early', free_model(), sensed(run.truth, 2)[:350])
     assert replay([str(early), *arguments[1:-2]]) == 3
     assert 'the data end before the capture: capture.time puts it at 400 s' in capsys.readouterr().out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import runpy
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -13,6 +14,7 @@ import numpy as np
 import pinocchio
 import pytest
 
+from checked import answer
 from made_runs import BODY, estimate, planar, run
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.bags.types import ESTIMATE_TYPE
@@ -54,16 +56,7 @@ def recorded(folder: Path, *estimates: Estimate) -> str:
     return str(folder / 'bag')
 
 
-def exported(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> str:
-    assert main(list(arguments)) == code
-    captured = capsys.readouterr()
-    if code:
-        assert not captured.out
-        assert captured.err.startswith('mbaid_ros export: ')
-        assert captured.err.count('\n') == 1
-        return captured.err
-    assert not captured.err
-    return captured.out
+exported = partial(answer, main)
 
 
 def same(mass: float, com: Any, tensor: Array, body: Array) -> None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from checked import answer
 from mbaid_ros.bags import BagReader, BagWriter, message_class
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
@@ -21,6 +23,7 @@ from mbaid_ros.replay.start import simulate
 from recorded import JOINT_STATE, ODOMETRY
 from simulated import CONFIG
 
+refused = partial(answer, main, code=2)
 TOPICS = '/joint_states', '/odom'
 RATE = 100.0  # Hz, of both topics
 NOISE = {
@@ -180,14 +183,6 @@ def test_a_bag_that_cannot_be_measured_is_one_line(
 ) -> None:
     line = refused(capsys, changed(bag, tmp_path / 'changed', joints, base))
     assert all(text in line for text in texts), line
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert main(arguments) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ''
-    assert captured.err.count('\n') == 1
-    return captured.err
 
 
 def test_topics_that_the_bag_lacks_or_of_other_types_are_one_line(bag: str, capsys: pytest.CaptureFixture[str]) -> None:

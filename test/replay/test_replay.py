@@ -9,6 +9,7 @@ import math
 import re
 import shlex
 from datetime import datetime, timezone
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ import pytest
 
 import made_runs
 import recorded
+from checked import answer
 from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
@@ -27,6 +29,7 @@ from mbaid_ros.replay.start import replay as main
 from simulated import CONFIG, table1
 
 MODEL = str(CONFIG / 'table1.urdf')
+refused = partial(answer, main, code=2)
 DURATION = 20.0
 RATE = 20.0
 QUICK = ('--method', 'difference')  # where it is not the estimate that is tested
@@ -44,16 +47,6 @@ def result_of(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0
     captured = capsys.readouterr()
     assert captured.err == ''
     return json.loads(captured.out)
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """Return the one line that bad input leads to."""
-    assert main(list(arguments)) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ''
-    assert captured.err.startswith('mbaid_ros replay: ')
-    assert captured.err.count('\n') == 1
-    return captured.err
 
 
 def numbers_within(value: Any) -> list[Any]:

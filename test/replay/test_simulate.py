@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 
 import recorded
 from benchmarks.precapture import free_urdf
+from checked import answer
 from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST
 from mbaid_ros.replay.start import replay
@@ -101,10 +101,7 @@ def test_mistakes_are_one_line(
     arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = tmp_path / 'bag'
-    assert main(['--output', str(bag), *arguments]) == 2
-    error = capsys.readouterr().err
-    assert re.fullmatch(r'mbaid_ros simulate: [^\n]+\n', error)
-    assert words in error
+    assert words in answer(main, capsys, '--output', str(bag), *arguments, code=2)
     assert not bag.exists()
 
 

@@ -15,10 +15,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import defects
-from defects import JOINTS, ODOMETRY, Arrival, arrivals, estimates, header
+from defects import JOINTS, ODOMETRY, Arrival, arrivals, estimates
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import physical
 from simulated import robot
+from wire import header, of
 
 ROBOT = 'table1'
 STATUSES = {'waiting', 'estimating', 'converged', 'not_identifiable', 'inconsistent'}
@@ -99,7 +100,7 @@ def spoil_covariance(message: Any, choice: int) -> None:
 
 def zero_quaternion(message: Any, choice: int) -> None:
     if hasattr(message, 'twist'):
-        message.pose.pose.orientation = defects._fields('xyzw', np.full(4, choice % 3 * 1e-3))
+        message.pose.pose.orientation = of('Quaternion', np.full(4, choice % 3 * 1e-3))
 
 
 CHANGES: list[Change] = [

@@ -27,7 +27,7 @@ from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.session.session import PART, Session
 from simulated import CONFIG
 from streams import run, urdf
-from wire import as_bytes, joint_state, odometry
+from wire import as_bytes
 
 ROBOT, SECONDS = 'servicer7', 2.6
 INPUTS = Inputs(JOINTS, ODOMETRY)
@@ -67,22 +67,7 @@ STREAMS: dict[str, Callable[[list[Arrival]], list[Arrival]]] = {
 
 def packed(messages: Sequence[Arrival]) -> list[tuple[str, bytes, int]]:
     """Return messages as bytes, with their topics and times."""
-    made = []
-    for arrival in messages:
-        message = arrival.message
-        stamp = defects.stamp_of(arrival)
-        if arrival.topic == JOINTS:
-            position, velocity = (np.asarray(x, dtype=float) for x in (message.position, message.velocity))
-            data = as_bytes(joint_state(message.name, position, velocity, stamp=stamp))
-        else:
-            pose, twist = message.pose, message.twist
-            place, turn, motion = pose.pose.position, pose.pose.orientation, twist.twist
-            numbers = [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
-            numbers += [getattr(part, axis) for part in (motion.linear, motion.angular) for axis in 'xyz']
-            covariances = np.array([pose.covariance, twist.covariance])
-            data = as_bytes(odometry(np.array(numbers), covariances, stamp=stamp, child=message.child_frame_id))
-        made.append((arrival.topic, data, arrival.time))
-    return made
+    return [(each.topic, as_bytes(each.message), each.time) for each in messages]
 
 
 class Packing:

@@ -61,13 +61,6 @@ def test_a_known_pulse_costs_nothing(method: str) -> None:
     assert np.sqrt(np.mean(np.square(known))) < 1.1 * np.sqrt(np.mean(np.square(quiet)))
 
 
-@pytest.mark.parametrize('method', METHODS)
-def test_an_unknown_one_is_found_in_the_data(method: str) -> None:
-    last = identify(make(method), messages(0))[-1]
-    assert [event.kind for event in last.events] == ['step']
-    assert last.events[0].time == pytest.approx(ON, abs=1.0)
-
-
 def test_the_wrong_command_is_a_disturbance() -> None:
     last = identify(make(), messages(0, *pulse(), thrust=False))[-1]
     assert [event.kind for event in last.events] == ['step']

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from derivatives import central_difference
+from checked import central_difference
 from mbaid_ros.calibration.unknowns import Normals, make_prior
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model_errors import relative_factor

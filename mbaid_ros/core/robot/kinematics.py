@@ -92,7 +92,7 @@ class Kinematics:
 
     @cached_property
     def cantilever(self) -> Array:
-        """Derivatives (n, n + 1, 10), by the bodies' parameters, of the inertia each joint carries, joints at zero."""
+        """Derivatives (n, n + 1, 10) of the inertia that each joint carries at zero, by the bodies' parameters."""
         placed = self.configure(np.eye(3)[None], np.zeros((1, self.model.joints)))
         axes = placed.joint_twist[0]
         columns = regressor(placed.rotation, placed.position, axes[:, None])  # (n, n + 1, 6, 10)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pinocchio
@@ -54,20 +55,20 @@ def float_freely(world: World) -> Truth:
     """Return the motion of a world without springs."""
     steps = round(world.seconds * world.rate) + 1
     joints, rates = world.path(np.arange(2 * steps - 1) / (2.0 * world.rate))
-    flow = _Flow.of(world, world.urdf, joints, rates)
+    flow = Flow.of(world, world.urdf, joints, rates)
     matrix = np.linalg.inv(flow.inverse[0])
     total = matrix @ _start_twist(matrix, flow.moving[0], world.spin) + flow.moving[0]
     start = np.concatenate(([0.0, 0.0, 0.0, 1.0], np.zeros(3), total))
-    states = _integrated(flow.rate, start, steps, world.rate)
+    states = integrated(flow.rate, start, steps, world.rate)
     twists = np.array([flow.twist(2 * number, state)[1] for number, state in enumerate(states)])
     if world.lost is not None:
         time, urdf = world.lost
         first = round(time * world.rate)
-        after = _Flow.of(world, urdf, joints[2 * first :], rates[2 * first :])
+        after = Flow.of(world, urdf, joints[2 * first :], rates[2 * first :])
         begin = after.moving_as(flow, 2 * first, states[first])
-        states[first:] = _integrated(after.rate, begin, steps - first, world.rate)
+        states[first:] = integrated(after.rate, begin, steps - first, world.rate)
         twists[first:] = [after.twist(2 * number, state)[1] for number, state in enumerate(states[first:])]
-    return _truth(world, states, twists, joints[::2], rates[::2])
+    return truth_of(world, states, twists, joints[::2], rates[::2])
 
 
 _STEP = 1e-4  # s, of a difference quotient
@@ -119,7 +120,8 @@ def swing(world: World) -> Truth:
     matrix = mass()
     twist = _start_twist(matrix[:6, :6], matrix[:6, 6:] @ rate, world.spin)
     start = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), position, np.concatenate((twist, rate)))
-    run = Simulation(robot, _Following(world.path, driven), start, surroundings=around)
+    following: Any = _Following(world.path, driven)  # without a reference, which springs have not
+    run = Simulation(robot, following, start, surroundings=around)
     return run.advance(np.arange(round(world.seconds * world.rate) + 1) / world.rate)
 
 
@@ -129,7 +131,7 @@ def _start_twist(matrix: Array, moving: Array, spin: tuple[float, float, float])
     return np.concatenate((linear, spin))
 
 
-def _truth(world: World, states: Array, twists: Array, joints: Array, rates: Array) -> Truth:
+def truth_of(world: World, states: Array, twists: Array, joints: Array, rates: Array) -> Truth:
     """Return states that begin with (quaternion, position), and twists, as a motion."""
     return Truth(
         time=np.arange(len(states)) / world.rate,
@@ -143,7 +145,7 @@ def _truth(world: World, states: Array, twists: Array, joints: Array, rates: Arr
     )
 
 
-def _integrated(rate: Callable[[int, Array], Array], state: Array, steps: int, pace: float) -> Array:
+def integrated(rate: Callable[[int, Array], Array], state: Array, steps: int, pace: float) -> Array:
     """Return N states (N, m), which begin with a quaternion, by Runge-Kutta of order 4.
 
     `rate` is of a state at a node, of which there are two a step; `pace` is steps a second.
@@ -184,7 +186,7 @@ def _rotation(state: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class _Flow:
+class Flow:
     """Rate of (quaternion, position, momentum), (13,); nodes are half a step apart."""
 
     inverse: Array  # (K, 6, 6) of the locked robot's spatial inertia
@@ -193,16 +195,17 @@ class _Flow:
     world: World
 
     @staticmethod
-    def of(world: World, urdf: str, joints: Array, rates: Array) -> _Flow:
+    def of(world: World, urdf: str, joints: Array, rates: Array) -> Flow:
+        """Return that of a robot, of joints at K nodes."""
         model = load_model(urdf)
         kinematics = Kinematics(model)
         configuration = kinematics.configure(np.broadcast_to(np.eye(3), (len(joints), 3, 3)), joints)
         bodies = express(model.body_parameters(), configuration.rotation, configuration.position)
         whole = np.sum(bodies, axis=1)
         twists = kinematics.body_twists(configuration, rates, np.zeros((len(joints), 6)))
-        return _Flow(np.linalg.inv(inertia_matrix(whole)), np.sum(momentum(bodies, twists), axis=1), whole, world)
+        return Flow(np.linalg.inv(inertia_matrix(whole)), np.sum(momentum(bodies, twists), axis=1), whole, world)
 
-    def moving_as(self, other: _Flow, node: int, state: Array) -> Array:
+    def moving_as(self, other: Flow, node: int, state: Array) -> Array:
         """Return the state of this robot, at its first node, with the motion of another one at a node of its own."""
         rotation, twist = other.twist(node, state)
         own = np.linalg.solve(self.inverse[0], twist) + self.moving[0]
@@ -218,6 +221,7 @@ class _Flow:
         return rotation, self.inverse[node] @ (own - self.moving[node])
 
     def rate(self, node: int, state: Array) -> Array:
+        """Return the rate of a state (13,) at a node."""
         rotation, twist = self.twist(node, state)
         result = np.zeros(13)
         result[:7] = _pose_rate(state, rotation, twist)

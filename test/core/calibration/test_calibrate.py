@@ -9,13 +9,19 @@ import pytest
 
 from benchmarks.precapture import factors, free_model, free_urdf, perturbed
 from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
+from mbaid_ros.calibration.iteration import Motion, _linearised, _point
 from mbaid_ros.calibration.result import Calibration
 from mbaid_ros.config.model_errors import EXACT
+from mbaid_ros.core.filter.state import LINEAR
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import BodyDeviations
+from mbaid_ros.core.unknowns.bodies import KnownTarget
+from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.environment import Pushing
 from mbaid_ros.session import methods
 from mbaid_ros.simulation.motion import Sinusoids, random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
@@ -75,11 +81,10 @@ def test_without_a_weighed_body_the_common_factor_stays_open() -> None:
     found = calibrated(cad, free_motion(1, 60.0), 3, priors)
     theta = standard_parameters(servicer)
     # Eight bodies, each to 5 %, tell the common factor together; one of them alone, far less.
-    assert 0.01 < found.scale.relative_std < 0.03
-    assert found.scale.fixed_by[0][1] < 0.2
+    assert 0.01 < found.scale_std < 0.03
     rows = momentum_rows(servicer, free_motion(2, 30.0))
     factor = np.sum(found.theta[::10]) / np.sum(theta[::10])
-    assert abs(factor - 1.0) < 4.0 * found.scale.relative_std
+    assert abs(factor - 1.0) < 4.0 * found.scale_std
     # Up to that factor the momentum is as right as ever.
     left, wrong = rows @ (found.theta / factor - theta), rows @ (standard_parameters(cad) - theta)
     assert np.all(sizes(wrong) > 5.0 * sizes(left))
@@ -115,11 +120,10 @@ def test_the_known_momentum_of_a_wheel_fixes_the_scale() -> None:
         )
         settings = CalibrationSettings(MID, factors(unknown, priors))
         found = calibrate(unknown, [windows(observe(truth, MID, seed))], settings)
-        assert found.scale.fixed_by[0][0] == 'the known bodies'
         # A fifth of what masses and inertias known to 5 % tell together.
-        assert found.scale.relative_std < 0.003
+        assert found.scale_std < 0.003
         factor = np.sum(found.theta[::10]) / np.sum(standard_parameters(free_model())[::10])
-        squares.append(((factor - 1.0) / found.scale.relative_std) ** 2)
+        squares.append(((factor - 1.0) / found.scale_std) ** 2)
     assert sum(squares) < 16.0  # three chi-squares: 1 in 1000
 
 
@@ -216,3 +220,25 @@ def test_every_body_can_exist_even_where_data_and_prior_say_little() -> None:
         assert all(is_physical(part) for part in found.theta.reshape(-1, 10))
         bent = max(bent, float(found.corrections.max()))
     assert bent > 0.0
+
+
+# -- The windows of a motion whose momentum varies.
+
+
+def test_windows_at_a_momentum_of_their_own_are_those_of_a_point_with_that_momentum() -> None:
+    robot_kernel = MomentumKernel(free_model(), 'link7')
+    body = robot_kernel.target.parameters
+    uncertainty = Uncertainty(target=KnownTarget(body, np.diag(0.1 * np.ones(10))), torque=Pushing(0.3, 30.0))
+    run = windows(observe(free_motion(1, 3.0), MID, 0))
+    motion = Motion.of(run, robot_kernel, PlaneDetector(robot_kernel.model), uncertainty, (MID, 0.5, 0.0, True))
+    assert motion.pushed
+    common = np.concatenate((body, np.zeros(motion.layout.size - LINEAR.start - 6 - len(body))))
+    momentum, step = np.array([0.3, -0.2, 0.1, 0.5, -0.4, 0.2]), np.array([0.1, 0.2, -0.3, 0.2, 0.1, -0.1])
+    here, there = (_point(motion.layout, common, each, np.zeros(len(common))) for each in (momentum, momentum + step))
+    course = np.tile(momentum + step, (len(motion.windows), 1))
+    expected = list(_linearised(motion, there))
+    found = list(_linearised(replace(motion, course=course), here))
+    assert len(found) == len(expected) > 3
+    for (_, one), (_, other) in zip(found, expected, strict=True):
+        for name in ('value', 'rows', 'transition', 'drift', 'brought'):
+            np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-7, atol=1e-7)

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from joint_windows import SPACING, joint_window
 from mbaid_ros.core.diagnosis.readings import (
     slipped_readings,
     stopped_readings,
@@ -22,7 +21,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, kernel, observe
 from windowed import JOINT as JOINT_NOISE
-from windowed import window_model, window_of
+from windowed import SPACING, joint_window, window_model, window_of
 
 COUNT = 10  # knots of a window
 JOINTS = ('shoulder', 'elbow', 'wrist')

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import repeat
-
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import standard
-from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.session import methods
 from mbaid_ros.simulation.motion import random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
-from observed import HIGH, LOW, MID, drifting, estimator, identify, kernel, nees, observe, true_body, windows
+from observed import HIGH, LOW, MID, drifting, identify, kernel, nees, true_body
 from random_robots import random_urdf
 from simulated import state
 
@@ -82,42 +77,27 @@ SEEDS = {  # of each noise, with a motion in space and in a plane
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Runs:
-    """Noisy runs of a robot: what is identifiable, the motions, and the estimates of each."""
-
-    robot: MomentumKernel
-    known: list[int]
-    motions: list[Truth]
-    estimates: list[list[Estimate]]
-
-
-@pytest.fixture(scope='module', params=SEEDS, ids='-'.join)
-def runs(request: pytest.FixtureRequest, spatial: Truth, planar: Truth, drift: Array) -> Runs:
-    """Return noisy runs; in space every second one drifts with 0.1 m/s, far from the odometry's origin."""
-    name, noise = request.param
-    unknown, seeds = kernel(name), SEEDS[request.param]
+@pytest.mark.parametrize(('name', 'noise'), SEEDS)
+def test_early_estimates_are_possible_and_honest_too(
+    name: str, noise: str, spatial: Truth, planar: Truth, drift: Array
+) -> None:
+    """In space every second run drifts with 0.1 m/s, far from the odometry's origin."""
+    unknown = kernel(name)
     if name == 'servicer7':
         known, motions = list(range(10)), [spatial, drifting(spatial, 0.1 * drift, np.array([400.0, -300.0, 200.0]))]
     else:  # for poor encoders the whole minute, else 20 s
         known, motions = [0, 1, 2, 9], [planar if noise == 'high' else planar[:1000]] * 2
-    moved = [motions[place % 2] for place in range(len(seeds))]
     sensors = {'low': LOW, 'mid': MID, 'high': HIGH}[noise]
-    return Runs(
-        unknown, known, moved, [identify(unknown, *each) for each in zip(moved, repeat(sensors), seeds, strict=False)]
-    )
-
-
-def test_early_estimates_are_possible_and_honest_too(runs: Runs) -> None:
+    runs = [identify(unknown, motions[place % 2], sensors, seed) for place, seed in enumerate(SEEDS[name, noise])]
     wide = []
-    for estimate in (each for estimates in runs.estimates for each in estimates if each.identifiable.any()):
-        assert set(np.flatnonzero(estimate.identifiable)) <= set(runs.known)
+    for estimate in (each for estimates in runs for each in estimates if each.identifiable.any()):
+        assert set(np.flatnonzero(estimate.identifiable)) <= set(known)
         # A centre of mass or a moment is never published without the mass it rests on.
         assert estimate.identifiable[0]
         assert estimate.parameters[0] > 0.0
         assert is_physical(standard(estimate.parameters)) or not estimate.identifiable.all()
         assert not estimate.parameters[9] <= 0.0
-        error = np.abs(estimate.parameters - true_body(runs.robot)) > 6.0 * estimate.std
+        error = np.abs(estimate.parameters - true_body(unknown)) > 6.0 * estimate.std
         wide.append(error[estimate.identifiable])
     # Deviations of weakly determined parameters are far from Gaussian: still next to none beyond six.
     assert np.mean(np.concatenate(wide)) < 0.01
@@ -144,7 +124,3 @@ def test_a_known_momentum_helps(spatial: Truth) -> None:
     assert given.std[0] < 0.9 * without.std[0]
     assert np.sqrt(np.diag(given.momentum_covariance))[:3].max() <= 0.01
     assert nees(given, true_body(unknown)) < OPTIMISM * chi2.ppf(1.0 - 1e-3, 10)
-
-
-def identified(name: str, truth: Truth, noise: SensorNoise, seed: int, **parameters: object) -> Estimate:
-    return estimator(kernel(name), noise, **parameters).update(windows(observe(truth, noise, seed)), 0)[-1]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from benchmarks.appendages import PANELS, SLOSH, with_fuel, with_panels
-from mbaid_ros.core.geometry import Array, quaternion_from_rotation
+from benchmarks.in_mujoco import InMuJoCo
 from mbaid_ros.core.results.estimate import PassiveJoint
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Springs
@@ -43,31 +42,9 @@ class Swinging:
 
     def theirs(self) -> Truth:
         """Return the motion by MuJoCo."""
-        spec = mujoco.MjSpec.from_string(self.model.urdf)
-        spec.body(self.model.base_link).add_freejoint()
-        spec.option.gravity, spec.option.timestep = np.zeros(3), 0.002
-        spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
-        spec.option.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-        robot = spec.compile()
-        data = mujoco.MjData(robot)
-        each = [robot.joint(name) for name in self.model.joint_names]
-        place, rate = [joint.qposadr[0] for joint in each], [joint.dofadr[0] for joint in each]
-        for index, stiffness, damping in zip(self.joints, self.springs.stiffness, self.springs.damping, strict=True):
-            robot.jnt_stiffness[each[index].id], robot.dof_damping[rate[index]] = stiffness, damping
-        data.qpos[3:7], data.qpos[place] = [1.0, 0.0, 0.0, 0.0], self.start.joint_position
-        data.qvel[:6], data.qvel[rate] = self.start.velocity[:6], self.start.joint_velocity
-        seen: list[tuple[Array, ...]] = []
-        for steps in np.diff(np.round(self.instants / 0.002).astype(int), prepend=0):
-            mujoco.mj_step(robot, data, nstep=int(steps))
-            mujoco.mj_forward(robot, data)
-            turn = data.xmat[robot.body(self.model.base_link).id].reshape(3, 3).copy()
-            seen.append((data.qpos[place], data.qvel[rate], data.qpos[:3].copy(), turn, turn.T @ data.qvel[:3]))
-            seen[-1] += (data.qvel[3:6].copy(),)
-        joints, rates, position, turns, linear, angular = (np.array(part) for part in zip(*seen, strict=True))
-        return Truth(
-            *(self.instants, joints, rates, np.zeros_like(joints)),
-            *(position, quaternion_from_rotation(turns), linear, angular),
-        )
+        constants = zip(self.springs.stiffness, self.springs.damping, strict=True)
+        springs = {self.model.joint_names[joint]: each for joint, each in zip(self.joints, constants, strict=True)}
+        return InMuJoCo(self.model, 0.002, springs=springs).measured(self.start, self.instants)
 
 
 @pytest.fixture(scope='module')

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
-from derivatives import central_difference
+from checked import central_difference
 from floating import true_momentum
 from mbaid_ros.core.filter.knots import BEFORE, Knots, midpoints
 from mbaid_ros.core.filter.state import POSE, Layout, Point

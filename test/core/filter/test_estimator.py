@@ -94,6 +94,3 @@ def test_a_gap_of_several_seconds(robot: MomentumKernel, servicer: Truth) -> Non
     # What was learnt before the gap still counts.
     after = follow(robot, until(observe(servicer, MID, 3), 8.0), MID)[-1]
     assert np.all(last.std < after.std)
-
-
-PUBLISHED = ('estimating', 'converged')

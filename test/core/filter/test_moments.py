@@ -7,9 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drawn_windows import prepare
-from drawn_windows import variables as drawn_variables
-from drawn_windows import window as drawn_window
 from mbaid_ros.core.filter.joint_noise import InformationCorrection
 from mbaid_ros.core.filter.prior_scale import PriorComparison, PriorScaleFactors
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
@@ -21,6 +18,9 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from observed import kernel
+from windowed import prepare
+from windowed import variables as drawn_variables
+from windowed import window as drawn_window
 
 MEASURED = 12
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from drawn_windows import NUMBERS, STATE, UNKNOWNS, positive, prepare, variables, window
 from mbaid_ros.core.filter.chain import WindowModel
 from mbaid_ros.core.filter.measured_window import IntegratedTwist
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
@@ -25,6 +24,7 @@ from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
 from mbaid_ros.core.filter.whitened import Axes
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.status import Innovations
+from windowed import NUMBERS, STATE, UNKNOWNS, positive, prepare, variables, window
 
 
 def covariance_of(gaussian: SquareRootInformation, space: Variables) -> Array:

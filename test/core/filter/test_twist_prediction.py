@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from derivatives import central_difference
+from checked import central_difference
 from mbaid_ros.core.filter.knots import Midpoints
 from mbaid_ros.core.filter.state import Layout
 from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, gains_by_unknowns, joint_gains, predict

@@ -9,6 +9,7 @@ import pytest
 
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.paper import forms
 from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings, RecursiveLeastSquares
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import physical
@@ -158,3 +159,26 @@ def test_the_covariance_stays_bounded_symmetric_and_positive_without_excitation(
     # When it is excited at last, one complete block of equations is enough.
     full = rng.normal(size=(UNKNOWNS, UNKNOWNS))
     assert rls.step(full, full @ np.array([1.0, -2.0, 0.5, 3.0])) == pytest.approx([1.0, -2.0, 0.5, 3.0], rel=1e-4)
+
+
+# -- The paper's equations, corrected, on an exact spatial motion: the body fulfils them, and no other one does.
+
+
+@pytest.mark.parametrize('form', ['main', 'difference'])
+def test_the_forms_are_those_of_the_body_alone(form: str, spatial: Truth) -> None:
+    servicer = kernel('servicer7')
+    states = servicer.states(observe(spatial, MID))
+    linear, angular = forms.linear_rows(states), forms.angular_rows(states)
+    rows, right_side = (
+        forms.main_form(states, total_momentum(servicer.model, spatial[:1])[0, 3:])
+        if form == 'main'
+        else forms.difference_form(linear, angular, (angular[0][:1], angular[1][:1]))
+    )
+    body = physical(servicer.target.parameters)
+    size = np.sqrt(np.sum(rows**2, axis=(0, 1)))  # columns of equal size: the unknowns are 1e-2 (1/m) to 1e1
+    found, misfit, rank, _ = np.linalg.lstsq((rows / size).reshape(-1, 10), right_side.ravel(), rcond=None)
+    assert rank == 10
+    assert misfit[0] < 1e-16 * np.sum(right_side**2)
+    found /= size
+    scale = np.concatenate((body[:1], np.full(3, np.linalg.norm(body[1:4])), np.full(6, body[4:].max())))
+    assert np.max(np.abs(np.append(1.0 / found[0], found[1:]) - body) / scale) < 1e-8

@@ -8,7 +8,7 @@ import pickle
 import numpy as np
 import pytest
 
-from derivatives import central_difference
+from checked import central_difference
 from mbaid_ros.core.geometry import Array, Flags, unvec
 from mbaid_ros.core.results.parameters import (
     SENSOR_NOISE,

@@ -11,7 +11,7 @@ from checked import some
 from made_runs import BODY as MADE_BODY
 from made_runs import estimate, planar
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Status
 from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.results.published_inertia import (
     InertiaPublication,
@@ -19,6 +19,7 @@ from mbaid_ros.core.results.published_inertia import (
     is_usable,
 )
 from mbaid_ros.core.results.reporting import Curvature, Reporting, Solution
+from mbaid_ros.core.results.status import Reason, Severity, with_reasons
 from mbaid_ros.core.robot.kinematics import Plane
 from mbaid_ros.core.robot.momentum import physical_jacobian, standard
 from mbaid_ros.core.two_stage import IntervalConsistency
@@ -253,3 +254,36 @@ def test_it_is_so_for_some_seconds() -> None:
     steadiness.judged(moved(20.0, 0.0), early=False)
     found = [steadiness.judged(moved(time, 8.0), early=False).status for time in (25.0, 29.0, 31.0)]
     assert found == ['inconsistent', 'inconsistent', estimate().status]
+
+
+# -- Status, warnings and causes that the reasons of the stages lead to.
+
+UNKNOWN = replace(estimate(), status='not_identifiable', identifiable=np.zeros(10, dtype=bool), warnings=())
+PUBLISHED = replace(estimate(), status='estimating', warnings=())
+
+
+@pytest.mark.parametrize(
+    ('given', 'severity', 'status', 'withheld'),
+    [
+        (PUBLISHED, 'note', 'estimating', False),
+        (PUBLISHED, 'contradiction', 'inconsistent', False),
+        (PUBLISHED, 'conflict', 'inconsistent', False),
+        (UNKNOWN, 'note', 'not_identifiable', False),
+        (UNKNOWN, 'contradiction', 'not_identifiable', True),
+        (UNKNOWN, 'conflict', 'inconsistent', False),
+    ],
+)
+def test_a_reason_makes_the_status(given: Estimate, severity: Severity, status: Status, withheld: bool) -> None:
+    found = with_reasons(given, [Reason('too much', severity), Reason('by the way')])
+    assert found.status == status
+    assert found.warnings == ('too much', *([WITHHELD] if withheld else []), 'by the way')
+    assert found.contradicted == (severity != 'note')
+
+
+def test_a_note_is_a_cause_only_where_there_are_others_and_a_conflict_always() -> None:
+    note, conflict = Reason('turned', gain=7.0), Reason('in degrees', 'conflict', gain=5.0)
+    assert with_reasons(PUBLISHED, [note]).causes == ()
+    suspicious = replace(PUBLISHED, causes=(('a link', 20.0),))
+    assert with_reasons(suspicious, [note]).causes == (('turned', 7.0), ('a link', 20.0))
+    assert with_reasons(PUBLISHED, [note, conflict]).causes == (('in degrees', 5.0),)
+    assert with_reasons(PUBLISHED, [conflict, note]).causes == (('turned', 7.0), ('in degrees', 5.0))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from derivatives import central_difference
+from checked import central_difference
 from mbaid_ros.core.geometry import Array, exp, skew, unvec, vec
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model

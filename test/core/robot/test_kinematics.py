@@ -12,10 +12,6 @@ from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from peer import Motion, Peer
 from random_robots import random_state, random_urdf
 
-SEEDS = range(4)
-COUNT = 67
-
-
 INSTANTS = 33
 
 

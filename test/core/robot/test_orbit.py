@@ -10,23 +10,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import SimulatorConfig
+from benchmarks.data import simulator_config
 from mbaid_ros.core.difference.window_rows import window_rows
-from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion, skew
+from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion, skew, unvec
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.kinematics import Kinematics
+from mbaid_ros.core.robot.model import express, load_model
 from mbaid_ros.core.robot.orbit import Orbit, Turning, about, brought, of_bodies, of_link
 from mbaid_ros.core.samples import BaseStream
-from mbaid_ros.core.sensors.falling_frame import FallingFrame
+from mbaid_ros.core.sensors.base import orientation_only
+from mbaid_ros.core.sensors.falling_frame import FallingFrame, bodies_of
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.simulation import Truth, seen_from_orbit, total_momentum
 from observed import MID, configured_motion, observe
 from random_robots import random_state, random_urdf
 from sessions import MEAN_MOTION, NADIR, NORMAL, declared, orbit
-from simulated import CONFIG, robot
+from simulated import robot
+from thrusting import pushed
 
 SECOND = 1_000_000_000
 EPOCH = 1_700_000_000 * SECOND
@@ -216,10 +217,9 @@ def test_the_rows_lack_what_the_orbit_has_brought(seed: int) -> None:
 @pytest.mark.parametrize('name', ['ets7', pytest.param('servicer7', marks=pytest.mark.long)])
 def test_what_is_left_of_a_simulated_robot_is_constant(name: str) -> None:
     """The simulator's bodies, the estimator's columns: P and L less what the orbit has brought, over a minute."""
-    values = load_parameter_file(CONFIG / f'{name}_simulator.yaml', 'simulator')
-    values |= {**declared(mean_motion=0.02), 'initial.base_position': [8.0, -4.0, 6.0]}
+    config = simulator_config(name, {**declared(mean_motion=0.02), 'initial.base_position': [8.0, -4.0, 6.0]})
     model = robot(name)
-    truth = make_simulation(build(SimulatorConfig, values), model).advance(np.arange(1200) * 0.05)
+    truth = make_simulation(config, model).advance(np.arange(1200) * 0.05)
     samples = FallingFrame(orbit(0.02), model, relative_twist=True).applied(observe(truth, MID), 0)
     total = total_momentum(model, truth)
     columns = about(samples.tide, np.zeros((len(samples), 3)))
@@ -228,3 +228,38 @@ def test_what_is_left_of_a_simulated_robot_is_constant(name: str) -> None:
     assert moved.max() > 10.0
     # The trapezoidal rule at 20 Hz.
     assert np.ptp(left, axis=0).max() < 2e-6 * moved.max()
+
+
+# -- A robot that nothing locates: gravity turns it about its common centre of mass, and moves it nowhere.
+
+RATE = 1.1e-3  # rad/s
+
+
+def test_it_is_the_gravity_gradient_torque_about_the_common_centre_of_mass() -> None:
+    model = robot('servicer7')
+    orbit = Orbit.inertial(RATE, np.array([0.3, 0.2, 1.0]), np.array([0.0, 1.0, -0.2]))
+    samples = observe(pushed(), MID)[:2]
+    frame = FallingFrame(orbit, model, relative_twist=True, located=False)
+    tide = frame.applied(samples, 0).tide
+    bodies, length = bodies_of(model), float(samples.time[1] - samples.time[0])
+    brought = of_bodies(tide.reshape(2, -1, 6, 10), bodies)[1] / length
+    placed = Kinematics(model).configure(samples.base_rotation, samples.joint_position)
+    whole = np.sum(express(bodies, placed.rotation, placed.position), axis=1)[0]
+    centre = whole[1:4] / whole[0]
+    inertia = unvec(whole[4:]) + whole[0] * skew(centre) @ skew(centre)
+    up = orbit.up
+    np.testing.assert_array_equal(brought[:3], 0.0)
+    torque = 3.0 * RATE**2 * np.cross(up, inertia @ up)  # at the first sample; the tide is the mean until the second
+    np.testing.assert_allclose(brought[3:], torque, atol=1e-2 * float(np.linalg.norm(torque)))
+
+
+def test_an_orientation_in_an_orbit_fixed_frame_is_turned_without_a_position() -> None:
+    model, stamps = robot('servicer7'), np.array([0, 10**12], dtype=np.int64)
+    fixed = np.tile(np.eye(3), (2, 1, 1))
+    base = orientation_only(stamps, fixed, np.tile(np.diag([1e-6, 4e-6, 9e-6]), (2, 1, 1)))
+    frame = FallingFrame(Orbit.turning_with(RATE, 'lvlh'), model, relative_twist=True, located=False)
+    seen = frame.falling(base)
+    turned = exp(np.array([[0.0, -RATE * 1e3, 0.0]]))[0]
+    np.testing.assert_allclose(seen.rotation[1], turned, atol=1e-9)
+    np.testing.assert_allclose(seen.pose_covariance[1, 3:, 3:], turned @ np.diag([1e-6, 4e-6, 9e-6]) @ turned.T)
+    assert np.isnan(seen.pose_covariance[:, :3, :3]).all()

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 from mbaid_ros.core.errors import MbaidError, ModelError
 from mbaid_ros.core.robot.model import load_model, parse
-from mbaid_ros.core.robot.urdf import read_description
+from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.core.robot.urdf import Inertial, read_description
+from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.limits import LINKS, URDF_CHARACTERS
+from simulated import CONFIG
 
 MASS = '<mass value="2"/>'
 INERTIA = '<inertia ixx="1" ixy="0.1" ixz="0.2" iyy="1.5" iyz="0.3" izz="1.2"/>'
@@ -206,3 +211,78 @@ def test_what_is_above_the_base_link_goes() -> None:
     assert 'cart, lamp' in model.dropped[0]
     with pytest.raises(ModelError, match="parameter 'base_link' is 'trolley', which is no link; links: cart, base"):
         load_model(urdf, 'trolley')
+
+
+# -- Beyond what is accepted: one line each, before anything large is made.
+
+SERVICER = (CONFIG / 'servicer7.urdf').read_text()
+BODY = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+
+
+def chain(joints: int) -> str:
+    """Return a robot of so many joints in a row."""
+    links = ''.join(f'<link name="l{place}">{BODY}</link>' for place in range(joints + 1))
+    return f'<robot name="chain">{links}' + ''.join(
+        f'<joint name="j{place}" type="continuous"><parent link="l{place}"/><child link="l{place + 1}"/></joint>'
+        for place in range(joints)
+    ) + '</robot>'  # fmt: skip
+
+
+@pytest.mark.parametrize('count', [1, 8])
+def test_masses_that_are_almost_zero_are_refused(count: int) -> None:
+    text = re.sub(r'<mass value="[^"]*"/>', '<mass value="1e-300"/>', SERVICER, count=count)
+    with pytest.raises(ModelError, match=r'has mass 1e-300 kg; 0 or at least 1e-12 kg is accepted') as refused:
+        load_model(text)
+    assert str(refused.value).count('1e-300') == count
+
+
+def test_robots_of_too_many_joints_are_refused() -> None:
+    with pytest.raises(ModelError, match='has 999 joints that move; at most 300 are accepted'):
+        load_model(chain(999))
+    assert load_model(chain(5)).joints == 5
+
+
+# -- Identified and calibrated values go into the robot description, and nothing else changes.
+
+IDENTIFIED = np.array([157.25, 0.1, -0.2, 1 / 3, 30.1, 0.5, -0.25, 40.0, 1e-3, 50.0])
+WRITTEN = Inertial(mass=157.25, xyz=(0.1, -0.2, 1 / 3), rpy=(0.0, 0.0, 0.0), inertia=tuple(IDENTIFIED[4:].tolist()))
+FRAME = '<?xml version="1.0" encoding="latin-1"?>\n<robot name="r">\n  {link}\n  <!-- ünd -->\n</robot>\n'
+
+
+@pytest.mark.parametrize('name', ['table1', 'ets7', 'servicer7'])
+def test_every_link_of_the_robots_takes_the_identified_inertia(name: str) -> None:
+    urdf = (CONFIG / f'{name}.urdf').read_text()
+    for link in load_model(urdf).links:
+        changed = replace_inertial(urdf, link.name, IDENTIFIED)
+        assert read_description(changed).inertials == {**read_description(urdf).inertials, link.name: WRITTEN}
+
+
+@pytest.mark.parametrize(
+    'link',
+    [
+        '<link name="tool"/>',
+        "<link name='tool' note='a > b'  />",
+        '<link name="tool"></link>',
+        '<link name="tool">\n    <visual/>\n  </link>',
+        '<link name="tool"><inertial><mass value="1"/><inertia/></inertial></link>',
+        '<link name="tool"><extension><inertial/></extension></link>',
+        '<link name="tool"><!-- <inertial> --><inertial/></link>',
+    ],
+)
+def test_any_way_to_write_a_link(link: str) -> None:
+    changed = replace_inertial(FRAME.format(link=link), 'tool', IDENTIFIED)
+    assert '<!-- ünd -->' in changed
+    assert read_description(changed).inertials == {'tool': WRITTEN}
+    assert replace_inertial(changed, 'tool', IDENTIFIED) == changed
+
+
+@pytest.mark.parametrize('name', ['table1', 'ets7', 'servicer7'])
+def test_every_link_reads_back(name: str) -> None:
+    urdf = (CONFIG / f'{name}.urdf').read_text()
+    changed = urdf
+    model = load_model(urdf)
+    for link in model.links:
+        changed = replace_inertial(changed, link.name, 1.01 * physical(link.parameters))
+    for link, before in zip(load_model(changed).links, model.links, strict=True):
+        expected = 1.01 * physical(before.parameters)
+        assert physical(link.parameters) == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())

@@ -249,15 +249,6 @@ def test_joints_that_are_far_better_than_declared_are_warned_of(declared: float,
 STEP, SIZE = 0.01, 1e-3  # s, m
 
 
-def coloured(constant: float, count: int, seed: int) -> Array:
-    """Return (count, 3) numbers of unit variance with a time constant (s)."""
-    keep = np.exp(-STEP / constant)
-    values = np.random.default_rng(seed).normal(size=(count, 3))
-    for index in range(1, count):
-        values[index] = keep * values[index - 1] + np.sqrt(1.0 - keep**2) * values[index]
-    return values
-
-
 def samples(error: Array, every: int = 1, constant: float = 0.0) -> Samples:
     """Return samples of a moving base whose positions have an error; one in so many comes."""
     stamps = 1_700_000_000_000_000_000 + np.round(1e9 * STEP * np.arange(len(error))).astype(np.int64)

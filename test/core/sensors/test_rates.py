@@ -8,16 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build
-from mbaid_ros.core.identifier import Identifier
-from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.samples import BaseStream, JointStream, Samples
+from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.rates import fit, with_rates
-from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.simulation.simulation import Truth
-from observed import MID, configured_motion, kernel, observe, windows
+from observed import MID, configured_motion, observe, windows
 
 
 @cache
@@ -31,26 +25,6 @@ def stripped(samples: Samples) -> Samples:
         for name in ('joint_velocity', 'base_linear_velocity', 'base_angular_velocity')
     }
     return replace(samples, **nothing)
-
-
-def streams(samples: Samples, *, rates: bool = True, twist: bool = True) -> tuple[JointStream, BaseStream]:
-    stamp = np.round(samples.time * 1e9).astype(np.int64)
-    rate, base = (1.0 if present else np.nan for present in (rates, twist))
-    return JointStream(stamp, samples.joint_position, samples.joint_velocity * rate), BaseStream(
-        stamp,
-        samples.base_position,
-        samples.base_rotation,
-        samples.base_linear_velocity * base,
-        samples.base_angular_velocity * base,
-        samples.pose_covariance,
-        samples.twist_covariance,
-    )
-
-
-def estimates(samples: Samples, method: str, **present: bool) -> list[Estimate]:
-    config = build(EstimatorConfig, {**EXACT, 'method': method})
-    identifier = Identifier(make_estimator(config, kernel('servicer7')), config.window, config.maximum_gap)
-    return identifier.push(*streams(samples, **present))
 
 
 @pytest.mark.parametrize('count', [2, 3, 5, 6, 50])

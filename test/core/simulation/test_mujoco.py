@@ -40,9 +40,9 @@ def test_the_papers_case() -> None:
     instants = np.arange(61.0)
     truth = Simulation(model, Passive(), start).advance(instants)
     other = InMuJoCo(model, 0.002).measured(start, instants)
-    assert far(truth.joint_position, other['joints']) < 1e-9
-    assert far(truth.base_angular_velocity, other['twist'][:, :3]) < 1e-9
-    assert other['twist'][30, 2] == pytest.approx(0.0531892573, abs=1e-9)
+    assert far(truth.joint_position, other.joint_position) < 1e-9
+    assert far(truth.base_angular_velocity, other.base_angular_velocity) < 1e-9
+    assert other.base_angular_velocity[30, 2] == pytest.approx(0.0531892573, abs=1e-9)
     assert not truth.joint_effort.any()
 
 
@@ -56,13 +56,12 @@ def test_mujoco_moves_and_measures_the_true_robot_alike(name: str, rate: float) 
     instants = np.arange(0.0, 21.0, 2.0)
     ours = misread(Simulation(true, Passive(), start).advance(instants), errors)
     theirs = InMuJoCo(model, 0.002, errors).measured(start, instants)
-    assert far(ours.joint_position, theirs['joints']) < 1e-8
-    assert far(ours.base_position, theirs['position']) < 1e-8
-    assert far(rotation_from_quaternion(ours.base_orientation), theirs['rotation']) < 1e-8
-    assert far(np.hstack((ours.base_angular_velocity, ours.base_linear_velocity)), theirs['twist']) < 1e-8
+    for part in ('joint_position', 'base_position', 'base_linear_velocity', 'base_angular_velocity'):
+        assert far(getattr(ours, part), getattr(theirs, part)) < 1e-8
+    assert far(*(rotation_from_quaternion(each.base_orientation) for each in (ours, theirs))) < 1e-8
     # The same robot without its errors is another one by far more than that.
     exact = Simulation(model, Passive(), start).advance(instants)
-    assert far(exact.joint_position, theirs['joints']) > 1e-3
+    assert far(exact.joint_position, theirs.joint_position) > 1e-3
 
 
 @pytest.mark.parametrize('name', ['ets7', pytest.param('servicer7', marks=pytest.mark.long)])
@@ -77,9 +76,9 @@ def test_a_robot_in_orbit_moves_as_in_mujoco(name: str) -> None:
     other = InMuJoCo(model, 0.005, around=around).measured(start, instants)
     moved = far(truth.base_position, free.base_position)
     assert moved > 1.0
-    assert far(truth.base_position, other['position']) < 1e-8 * moved
-    assert far(truth.joint_position, other['joints']) < 1e-7 * far(truth.joint_position, free.joint_position)
-    assert far(rotation_from_quaternion(truth.base_orientation), other['rotation']) < 1e-7
+    assert far(truth.base_position, other.base_position) < 1e-8 * moved
+    assert far(truth.joint_position, other.joint_position) < 1e-7 * far(truth.joint_position, free.joint_position)
+    assert far(*(rotation_from_quaternion(each.base_orientation) for each in (truth, other))) < 1e-7
 
 
 @pytest.mark.parametrize('seed', range(4))

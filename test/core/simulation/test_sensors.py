@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.honesty.paths import servicer
 from benchmarks.precapture import free_model
-from captured import LINK, alone, servicer_motion
+from captured import LINK, alone
 from mbaid_ros.core.geometry import Array, log, rotation_from_quaternion
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import physical
@@ -69,7 +70,7 @@ INSTANTS = np.concatenate((np.arange(0.0, TIME, 0.1), [TIME - 1e-6, TIME], np.ar
 
 
 def capturing() -> CaptureSimulation:
-    motion = servicer_motion()
+    motion = servicer()
     start = state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02))
     return CaptureSimulation(free_model(), motion, start, TARGET)
 
@@ -112,7 +113,7 @@ def test_after_it_both_move_as_one(truth: Truth) -> None:
     start = state(after.joint_position[0], after.joint_velocity[0])
     values = {**vars(start), 'base_position': after.base_position[0], 'base_orientation': after.base_orientation[0]}
     values['velocity'] = velocity[0]
-    again = Simulation(joined, servicer_motion().later(TIME), type(start)(**values))
+    again = Simulation(joined, servicer().later(TIME), type(start)(**values))
     expected = again.advance(after.time - TIME)
     assert after.base_position == pytest.approx(expected.base_position, abs=1e-8)
     assert after.joint_position == pytest.approx(expected.joint_position, abs=1e-8)
@@ -125,14 +126,14 @@ TIMES = np.arange(0.0, 3.0, 0.01)
 
 
 def start() -> State:
-    motion = servicer_motion()
+    motion = servicer()
     turning = state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02))
     return replace(turning, base_position=np.array([2.0, -1.0, 3.0]))
 
 
 def thrusting(frame: str = 'base_link', motion: Motion | None = None, wrench: Array = WRENCH) -> ThrustSimulation:
     pulse = Pulse(BEGIN, END, None if frame == ODOM else robot('servicer7').link(frame), wrench)
-    return ThrustSimulation(robot('servicer7'), motion or servicer_motion(), start(), pulse)
+    return ThrustSimulation(robot('servicer7'), motion or servicer(), start(), pulse)
 
 
 @pytest.mark.parametrize('frame', ['base_link', 'link4', ODOM])

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from checked import some
-from derivatives import central_difference
+from checked import central_difference, some
 from mbaid_ros.core.geometry import Array, exp, log, rotate
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector

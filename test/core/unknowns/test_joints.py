@@ -32,7 +32,7 @@ from observed import MID, observe, windows
 from windowed import START as BEGIN
 from windowed import residuals, window_model, window_of
 
-SPACING, SECONDS, STEP = 0.05, 6.0, 0.01  # s
+SPACING, STEP = 0.05, 0.01  # s
 JOINT, SIZE, LAG = 3, 0.01, 0.002  # rad, s
 
 

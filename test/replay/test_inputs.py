@@ -1,4 +1,4 @@
-"""`--start` and `--end`: a part of a bag, in seconds from its first message; and bags without times of recording."""
+"""Which bags `replay` reads, and which part: `--start` and `--end`, bags without times of recording, many bags."""
 
 from __future__ import annotations
 
@@ -9,9 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+import recorded
+from checked import answer
 from mbaid_ros.bags import BagReader, BagWriter
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.report.page import html
+from mbaid_ros.replay.run import replay_bag
 from mbaid_ros.replay.start import replay
 from recorded import JOINT_STATE, ODOMETRY
+from simulated import CONFIG
 
 BAG = Path(__file__).parents[2] / 'bags' / 'servicer7_mid'
 ROBOT = BAG.parents[1] / 'config' / 'servicer7.urdf'
@@ -56,8 +63,7 @@ def test_a_part_of_a_bag_is_read(tmp_path: Path) -> None:
     ],
 )
 def test_a_part_that_is_none_is_refused(words: tuple[str, ...], text: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert replay([str(BAG), '--model', str(ROBOT), *words]) == 2
-    assert text in capsys.readouterr().err
+    assert text in answer(replay, capsys, str(BAG), '--model', str(ROBOT), *words, code=2)
 
 
 @pytest.mark.parametrize('count', [20, 100_000])
@@ -71,3 +77,54 @@ def test_times_of_recording_that_were_never_filled_in_are_not_used(tmp_path: Pat
     if count < 100:
         part = result_of(bag, tmp_path, '--start', '20', '--end', '40', '--method', 'difference')
         assert part['samples'] == pytest.approx(1000, abs=3)
+
+
+MODEL = str(CONFIG / 'table1.urdf')
+QUICK = ('--model', MODEL, '--method', 'difference')
+DURATIONS = (8.0, 3.0, 5.0)
+
+
+@pytest.fixture(scope='module', name='bags')
+def three_bags(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    folder = tmp_path_factory.mktemp('many')
+    return [str(recorded.papers_case(folder / f'{length:g}_s', length, 20.0)) for length in DURATIONS]
+
+
+def test_many_bags_lead_to_what_each_leads_to_alone(
+    capsys: pytest.CaptureFixture[str], bags: list[str], tmp_path: Path
+) -> None:
+    alone = []
+    for bag in bags:
+        replay([bag, *QUICK, '--json', '-'])
+        alone.append(without_origin(capsys.readouterr().out))
+    report = tmp_path / 'report.html'
+    replay([*bags, *QUICK, '--json', '-', '--report', str(report), '--processes', '2'])
+    together = capsys.readouterr()
+    assert together.err == ''
+    assert [without_origin(json.dumps(result)) for result in json.loads(together.out)] == alone
+    urdf = Path(MODEL).read_text()
+    runs = [replay_bag(bag, EstimatorConfig(method='difference'), urdf, Inputs()) for bag in bags]
+    page, foot = report.read_text().split('<footer>')
+    assert page == html(runs, [None] * len(runs)).split('<footer>')[0]
+    assert foot.count('SHA-256') == 1 + len(bags)
+
+
+def test_runs_of_one_robot_add_up(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """With --continue the second run begins from the first; so does a run that is given the first one's JSON."""
+    begun, after = (str(recorded.papers_case(tmp_path / f'{length:g}_s', length, 20.0)) for length in (14.0, 12.0))
+    result = tmp_path / 'first.json'
+    replay([begun, after, '--model', MODEL, '--continue', '--json', '-'])
+    first, second = json.loads(capsys.readouterr().out)
+    assert first['continuation']
+    assert second['std']['mass'] < first['std']['mass']
+    replay([begun, '--model', MODEL, '--json', str(result)])
+    capsys.readouterr()
+    replay([after, '--model', MODEL, '-p', f'continue_from:={result}', '--json', '-'])
+    assert json.loads(capsys.readouterr().out)['estimate'] == second['estimate']
+
+
+def without_origin(text: str) -> str:
+    """Return a result without the command and the date that made it."""
+    result = json.loads(text)
+    assert result.pop('made_by')['robot']['name'] == 'table1'
+    return json.dumps(result)
