@@ -7,12 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mbaid_ros.core.diagnosis.readings import (
-    slipped_readings,
-    stopped_readings,
-    swing_size,
-    swinging,
-)
+from mbaid_ros.core.diagnosis.readings import slipped_readings, stopped_readings, swing_size, swinging
 from mbaid_ros.core.filter.knots import AFTER, BEFORE
 from mbaid_ros.core.filter.state import Layout
 from mbaid_ros.core.filter.window import Window
