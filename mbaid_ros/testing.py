@@ -5,6 +5,7 @@ This module is a public interface: docs/tutorials/hil-test.md shows its use.
 
 from __future__ import annotations
 
+import math
 import signal
 import subprocess
 import time
@@ -23,6 +24,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.messages.fields import parameters_of
 from mbaid_ros.nodes.subscriptions import LOST
 
 Until = Literal['estimating', 'converged', 'stale']
@@ -104,15 +106,13 @@ def deviations(estimate: InertiaEstimate, expected: Mapping[str, float]) -> dict
     expected : values by name: mass, com_x, com_y, com_z (kg, m, target link's frame), ixx, ..., izz (kg m^2, about the
         centre of mass, the link's axes)
     """
-    inertia = estimate.inertia
-    values = (inertia.m, inertia.com.x, inertia.com.y, inertia.com.z, *(getattr(inertia, n) for n in PARAMETERS[4:]))
-    found = {}
+    values, found = parameters_of(estimate), {}
     for name, wanted in expected.items():
         if name not in PARAMETERS:
             raise ParameterError(f"parameter '{name}' is not known; accepted: {listing(PARAMETERS)}")
         place = PARAMETERS.index(name)
-        known = bool(estimate.identifiable[place])
-        found[name] = (values[place] - wanted) / float(estimate.standard_deviation[place]) if known else float('inf')
+        known, std = math.isfinite(values[place]), float(estimate.standard_deviation[place])
+        found[name] = float(values[place] - wanted) / std if known else math.inf
     return found
 
 

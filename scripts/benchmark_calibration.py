@@ -86,7 +86,7 @@ def run(seed: int) -> Outcome:
         calibrated=_momentum(calibrated, fresh),
         error=np.asarray(error @ np.linalg.solve(found.block_covariance, error)),
         factor=np.array(loose.theta[::10].sum() / mass - 1.0),
-        factor_std=np.array(loose.scale.relative_std),
+        factor_std=np.array(loose.scale_std),
         residual=np.array(found.residual),
         capture=np.array([_compared(each) for each in (_target(after, own), ours, exact)]),
         reported=_sizes(ours.std),

@@ -6,11 +6,13 @@ import re
 from itertools import islice
 from pathlib import Path, PurePath
 
+from backports.zstd import ZstdError
 from rosbags.rosbag2 import ReaderError
 
 from mbaid_ros import limits
 from mbaid_ros.bags.chunks import MCAP_MAGIC
-from mbaid_ros.bags.sources import DAMAGE, IndexedSource, SalvagedSource, Source, UnpackedSource
+from mbaid_ros.bags.compression import unpack_file
+from mbaid_ros.bags.sources import DAMAGE, IndexedSource, SalvagedSource, Source
 from mbaid_ros.bags.sqlite import unread_log
 from mbaid_ros.bags.writer import parse_yaml
 from mbaid_ros.core.errors import DataError
@@ -63,11 +65,18 @@ def _declared(path: Path) -> list[Path]:
     return files
 
 
-def open_file(file: Path) -> Source:
-    """Return a file's messages; a DataError has the reason if there are none."""
+def open_file(file: Path, scratch: Path) -> Source:
+    """Return a file's messages; a DataError has the reason if there are none.
+
+    A file that was compressed as a whole (``.zstd``) is unpacked into the folder `scratch`.
+    """
     require_regular(file, 'bag')
     if file.suffix in {'.zst', '.zstd'}:
-        return UnpackedSource(file, open_file)
+        try:
+            unpack_file(file, scratch / file.stem)
+        except (ZstdError, EOFError) as error:
+            raise DataError(f"bag '{file}' cannot be decompressed: {error}") from error
+        return open_file(scratch / file.stem, scratch)
     try:
         return IndexedSource(file)
     except OSError as error:

@@ -7,6 +7,7 @@ from contextlib import suppress
 from itertools import compress
 from math import inf
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Any
 
@@ -51,7 +52,12 @@ class BagReader:
         self._slice = start, end
         self._first: int | None = None  # ns, when the bag's first message was recorded
         self.warnings: list[str] = []
-        self._sources = self._open()
+        self._scratch = TemporaryDirectory()  # for files that were compressed as a whole
+        try:
+            self._sources = self._open()
+        except BaseException:
+            self._scratch.cleanup()
+            raise
         self.topics, left_out = by_name(topic for source in self._sources for topic in source.topics.values())
         self.messages = sum(topic.count for topic in self.topics.values())
         whole = all(source.complete for source in self._sources)
@@ -169,9 +175,8 @@ class BagReader:
         return added - {field for field, _ in self._typestore(self.topics[topic]).fielddefs[type_name][1]}
 
     def close(self) -> None:
-        """Release the files."""
-        for source in self._sources:
-            source.close()
+        """Remove the files that were unpacked; no other is open but while it is read."""
+        self._scratch.cleanup()
         self._sources = []
 
     def __enter__(self) -> BagReader:
@@ -248,9 +253,9 @@ class BagReader:
         if not self.path.exists():
             raise DataError(f"bag '{self.path}' does not exist")
         if not self.path.is_dir():
-            return [open_file(self.path)]
+            return [open_file(self.path, Path(self._scratch.name))]
         files, reason = files_of(self.path)
-        sources = [open_file(file) for file in files]
+        sources = [open_file(file, Path(self._scratch.name)) for file in files]
         if reason and all(source.complete for source in sources):
             self.warnings.append(
                 f"metadata.yaml of bag '{self.path}' cannot be used ({reason}): its files are read in the order of "

@@ -5,12 +5,11 @@ from __future__ import annotations
 import io
 import struct
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, Protocol
+from typing import Any
 
 import apsw
 import zstandard
@@ -23,10 +22,9 @@ from rosbags.rosbag2 import ReaderError
 
 from mbaid_ros import limits
 from mbaid_ros.bags.chunks import Block, ChunkReader, Raw, in_blocks
-from mbaid_ros.bags.compression import beginning, unpack_file, unpacked_chunk
+from mbaid_ros.bags.compression import beginning, unpacked_chunk
 from mbaid_ros.bags.sqlite import SqliteReader
 from mbaid_ros.bags.writer import parse_profiles
-from mbaid_ros.core.errors import DataError
 
 _LARGEST_RECORD = limits.CHUNK_BYTES + 1_000  # bytes: a chunk and its header
 
@@ -50,20 +48,6 @@ class Topic:
     latched: bool  # True if the publisher offered transient local
     reliable: bool  # True unless every publisher offered best effort only
     encoding: str = 'cdr'
-
-
-class Source(Protocol):
-    """One file; `left_out` counts messages of another type by topic."""
-
-    topics: dict[str, Topic]
-    left_out: Counter[str]
-    complete: bool
-
-    def blocks(self, topics: Collection[str]) -> Iterator[Block]:
-        """Yield the messages in recorded order; one of DAMAGE is raised where bytes are wrong."""
-
-    def close(self) -> None:
-        """Release the files."""
 
 
 def by_name(found: Iterable[Topic]) -> tuple[dict[str, Topic], Counter[str]]:
@@ -95,9 +79,6 @@ class IndexedSource:
             chosen = [each for each in connections if self.topics[each.topic].type == each.msgtype]
             if chosen:  # the reader takes an empty selection for all
                 yield from reader.blocks(chosen)
-
-    def close(self) -> None:
-        """Release nothing: a process may not have the files of a large bag open all at once."""
 
 
 @contextmanager
@@ -143,9 +124,6 @@ class SalvagedSource:
                 if topic.name in topics and topic.type == self.topics[topic.name].type:
                     yield topic.name, record.data, record.log_time
 
-    def close(self) -> None:
-        """Release nothing: the file is open only while it is read."""
-
     def _records(self) -> Iterator[McapRecord]:
         """Yield the records, those within chunks included, up to the end or the cut."""
         with self._path.open('rb') as stream:
@@ -162,33 +140,7 @@ class SalvagedSource:
                 yield from _cut_chunk(stream, size - good)
 
 
-class UnpackedSource:
-    """A file that was compressed as a whole (``.zstd``), unpacked into a folder that goes when it is closed.
-
-    Raises a DataError if it holds far more than a recording of its size, or no bag that `opened` can open.
-    """
-
-    def __init__(self, path: Path, opened: Callable[[Path], Source]) -> None:
-        self._folder = TemporaryDirectory()
-        try:
-            unpack_file(path, Path(self._folder.name) / path.stem)
-            self._inner = opened(Path(self._folder.name) / path.stem)
-        except (ZstdError, EOFError) as error:
-            self._folder.cleanup()
-            raise DataError(f"bag '{path}' cannot be decompressed: {error}") from error
-        except BaseException:
-            self._folder.cleanup()
-            raise
-        self.topics, self.left_out, self.complete = self._inner.topics, self._inner.left_out, self._inner.complete
-
-    def blocks(self, topics: Collection[str]) -> Iterator[Block]:
-        """Yield the messages."""
-        yield from self._inner.blocks(topics)
-
-    def close(self) -> None:
-        """Release the files."""
-        self._inner.close()
-        self._folder.cleanup()
+Source = IndexedSource | SalvagedSource  # one file; `left_out` counts messages of another type by topic
 
 
 def _unpacked(chunk: Chunk) -> Chunk:

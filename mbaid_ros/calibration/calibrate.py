@@ -13,7 +13,7 @@ from mbaid_ros.calibration.iteration import (
     Motion,
     converge,
 )
-from mbaid_ros.calibration.result import Calibration, Mechanism, Scale
+from mbaid_ros.calibration.result import Calibration, Mechanism
 from mbaid_ros.calibration.unknowns import Normals, Prior, make_prior
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.filter.state import MOMENTUM
@@ -23,7 +23,7 @@ from mbaid_ros.core.results.status import widening
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.unknowns.bodies import KnownTarget, TotalMass
+from mbaid_ros.core.unknowns.bodies import KnownTarget
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
@@ -66,8 +66,6 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     values, covariance = widened.blocks()
     covariance = covariance * widening(gaussian.innovations, 1.0)
     values, corrections = _physical(values, covariance, kernel)
-    size = len(prior.mean)
-    gained = _gained(normals.links)
     momentum, momentum_covariance = _momenta(settled.passed, motions)
     return Calibration(
         prior=prior,
@@ -81,7 +79,6 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         mechanism=mechanism,
         gains=np.linalg.eigvalsh(_gained(normals.of_the_robot))[::-1],
         further_off=normals.prior_scales.sure,
-        scale=_scale(values[:size], covariance[:size, :size], prior, gained, settings.uncertainty.weighed),
         residual=float(np.sqrt(gaussian.nis / max(gaussian.measured, 1))),
         settled=settled.stays,
         redundancy=gaussian.measured,
@@ -183,23 +180,3 @@ def _momenta(passed: CalibrationIteration, motions: Sequence[Motion]) -> tuple[A
         own = factor @ factor.T + motion.variables.outside[MOMENTUM, MOMENTUM]
         covariances[index] = shift @ own @ shift.T
     return values, covariances
-
-
-def _scale(theta: Array, covariance: Array, prior: Prior, gained: Array, weighed: TotalMass | None) -> Scale:
-    """Return the uncertainty of the common factor, and whether prior or data determine it."""
-    masses = np.arange(0, len(theta), 10)
-    total = float(np.sum(theta[masses]))
-    relative = float(np.sqrt(np.sum(covariance[np.ix_(masses, masses)]))) / total
-    # Along theta itself: nothing but the factor changes.
-    own = [np.linalg.solve(root, link) for root, link in zip(prior.roots, theta.reshape(-1, 10), strict=True)]
-    along = np.concatenate(own)
-    scale = 0.0 if weighed is None else (total / weighed.std) ** 2
-    parts = [('the total mass', scale), ('the known bodies', max(float(along @ gained @ along) - scale, 0.0))]
-    parts += [
-        (f'the prior of {link.name}', float(each @ each))
-        for link, each, given in zip(prior.links, own, prior.given, strict=True)
-        if given
-    ]
-    whole = max(sum(part for _, part in parts), 1e-300)
-    shares = sorted(((name, part / whole) for name, part in parts), key=lambda each: -each[1])
-    return Scale(relative, tuple(each for each in shares if each[1] > 0.01))

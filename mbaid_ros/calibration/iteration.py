@@ -71,11 +71,8 @@ class Motion:
         """
         layout = layout_of(kernel, uncertainty, detector)
         noise, length, gyro, orientation_measured = sensing
-        averaging = KnotAveraging(
-            *(kernel.model.joints, noise, length, gyro),
-            orientation_measured=orientation_measured,
-            fastest=kernel.springs.fastest,
-        )
+        fastest = kernel.springs.fastest
+        averaging = KnotAveraging(noise, length, gyro, orientation_measured=orientation_measured, fastest=fastest)
         taken = averaging.take(run)
         windows = [each.ready for each in taken if each.ready is not None]
         if taken[-1].still_open is not None:

@@ -29,14 +29,6 @@ class Mechanism:
 
 
 @dataclass(frozen=True)
-class Scale:
-    """The uncertainty of the common factor of all masses, and its source."""
-
-    relative_std: float  # of the unknown links' total mass
-    fixed_by: tuple[tuple[str, float], ...]  # (name, part of the information), the largest first
-
-
-@dataclass(frozen=True)
 class LinkResult:
     """One link before and after."""
 
@@ -96,7 +88,6 @@ class Calibration:
     gains: Array
     # (kind of thing, error over its prior deviation) of those that surely are; covariances allow for it
     further_off: tuple[tuple[str, float], ...]
-    scale: Scale  # how well the common factor is known
     residual: float  # root mean square of the normalised innovations: 1 matches the noise
     settled: bool  # whether the iterations have converged
     redundancy: int  # number of innovations
@@ -125,6 +116,11 @@ class Calibration:
         """Of these, (10 k, 10 k)."""
         size = len(self.prior.mean)
         return self.block_covariance[:size, :size]
+
+    @property
+    def scale_std(self) -> float:
+        """Relative standard deviation of the common factor of all masses: of the links' total mass."""
+        return float(np.sqrt(np.sum(self.covariance[::10, ::10])) / np.sum(self.theta[::10]))
 
     @property
     def joints(self) -> Array:

@@ -6,9 +6,10 @@ filter sees combinations of them (in a plane, fewer than there are); the rest st
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -33,6 +34,8 @@ from mbaid_ros.core.unknowns.environment import Thrusters
 from mbaid_ros.core.unknowns.flexible import SpringErrors, resolved
 from mbaid_ros.core.unknowns.joints import JointPlacements
 from mbaid_ros.core.unknowns.priors import UnknownsPrior, in_plane_map
+
+U = TypeVar('U', bound=Unknown)
 
 OF_A_LINK = ('m', 'hx', 'hy', 'hz', 'Ixx', 'Ixy', 'Ixz', 'Iyy', 'Iyz', 'Izz')
 OF_A_JOINT = ('zero', 'origin_x', 'origin_y', 'origin_z', 'tilt_1', 'tilt_2')
@@ -97,12 +100,6 @@ class Normals:
         )
 
     @property
-    def links(self) -> UnknownsPrior:
-        """Mean and covariance of the links' numbers, ten each."""
-        count = len(self.prior.mean)
-        return UnknownsPrior(self.gaussian.mean[:count], self.gaussian.factor[:count])
-
-    @property
     def of_the_robot(self) -> UnknownsPrior:
         """Mean and covariance of links, joints, mount, wheels and thrusters: all but the sensors."""
         of_the_run = (unknown for unknown in self.unknowns if unknown.read and not isinstance(unknown, OdometryMount))
@@ -112,28 +109,31 @@ class Normals:
     def thrusters(self) -> tuple[Thruster, ...]:
         """Return by how much thrusters are off their commands."""
         found: list[Thruster] = []
-        place = 10
-        for unknown in self.unknowns:
-            numbers = slice(place, place + unknown.count)
-            place = numbers.stop
-            if isinstance(unknown, Thrusters):
-                stds = np.linalg.norm(unknown.factor @ self.gaussian.factor[numbers], axis=1)
-                found += Thruster.all_of(unknown.frames, unknown.factor @ self.gaussian.mean[numbers], stds)
+        for unknown, value, std in self._values_of(Thrusters):
+            found += Thruster.all_of(unknown.frames, value, std)
         return tuple(found)
+
+    def _values_of(self, kind: type[U]) -> Iterator[tuple[U, Array, Array]]:
+        """Yield the unknowns of a kind, with their (k,) values and standard deviations."""
+        for unknown, numbers in self._numbers():
+            if isinstance(unknown, kind):
+                std = np.linalg.norm(unknown.factor @ self.gaussian.factor[numbers], axis=1)
+                yield unknown, unknown.factor @ self.gaussian.mean[numbers], std
+
+    def _numbers(self) -> Iterator[tuple[Unknown, slice]]:
+        """Yield each unknown, and the place of its independent numbers."""
+        ends = 10 + np.cumsum([unknown.count for unknown in self.unknowns], dtype=int)
+        for unknown, end in zip(self.unknowns, ends.tolist(), strict=True):
+            yield unknown, slice(end - unknown.count, end)
 
     def passive_joints(self, kernel: MomentumKernel, seconds: float) -> tuple[PassiveJoint, ...]:
         """Return the passive joints of a kernel as estimated from motions so long; how far they swing is not asked."""
-        springs, place = kernel.springs, 10
+        springs = kernel.springs
         value, std, prior = np.zeros((3, springs.count, 2))
-        for unknown in self.unknowns:
-            numbers = slice(place, place + unknown.count)
-            place = numbers.stop
-            if isinstance(unknown, SpringErrors):
-                value = (unknown.factor @ self.gaussian.mean[numbers]).reshape(-1, 2)
-                std = np.linalg.norm(unknown.factor @ self.gaussian.factor[numbers], axis=1).reshape(-1, 2)
-                prior = np.linalg.norm(unknown.factor, axis=1).reshape(-1, 2)
+        for unknown, *numbers in self._values_of(SpringErrors):
+            value, std, prior = (each.reshape(-1, 2) for each in (*numbers, np.linalg.norm(unknown.factor, axis=1)))
         names = [kernel.model.joint_names[joint] for joint in springs.joints]
-        declared, unasked = (springs.rate, springs.ratio, prior), np.full(springs.count, np.nan)
+        declared, unasked = (springs.rate, springs.ratio, prior), np.full((3, springs.count), np.nan)
         found = resolved(springs.rate, springs.ratio, std[:, 0], seconds)
         return PassiveJoint.all_of(names, declared, value, std, unasked, found)
 
@@ -146,10 +146,7 @@ class Normals:
         size = len(self.prior.mean)
         rows = np.zeros((size + 6 * self.joints + 6, len(self.gaussian.mean)))
         rows[:size, :size] = block_diag(*self.prior.roots)
-        place = 10
-        for unknown in self.unknowns:
-            columns = slice(place, place + unknown.count)
-            place = columns.stop
+        for unknown, columns in self._numbers():
             if isinstance(unknown, JointPlacements):
                 rows[size:-6, columns] = unknown.factor
             elif isinstance(unknown, OdometryMount):

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros import limits
-from mbaid_ros.config.capture import CaptureConfig
-from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.estimator import CaptureConfig, EstimatorConfig
 from mbaid_ros.config.model_errors import TargetPriorConfig
 from mbaid_ros.config.parameters import build, parameter
 from mbaid_ros.core.errors import ParameterError

@@ -9,8 +9,8 @@ from itertools import product
 from pathlib import Path
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import dotted, load_parameter_file, read_robot_description, read_yaml
-from mbaid_ros.config.parameters import build, shown
+from mbaid_ros.config.files import load_parameter_file, read_robot_description, read_yaml
+from mbaid_ros.config.parameters import build, dotted, shown
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import MbaidError, ParameterError, listing
 

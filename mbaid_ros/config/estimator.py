@@ -4,12 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from mbaid_ros.config.capture import (
-    CaptureConfig,
-    DebrisConfig,
-    DisturbanceConfig,
-    ThrustConfig,
-)
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig
 from mbaid_ros.config.flexible import FlexibleConfig
 from mbaid_ros.config.model_errors import (
@@ -20,11 +14,12 @@ from mbaid_ros.config.model_errors import (
     TargetPriorConfig,
 )
 from mbaid_ros.config.parameters import METHODS, parameter
-from mbaid_ros.config.plan import PlanConfig
 from mbaid_ros.config.sensors import ImuConfig, NoiseConfig, PoseConfig
 
 REFERENCES = ('previous', 'first')
 TWIST_FRAMES = ('child', 'inertial')
+CONSTANT_FORCES = ('none', 'inertial', 'body')
+PHASES = ('post_capture', 'pre_capture')
 
 
 @dataclass(frozen=True)
@@ -82,6 +77,97 @@ class ConvergenceConfig:
     relative_std: float = parameter(0.01, minimum=0.0, exclusive_minimum=True)
     """An estimate is converged when its standard deviations, relative to its size, are below this; that of the centre
     of mass is relative to twice the radius of gyration, at most 1 m."""
+
+
+@dataclass(frozen=True)
+class DebrisConfig:
+    """The captured body alone."""
+
+    report: bool = parameter(default=False)
+    """Also report the captured body alone: the estimate minus the target link's <inertial>, which known_links.<link>
+    then declares, as in calibrate."""
+
+
+@dataclass(frozen=True)
+class DisturbanceConfig:
+    """External forces and torques."""
+
+    constant: str = parameter('none', choices=CONSTANT_FORCES)
+    """Constant external force and torque that trajectory estimates: body (axes of the base link), inertial (on the base
+    or at the common centre of mass, as the data show), or none (only if the data show one)."""
+    torque_std: float = parameter(0.0, 'N m', minimum=0.0)
+    """Standard deviation of an external torque about each axis of the base, different in every motion, as from air on a
+    thrown body; 0: none."""
+    torque_time: float = parameter(0.0, 's', minimum=0.0)
+    """Time constant of the external torque within a motion, a Gauss-Markov process: drag and venting vary in minutes;
+    0: constant."""
+    force_std: float = parameter(0.0, 'N', minimum=0.0)
+    """Standard deviation of an external force along each axis of the base, through the common centre of mass, different
+    in every motion; 0: none."""
+    force_time: float = parameter(0.0, 's', minimum=0.0)
+    """Time constant of the external force within a motion; 0: constant."""
+
+
+@dataclass(frozen=True)
+class ThrustConfig:
+    """The commanded thrust on the topic thrust."""
+
+    scale_std: float = parameter(0.0, minimum=0.0)
+    """Relative standard deviation of the strength of a thruster, constant, estimated by trajectory; 0: commands are
+    exact."""
+    direction_std: float = parameter(0.0, 'rad', minimum=0.0)
+    """Standard deviation of a thruster's constant misalignment about each axis of its frame; 0: exact."""
+    delay_std: float = parameter(0.02, 's', minimum=0.0, maximum=1.0)
+    """Standard deviation of a thruster's constant delay after the stamps of its commands; 0: in time."""
+    frames: tuple[str, ...] = parameter(())
+    """Frames of the thrusters that have such errors, each its own; empty: the base link if a scale or a direction is
+    uncertain, otherwise none."""
+
+
+@dataclass(frozen=True)
+class CaptureConfig:
+    """The capture, in data that begin before it."""
+
+    phase: str = parameter('post_capture', choices=PHASES)
+    """First phase: post_capture identifies from the first sample on; pre_capture checks the known model until ~/capture
+    is called."""
+    time: float = parameter(0.0, 's', minimum=0.0)
+    """Time of the capture after the first sample, if known beforehand; 0: phase decides."""
+    detect: bool = parameter(default=False)
+    """Interpret a jump of the momentum as the capture, once pre_capture has lasted five seconds."""
+
+
+@dataclass(frozen=True)
+class PlanConfig:
+    """Goal and limits of a planned motion."""
+
+    relative_std: tuple[float, ...] = parameter((), lengths=(0, 1, 10))
+    """Wanted relative standard deviation, in the sense of convergence.relative_std: one for all parameters, or ten in
+    the order mass, com_x, com_y, com_z, ixx, ixy, ixz, iyy, iyz, izz; empty: convergence.relative_std."""
+    duration: float = parameter(0.0, 's', minimum=0.0, maximum=3600.0)
+    """Length of the most informative motion; 0: the shortest that reaches relative_std."""
+    joint_velocity: float = parameter(0.0, 'rad/s', minimum=0.0)
+    """Velocity that no joint exceeds, in addition to its limit in the URDF (m/s for a prismatic joint); 0: the URDF's
+    limit alone."""
+    joint_acceleration: float = parameter(0.1, 'rad/s^2', minimum=0.0, exclusive_minimum=True)
+    """Acceleration that no joint exceeds (m/s^2 for a prismatic joint)."""
+    base_rotation: float = parameter(0.0, 'rad', minimum=0.0)
+    """Largest rotation of the base by the motion, against a base with the joints at rest; 0: any."""
+    base_translation: float = parameter(0.0, 'm', minimum=0.0)
+    """Largest displacement of the base link's origin by the motion, against a base with the joints at rest; 0: any."""
+    base_rate: float = parameter(0.0, 'rad/s', minimum=0.0)
+    """Largest change of the base's angular velocity by the motion, against a base with the joints at rest; 0: any."""
+    deflection: float = parameter(0.0, 'rad', minimum=0.0)
+    """Largest deflection of passive joints (flexible.joints) by the motion from rest (or m); 0: any."""
+    clearance: float = parameter(0.02, 'm', minimum=0.0)
+    """Smallest distance between collision shapes of the URDF; 0: they may touch, but not overlap."""
+    stuck: tuple[str, ...] = parameter(())
+    """Joints that are not moved."""
+    held: tuple[str, ...] = parameter(())
+    """Joints that keep the speed they have at the end of the run, as wheels do; empty: continuous joints without a
+    velocity limit, if plan.joint_velocity is not given or they are faster."""
+    effort: int = parameter(1200, minimum=10, maximum=1_000_000)
+    """Motions that are compared before the best is taken."""
 
 
 @dataclass(frozen=True)

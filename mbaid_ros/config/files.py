@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from mbaid_ros import limits
+from mbaid_ros.config.parameters import dotted
 from mbaid_ros.core.errors import ModelError, ParameterError
 from mbaid_ros.files import read_text
 
@@ -170,17 +171,6 @@ def _like(part: str, level: str) -> bool:
     """Return whether one level of a name matches a part of a pattern, in which each ``*`` is any text."""
     pattern = '.*'.join(map(re.escape, re.split(r'\*+', part)))
     return re.fullmatch(pattern, level) is not None
-
-
-def dotted(values: Mapping[Any, object], prefix: str = '') -> dict[str, object]:
-    """Return the values of nested mappings by dotted name."""
-    flat: dict[str, object] = {}
-    for key, value in values.items():
-        if isinstance(value, dict):
-            flat.update(dotted(value, f'{prefix}{key}.'))
-        else:
-            flat[f'{prefix}{key}'] = value
-    return flat
 
 
 def read_robot_description(path: str | Path) -> str:

@@ -266,22 +266,26 @@ def build(cls: type[T], values: Mapping[str, object]) -> T:
     values : by dotted name or as nested mappings
     """
     checked: dict[str, Value] = {}
-    for name, value in _flatten(values, ''):
+    for name, value in dotted(values).items():
         if name not in specifications(cls) and name.startswith(_OF_ROS):  # type: ignore[arg-type] # mypy takes type[T] for unhashable
             continue
         spec = specification(name, cls)
-        if name in checked:
-            raise ParameterError(f"parameter '{name}' is given twice, nested and dotted")
         checked[name] = spec.check(value)
     return _construct(cls, checked, '')
 
 
-def _flatten(values: Mapping[str, object], prefix: str) -> Iterator[tuple[str, object]]:
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _flatten(value, f'{prefix}{name}.')
-        else:
-            yield f'{prefix}{name}', value
+def dotted(values: Mapping[Any, object], prefix: str = '') -> dict[str, object]:
+    """Return the values of nested mappings by dotted name.
+
+    Raises ParameterError: A name has two values.
+    """
+    flat: dict[str, object] = {}
+    for key, value in values.items():
+        below = dotted(value, f'{prefix}{key}.') if isinstance(value, Mapping) else {f'{prefix}{key}': value}
+        if twice := flat.keys() & below.keys():
+            raise ParameterError(f"parameter '{min(twice)}' is given twice, nested and dotted")
+        flat.update(below)
+    return flat
 
 
 def _construct(cls: type[T], values: Mapping[str, Value], prefix: str) -> T:

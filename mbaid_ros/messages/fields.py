@@ -1,4 +1,4 @@
-"""Single values of messages, and the columns of many of one shape.
+"""Single values of messages, poses that are no Odometry, and the columns of many messages of one shape.
 
 Messages that share a shape, names and lengths, are looked into once. `columns` returns their numbers as arrays; the
 layouts of `mbaid_ros.cdr` do the same for bytes.
@@ -6,15 +6,105 @@ layouts of `mbaid_ros.cdr` do the same for bytes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from mbaid_ros.cdr import JointStateLayout, OdometryLayout, Packet, Packets
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.samples import Stamps
-from mbaid_ros.messages.poses import BasePose, BasePoseShape
+
+# Causes for which messages, or parts of them, are unusable.
+JOINT_MISSING = 'joint missing'
+LENGTH_MISMATCH = 'names and values differ in number'
+NOT_FINITE = 'NaN or infinite value'
+NAMED_TWICE = 'joint named twice'
+TOO_MANY_NAMES = 'more than 10000 names'
+NOT_REAL = 'value beyond anything real'
+WRONG_CHILD_FRAME = 'child_frame_id is no frame on the base'
+BAD_QUATERNION = 'orientation is not a unit quaternion'
+LOST_TRACKING = 'tracking of the base lost, a pose of zeros'
+POSE_COVARIANCE = 'covariance of the pose is none'
+TWIST_COVARIANCE = 'covariance of the twist is none'
+
+Source = Literal['odom', 'pose', 'tf']
+
+_NO_TWIST = (np.nan,) * 6
+_NOT_SET = np.zeros(36)
+
+
+@dataclass(frozen=True)
+class BasePose:
+    """A pose of a frame on the base: stamp (ns), position and orientation (x, y, z, w), covariance (36,) or zeros."""
+
+    stamp: int
+    frame_id: str
+    child_frame_id: str
+    numbers: tuple[float, ...]
+    covariance: Any
+
+
+class BasePoseShape(NamedTuple):
+    """The frames that several poses share."""
+
+    frame_id: str
+    child_frame_id: str
+
+    def columns(self, messages: Sequence[BasePose]) -> tuple[Stamps, Array, Array, Array]:
+        """Return stamps (N,), ns, numbers (N, 13) and covariances (N, 36) of pose and twist, as of Odometry."""
+        numbers = np.array([(*message.numbers, *_NO_TWIST) for message in messages])
+        covariances = np.array([message.covariance for message in messages], dtype=float).reshape(-1, 36)
+        return np.array([message.stamp for message in messages]), numbers, covariances, np.zeros_like(covariances)
+
+
+def source_of(message: Any) -> Source:
+    """Return which kind of source a message that locates the base is from."""
+    if isinstance(message, Packet | Packets) or hasattr(message, 'twist'):
+        return 'odom'
+    return 'tf' if hasattr(message, 'transforms') else 'pose'
+
+
+class PoseReader:
+    """Makes poses of the base of messages that are no Odometry.
+
+    Parameters
+    ----------
+    frame : name of the frame on the base that a PoseStamped locates
+    of_transforms : name of the one that transforms locate; empty is their child frame
+    tf_child : child frame of the transform that locates the base, which has one parent in a tree
+    """
+
+    def __init__(self, frame: str, of_transforms: str, tf_child: str) -> None:
+        self._frame = frame
+        self._of_transforms = of_transforms
+        self._tf_child = tf_child.lstrip('/')
+
+    def read(self, message: Any) -> Iterator[BasePose]:
+        """Yield the poses of a PoseStamped, PoseWithCovarianceStamped, TransformStamped or TFMessage."""
+        if hasattr(message, 'transforms'):
+            for each in message.transforms:
+                if each.child_frame_id.lstrip('/') == self._tf_child:
+                    yield self._transform(each)
+        elif hasattr(message, 'transform'):
+            yield self._transform(message)
+        else:
+            pose, covariance = message.pose, _NOT_SET
+            if hasattr(pose, 'pose'):
+                pose, covariance = pose.pose, pose.covariance
+            yield _pose(message.header, self._frame, pose.position, pose.orientation, covariance)
+
+    def _transform(self, message: Any) -> BasePose:
+        transform, frame = message.transform, self._of_transforms or message.child_frame_id
+        return _pose(message.header, frame, transform.translation, transform.rotation, _NOT_SET)
+
+
+def _pose(header: Any, frame: str, position: Any, turn: Any, covariance: Any) -> BasePose:
+    stamp = int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+    numbers = (position.x, position.y, position.z, turn.x, turn.y, turn.z, turn.w)
+    return BasePose(stamp, header.frame_id, frame, numbers, covariance)
 
 
 def stamp_of(message: Any) -> int:
@@ -49,6 +139,14 @@ def vector_of(message: Any) -> tuple[str, int, Array]:
     vector = message.vector
     values = np.array([vector.x, vector.y, vector.z], dtype=float)
     return message.header.frame_id.lstrip('/'), stamp_of(message), values
+
+
+def parameters_of(message: Any) -> Array:
+    """Return mass, centre of mass and inertia, (10,), of an InertiaEstimate; NaN where not identifiable."""
+    inertia = message.inertia
+    tensor = (getattr(inertia, name) for name in PARAMETERS[4:])
+    values = np.array([inertia.m, inertia.com.x, inertia.com.y, inertia.com.z, *tensor], dtype=float)
+    return np.where(np.asarray(message.identifiable, dtype=bool), values, np.nan)
 
 
 def numbers_of(message: Any) -> tuple[float, ...]:

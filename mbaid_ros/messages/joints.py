@@ -16,14 +16,16 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.samples import JointStream
 from mbaid_ros.core.sensors.joints import Joints
-from mbaid_ros.messages.fields import JointStateShape, joint_state_shape, number_of
-from mbaid_ros.messages.poses import (
+from mbaid_ros.messages.fields import (
     JOINT_MISSING,
     LENGTH_MISMATCH,
     NAMED_TWICE,
     NOT_FINITE,
     NOT_REAL,
     TOO_MANY_NAMES,
+    JointStateShape,
+    joint_state_shape,
+    number_of,
 )
 
 _MOST_NAMES = 10_000

@@ -15,8 +15,7 @@ from mbaid_ros.cdr import OdometryLayout
 from mbaid_ros.core.geometry import Array, Flags, rotate, rotation_from_quaternion
 from mbaid_ros.core.samples import BaseStream, SensorNoise, Stamps
 from mbaid_ros.core.sensors.base import AttachedFrame, Usable, usable_covariance
-from mbaid_ros.messages.fields import OdometryShape, number_of, odometry_shape
-from mbaid_ros.messages.poses import (
+from mbaid_ros.messages.fields import (
     BAD_QUATERNION,
     LOST_TRACKING,
     NOT_FINITE,
@@ -25,6 +24,9 @@ from mbaid_ros.messages.poses import (
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
     BasePoseShape,
+    OdometryShape,
+    number_of,
+    odometry_shape,
 )
 
 _LARGEST_POSITION = 1e12  # m: beyond the planets

@@ -1,16 +1,12 @@
-"""/diagnostics of the estimator: received messages, their clocks, unused messages and why, and the estimate."""
+"""/diagnostics of the estimator: received messages, unused messages and why, and the estimate."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from time import monotonic
-from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from rclpy.clock import JumpThreshold, TimeJump
-from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from mbaid_ros.core.errors import listing
@@ -33,13 +29,7 @@ from mbaid_ros.nodes.watch import ESTIMATE
 from mbaid_ros.session.explanation import explain
 
 STALE_AFTER = 2.0  # s without a message
-STILL_AFTER = 2.0  # s without a later time on /clock
 _WAITED = (3600.0, 600.0, 60.0, 10.0, STALE_AFTER)  # s of waiting, each of which changes the text once
-
-_SECOND = 1_000_000_000  # ns
-_STAMP_AHEAD = 1 * _SECOND  # more than transport and clocks synchronised by NTP explain
-_CALENDAR = 10 * 365 * 86_400 * _SECOND  # a clock that shows less has been started, not set
-_CLOCK_AHEAD = 10.0  # s: a fast clock jumps by less if a busy node misses some of it
 
 
 class Diagnostics:
@@ -67,8 +57,8 @@ class Diagnostics:
         self._used = 0  # samples at the last report
         self._used_at = self._time  # when that number last changed
 
-    def statuses(self, state: RunState, name: str, clocks: Sequence[str]) -> list[DiagnosticStatus]:
-        """Return the statuses since the last call; `name` is the node's, `clocks` the problems with its clock."""
+    def statuses(self, state: RunState, name: str) -> list[DiagnosticStatus]:
+        """Return the statuses since the last call; `name` is the node's."""
         now = monotonic()
         self._period, self._time = now - self._time, now
         used = state.session.used if state.session else 0
@@ -78,7 +68,6 @@ class Diagnostics:
         reports['thrust'] = self._thrust(state)
         reports['robot description'] = self._description(state)
         reports['samples'] = self._samples.report(state, heard=any(self._recent.values()))
-        reports['time'] = (WARN, '; '.join(clocks), []) if clocks else (OK, 'stamps fit the clock', [])
         reports[ESTIMATE] = estimate_report(state)
         hardware = state.session.robot.model.name if state.session else ''
         return [
@@ -94,8 +83,8 @@ class Diagnostics:
 
     @property
     def stuck(self) -> bool:
-        """Whether no sample has been used between the last two reports."""
-        return self._used_at < self._time
+        """Whether no sample has been used lately, though no busy machine has held up the node: its messages wait."""
+        return self._period <= STALE_AFTER < self._time - self._used_at
 
     def missing(self, state: RunState) -> tuple[str, ...]:
         """Return the obstacles to an estimate, one sentence each."""
@@ -115,9 +104,7 @@ class Diagnostics:
         """Return why no new estimate can be expected; empty while it can. Call it after `statuses`."""
         if state.halted:
             return state.halted
-        if self._period > STALE_AFTER:
-            return ''  # a busy machine has held up the node, and messages wait for it
-        if self._time - self._used_at <= STALE_AFTER:
+        if not self.stuck:
             return ''  # one topic may be read to its end while another still waits
         silent = [
             each.topic
@@ -188,8 +175,6 @@ class Diagnostics:
             ('rate (Hz)', rate),
             ('reliability', 'best effort' if subscription.best_effort else 'reliable'),
         ]
-        if subscription.timed is not None:
-            values.append(('latency (s)', f'{(subscription.timed[1] - subscription.timed[0]) * 1e-9:.4f}'))
         if not received:
             alike = self._alike(subscription)
             return WARN, f'no messages on {_topics(alike)} yet{_help(*alike)}', values
@@ -272,65 +257,3 @@ def _help(*subscriptions: Subscriptions) -> str:
     others = sorted({info.topic_type for info in publishers} - set(accepted))
     taken = ' or '.join(accepted)
     return f'; its publishers send {listing(others)}, not {taken}' if others else '; its publisher is silent'
-
-
-class NodeClock:
-    """Compares the node's clock with the stamps of messages, and notices pauses and jumps back (by s) of /clock."""
-
-    def __init__(self, node: Node, threshold: float) -> None:
-        self._node = node
-        self._clock: Any = node.get_clock()
-        self._jumps: list[float] = []  # s, since the last report
-        self._last = 0, monotonic()  # ns, and when it came
-        ahead, back = Duration(seconds=max(threshold, _CLOCK_AHEAD)), Duration(seconds=-threshold)
-        limits = JumpThreshold(min_forward=ahead, min_backward=back, on_clock_change=False)
-        self._handle: Any = self._clock.create_jump_callback(limits, post_callback=self._on_jump)
-
-    def problems(self, subscriptions: Mapping[str, Subscriptions]) -> list[str]:
-        """Return the problems since the last call, one sentence each."""
-        now, seen = self._clock.now().nanoseconds, monotonic()
-        use_sim_time = bool(self._node.get_parameter('use_sim_time').value)
-        readings = {each.topic: each.timed for each in subscriptions.values() if each.timed is not None}
-        found = clock_problems(now, readings, use_sim_time=use_sim_time)
-        if self._jumps:
-            jumps, self._jumps = self._jumps, []
-            found.append(f'/clock jumped {len(jumps)} times since the last report, the last time by {jumps[-1]:.6g} s')
-        if now != self._last[0]:
-            self._last = now, seen
-        elif now and seen - self._last[1] > STILL_AFTER and use_sim_time:
-            found.append(f'/clock stands still: for {seen - self._last[1]:.0f} s it has been {now * 1e-9:.6g} s')
-        return found
-
-    def _on_jump(self, jump: TimeJump) -> None:
-        amount = jump.delta.nanoseconds
-        if self._clock.now().nanoseconds != amount:  # the first time is no jump from 0
-            self._jumps.append(amount * 1e-9)
-
-
-def clock_problems(now: int, readings: Mapping[str, tuple[int, int]], *, use_sim_time: bool) -> list[str]:
-    """Return the contradictions between stamps and clock, one sentence each.
-
-    Parameters
-    ----------
-    now : ns, of the node's clock
-    readings : by topic, the stamp of a message and the node's clock at its arrival, ns
-    use_sim_time : the node's parameter
-    """
-    if use_sim_time and now == 0:
-        return ['use_sim_time is true, but nothing has come on /clock: publish it, or set use_sim_time to false']
-    problems = []
-    for topic, (stamp, arrival) in readings.items():
-        if stamp < _CALENDAR <= arrival and not use_sim_time:
-            problems.append(
-                f'stamps on {topic} are simulated time ({stamp / _SECOND:.0f} s), but use_sim_time is false: set it'
-            )
-        elif use_sim_time and arrival < _CALENDAR <= stamp:
-            problems.append(
-                f'use_sim_time is true, but stamps on {topic} are not simulated time: set it for their publisher, too'
-            )
-        elif stamp - arrival > _STAMP_AHEAD:
-            problems.append(
-                f'stamps on {topic} are {(stamp - arrival) / _SECOND:.1f} s in the future: the clocks of the publisher '
-                'and of this machine differ'
-            )
-    return problems

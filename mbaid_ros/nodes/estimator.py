@@ -20,19 +20,17 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from mbaid_ros.config.capture import DebrisConfig
-from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.estimator import DebrisConfig, EstimatorConfig
 from mbaid_ros.config.files import read_robot_description
 from mbaid_ros.config.model_errors import KnownLinksConfig
 from mbaid_ros.core.errors import DataError, MbaidError
 from mbaid_ros.nodes.arguments import estimator_arguments
-from mbaid_ros.nodes.diagnostics import Diagnostics, NodeClock
+from mbaid_ros.nodes.diagnostics import Diagnostics
 from mbaid_ros.nodes.publishers import EstimatePublication
 from mbaid_ros.nodes.reports import RunLog, RunState, remarks
 from mbaid_ros.nodes.runner import declare_parameters, own_arguments, ros, spin
 from mbaid_ros.nodes.subscriptions import DescriptionSubscription, Subscriptions, qos, quiet_publisher, tf_message
 from mbaid_ros.session.planning import advice  # at the start: an import in a run would delay estimates
-from mbaid_ros.session.reading import TIME_JUMP
 from mbaid_ros.session.session import Session
 
 NAME = 'estimator'
@@ -73,14 +71,13 @@ class EstimatorNode(Node):
         description = None if self._state.session else DescriptionSubscription(self, self._on_description)
         self._diagnostics = Diagnostics(self._inputs, self._thrust, description.topic if description else '')
         self._diagnostics_publisher = quiet_publisher(self, DiagnosticArray, '/diagnostics', qos(10))
-        self._node_clock = NodeClock(self, TIME_JUMP)
         self._publication = EstimatePublication(
             self, self._config, self._state, self._log, lambda: self._diagnostics.missing(self._state)
         )
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_service(Trigger, '~/capture', self._on_capture)
-        # A steady clock: with use_sim_time and no /clock, the missing clock has to be reported.
+        # A steady clock: reports come with use_sim_time and no /clock, too.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(PERIOD, self._on_timer, clock=clock)
         # Runs the background task between messages, a few milliseconds at a time, before the next window.
@@ -274,10 +271,7 @@ class EstimatorNode(Node):
                 self._log.joints(state.session.model_summary())
         self._log.waiting(self._diagnostics.awaited(state))
         self._publication.publish_waiting()
-        clocks = self._node_clock.problems(self._inputs)
-        for problem in clocks:
-            self._log.warn_once(problem)
-        statuses = self._diagnostics.statuses(state, self.get_fully_qualified_name().lstrip('/'), clocks)
+        statuses = self._diagnostics.statuses(state, self.get_fully_qualified_name().lstrip('/'))
         array = DiagnosticArray(status=statuses)
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics_publisher.publish(array)

@@ -29,7 +29,6 @@ from std_msgs.msg import String
 from mbaid_ros.cdr import packer
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.files import as_utf8
-from mbaid_ros.messages.fields import stamp_of
 from mbaid_ros.nodes.runner import RCLError
 from mbaid_ros.outgoing import MessageTypes
 
@@ -131,8 +130,6 @@ class Subscriptions:
         self.received = 0
         self.lost = 0  # messages between others of the only publisher that have not come
         self._number = 0  # the publisher's, of the last message
-        self.timed: tuple[int, int] | None = None  # of a recent message: stamp, and the node's clock at its arrival, ns
-        self._to_be_timed = True
         self.best_effort = False
         self._profile = qos(DEPTH)
         self._profile.history = HistoryPolicy.KEEP_ALL  # where that is full, a reliable publisher keeps them
@@ -156,8 +153,7 @@ class Subscriptions:
         return tuple(self._types)
 
     def refresh(self) -> None:
-        """Follow the types and reliability that publishers offer, and time a message. Call it regularly."""
-        self._to_be_timed = True
+        """Follow the types and reliability that publishers offer. Call it regularly."""
         if not self.received and len(self._types) > 1:
             self._follow_type()
         if self.best_effort and not self._overridden and not self._subscription.get_publisher_count():
@@ -213,9 +209,6 @@ class Subscriptions:
         if message is None:
             return
         self.received += 1
-        if self._to_be_timed and not hasattr(message, 'transforms'):
-            self._to_be_timed = False
-            self.timed = stamp_of(message), self._node.get_clock().now().nanoseconds
         self._callback(message)
 
     def _object(self, data: bytes) -> Any:

@@ -8,8 +8,9 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Sequence
+from io import TextIOWrapper
 from time import monotonic
-from typing import Any, TextIO
+from typing import Any, cast
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -24,6 +25,7 @@ from mbaid_ros.cli import one_line
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, ErrorBudget, rounded
+from mbaid_ros.messages.fields import parameters_of
 from mbaid_ros.nodes.arguments import watch_arguments
 from mbaid_ros.nodes.runner import NoParameters, declare_parameters, own_arguments, ros, spin
 from mbaid_ros.nodes.subscriptions import qos
@@ -32,16 +34,16 @@ NARROWEST = 20  # columns
 ESTIMATE, NEXT = 'estimate', 'next'  # a status of /diagnostics, and its key of the most informative motion
 _DECADES = 3.0  # an empty bar is a relative standard deviation of 100 %, a full one 0.1 %
 _COLUMNS_WITHOUT_BAR = 36
+_SIGN = '\N{PLUS-MINUS SIGN}'
 
 
-def screen(message: Any, topic: str, width: int, sign: str = '\N{PLUS-MINUS SIGN}', advice: str = '') -> list[str]:
+def screen(message: Any, topic: str, width: int, advice: str = '') -> list[str]:
     """Return an estimate as lines of at most `width` columns.
 
     Parameters
     ----------
     message : mbaid_msgs/InertiaEstimate
     topic, width : its topic; columns of the terminal
-    sign : plus-minus, as the terminal can show it
     advice : the most informative motion, in words
     """
     values, stds = numbers(message)
@@ -49,11 +51,11 @@ def screen(message: Any, topic: str, width: int, sign: str = '\N{PLUS-MINUS SIGN
         one_line(topic),
         f'{_status(message)}: {one_line(message.header.frame_id)}',
         f'{_span(message):.1f} s, {message.samples} samples, {_method(message)}',
-        f'{"":16} {sign}95 %',
+        f'{"":16} {_SIGN}95 %',
     ]
     progress = certainty(values, stds)
     for name, unit, value, std, share in zip(PARAMETERS, UNITS, values, stds, progress, strict=True):
-        lines.append(_row(name, unit, (value, std), share, width, sign))
+        lines.append(_row(name, unit, (value, std), share, width))
     lines += ['', _momentum('P', 'N s', message.linear_momentum), _momentum('L', 'N m s', message.angular_momentum)]
     if math.isfinite(message.residual):
         lines.append(f'residual {message.residual:.2f} (1 is as expected)')
@@ -66,14 +68,14 @@ def screen(message: Any, topic: str, width: int, sign: str = '\N{PLUS-MINUS SIGN
     return [line[:width].rstrip() for line in lines]
 
 
-def line(message: Any, sign: str = '\N{PLUS-MINUS SIGN}', advice: str = '') -> str:
+def line(message: Any, advice: str = '') -> str:
     """Return an estimate as one line."""
     values, stds = numbers(message)
     parts = [f'{_span(message):.1f} s', _status(message)]
     for name, unit, value, std in zip(PARAMETERS, UNITS, values, stds, strict=True):
         shown, band = rounded(value, std)
         if shown:
-            parts.append(f'{name} {shown}{f" {sign}{band}" if band else ""} {unit}')
+            parts.append(f'{name} {shown}{f" {_SIGN}{band}" if band else ""} {unit}')
     if mostly := budget(message):
         parts.append(f'{MAIN_CAUSES}: {mostly}')
     if advice:
@@ -85,12 +87,8 @@ def line(message: Any, sign: str = '\N{PLUS-MINUS SIGN}', advice: str = '') -> s
 
 def numbers(message: Any) -> tuple[Array, Array]:
     """Return the ten parameters of a message and their standard deviations; NaN where not known."""
-    inertia = message.inertia
-    tensor = (getattr(inertia, name) for name in PARAMETERS[4:])
-    values = np.array([inertia.m, inertia.com.x, inertia.com.y, inertia.com.z, *tensor], dtype=float)
-    known = np.asarray(message.identifiable, dtype=bool)
-    stds = np.asarray(message.standard_deviation, dtype=float)
-    return np.where(known, values, np.nan), np.where(known, stds, np.nan)
+    values, stds = parameters_of(message), np.asarray(message.standard_deviation, dtype=float)
+    return values, np.where(np.isnan(values), np.nan, stds)
 
 
 def budget(message: Any) -> str:
@@ -114,11 +112,11 @@ def certainty(values: Array, stds: Array) -> Array:
     return np.nan_to_num(np.clip(share, 0.0, 1.0), nan=0.0)
 
 
-def _row(name: str, unit: str, number: tuple[float, float], share: float, width: int, sign: str) -> str:
+def _row(name: str, unit: str, number: tuple[float, float], share: float, width: int) -> str:
     value, band = rounded(*number)
     if not value:
         return f'{name:<5} {"-":>10}'
-    spread = f'{sign}{band}' if band else ''
+    spread = f'{_SIGN}{band}' if band else ''
     text = f'{name:<5} {value:>10} {spread:<9} {unit:<6}'
     room = min(width - _COLUMNS_WITHOUT_BAR, 30)
     if room < 3 or not spread:
@@ -235,45 +233,15 @@ class WatchNode(Node):
             )
 
 
-class Screen:
-    """Shows each estimate on a terminal in place of the last one."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-        self._sign = sign_for(stream)
-        self._clear = '\x1b[2J'  # before the first
-
-    def __call__(self, message: InertiaEstimate, topic: str, advice: str = '') -> None:
-        """Show a message."""
-        size = shutil.get_terminal_size((80, 24))
-        clear, self._clear = self._clear, ''
-        self._stream.write(clear + drawn(screen(message, topic, size.columns, self._sign, advice), size.lines))
-        self._stream.flush()
+def show_screen(message: InertiaEstimate, topic: str, advice: str) -> None:
+    """Show an estimate on a terminal in place of the last one."""
+    size = shutil.get_terminal_size((80, 24))
+    print(drawn(screen(message, topic, size.columns, advice), size.lines), end='', flush=True)
 
 
-class Lines:
-    """Writes each estimate as a line to a file or pipe."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-        self._sign = sign_for(stream)
-
-    def __call__(self, message: InertiaEstimate, _topic: str, advice: str = '') -> None:
-        """Write a message."""
-        encoding = self._stream.encoding or 'ascii'
-        text = line(message, self._sign, advice).encode(encoding, 'backslashreplace').decode(encoding)
-        self._stream.write(text + '\n')
-        self._stream.flush()
-
-
-def sign_for(stream: TextIO) -> str:
-    """Return plus-minus as a stream can take it."""
-    sign = '\N{PLUS-MINUS SIGN}'
-    try:
-        sign.encode(stream.encoding or 'ascii')
-    except (UnicodeEncodeError, LookupError):
-        return '+-'
-    return sign
+def show_line(message: InertiaEstimate, _topic: str, advice: str) -> None:
+    """Write an estimate as a line to a file or pipe."""
+    print(line(message, advice), flush=True)
 
 
 def _hint(text: str) -> None:
@@ -286,9 +254,11 @@ def main(argv: list[str]) -> int:
     wanted = arguments.estimator
     if wanted and not all(part.isidentifier() and part.isascii() for part in wanted.strip('/').split('/')):
         raise ParameterError(f"estimator '{wanted}' is not accepted; accepted: a node or topic, as /servicer/estimator")
+    # A stream that cannot take the sign shows its code.
+    cast('TextIOWrapper', sys.stdout).reconfigure(errors='backslashreplace')
     on_terminal = sys.stdout.isatty() and os.environ.get('TERM', 'dumb') != 'dumb' and not arguments.once
     with ros(argv) as interrupt:
-        node = WatchNode(wanted, Screen(sys.stdout) if on_terminal else Lines(sys.stdout), _hint)
+        node = WatchNode(wanted, show_screen if on_terminal else show_line, _hint)
         if sys.stdout.isatty():
             print(f'waiting for {wanted or "an estimator"} ...', flush=True)
         spin(node, lambda: interrupt.requested or (arguments.once and node.seen))

@@ -52,7 +52,6 @@ class Collisions:
         self._robot = parse(model.urdf, model.base_link)
         self._shapes = _read(self._robot, text)
         notes = self._add(meshes, mesh)
-        self._names = model.joint_names
         self._data = self._robot.createData()
         self._model = model
         self._clearance = clearance
@@ -61,8 +60,9 @@ class Collisions:
         self._geometry = pinocchio.GeometryData(self._shapes)
         touching = self._near(start)
         if touching:
-            notes.append(f'touch where the motion begins, and are not compared: {listing(touching)}')
-            self._leave_out(start)
+            names = dict.fromkeys(map(self._named, touching))
+            notes.append(f'touch where the motion begins, and are not compared: {listing(names)}')
+            self._leave_out(touching)
         self.notes = tuple(notes)
 
     @property
@@ -103,26 +103,26 @@ class Collisions:
                 if ends[0] != ends[1] and ends not in joined:
                     self._shapes.addCollisionPair(pinocchio.CollisionPair(first, second))
 
-    def _near(self, position: Array, *, first_only: bool = False) -> list[str]:
-        """Return the pairs that are nearer than allowed at (n,) joint positions, or the first of them."""
+    def _near(self, position: Array, *, first_only: bool = False) -> list[int]:
+        """Return which pairs are nearer than allowed at (n,) joint positions, or the first of them."""
         self._place(position)
         found = []
-        for index, pair in enumerate(self._shapes.collisionPairs):
+        for index in range(self.pairs):
             distance = pinocchio.computeDistance(self._shapes, self._geometry, index).min_distance
             if distance < self._clearance or distance <= 0.0:
-                first, second = (self._shapes.geometryObjects[each].name for each in (pair.first, pair.second))
-                found.append(f'{_link(first)} and {_link(second)}')
+                found.append(index)
                 if first_only:
                     break
-        return list(dict.fromkeys(found))
+        return found
 
-    def _leave_out(self, position: Array) -> None:
-        self._place(position)
-        kept = []
-        for index, pair in enumerate(self._shapes.collisionPairs):
-            distance = pinocchio.computeDistance(self._shapes, self._geometry, index).min_distance
-            if distance >= self._clearance and distance > 0.0:
-                kept.append((pair.first, pair.second))
+    def _named(self, index: int) -> str:
+        """Return a pair by its links; pinocchio numbers shapes: hand_0."""
+        pair = self._shapes.collisionPairs[index]
+        first, second = (self._shapes.geometryObjects[each].name for each in (pair.first, pair.second))
+        return f'{first.rpartition("_")[0]} and {second.rpartition("_")[0]}'
+
+    def _leave_out(self, pairs: list[int]) -> None:
+        kept = [(pair.first, pair.second) for k, pair in enumerate(self._shapes.collisionPairs) if k not in pairs]
         self._shapes.removeAllCollisionPairs()
         for first, second in kept:
             self._shapes.addCollisionPair(pinocchio.CollisionPair(first, second))
@@ -150,11 +150,6 @@ def _read(robot: pinocchio.Model, text: str) -> pinocchio.GeometryModel:
         reason = ' '.join('; '.join(complaints).split()) or 'no reason given'
         raise ModelError(f'a collision shape of the robot description cannot be read: {reason}')
     return shapes
-
-
-def _link(shape: str) -> str:
-    """Return the link of a shape, which pinocchio numbers: hand_0."""
-    return shape.rpartition('_')[0]
 
 
 def _without_meshes(text: str) -> tuple[str, list[tuple[str, ET.Element]]]:

@@ -19,7 +19,7 @@ from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInfor
 from mbaid_ros.core.filter.state import BODY, Point
 from mbaid_ros.core.filter.swing import SwingCourse
 from mbaid_ros.core.filter.time_update import advance
-from mbaid_ros.core.filter.whitened import MOST, WhitenedWindow, prepared
+from mbaid_ros.core.filter.whitened import TOGETHER, WhitenedWindow, prepared
 from mbaid_ros.core.filter.window import Stack, Window, WindowNoise
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.reporting import Reporting, relative_std
@@ -172,8 +172,8 @@ class Information:
         layout = self._known.layout
         course = SwingCourse(layout) if layout.kernel.springs.count else None
         made: list[WhitenedWindow] = []
-        for begin in range(0, len(windows), MOST):
-            part = tuple(windows[begin : begin + MOST])
+        for begin in range(0, len(windows), TOGETHER):
+            part = tuple(windows[begin : begin + TOGETHER])
             models = window_models(layout, [Stack(part, tuple(range(len(part))))], self._point, course)
             made += prepared(models, self._known.variables)
         return made

@@ -115,9 +115,9 @@ def _about_values(result: Calibrated) -> list[str]:
     if result.contradicted:
         notes.append(f'residuals are {calibration.residual:.1f} times as large as the noise parameters explain')
         notes += [f'likely cause: {result.unmoved}'] if result.unmoved else []
-    if calibration.scale.relative_std > _LOOSE_SCALE:
+    if calibration.scale_std > _LOOSE_SCALE:
         notes.append(
-            f'the scale is known to {100.0 * calibration.scale.relative_std:.2g} % only: all masses and inertias may '
+            f'the scale is known to {100.0 * calibration.scale_std:.2g} % only: all masses and inertias may '
             'be off by one factor; weigh the robot, and add known_links.total_mass'
         )
     for link in calibration.links:
@@ -145,10 +145,9 @@ def headline(result: Calibrated) -> str:
 def sentences(result: Calibrated) -> list[str]:
     """Return sentences on identifiability, scale, mount, thrusters and inertia ratios."""
     calibration = result.calibration
-    shares = ', '.join(f'{name} ({100.0 * share:.0f} %)' for name, share in calibration.scale.fixed_by[:3])
     determined = f'the data improve {calibration.determined} combinations of links, joints and mount over the prior'
-    std = f'{100.0 * calibration.scale.relative_std:.2g} %'
-    lines = [determined, f'scale: total mass known to {std} (one standard deviation), fixed by {shares or "nothing"}']
+    std = f'{100.0 * calibration.scale_std:.2g} %'
+    lines = [determined, f'scale: total mass known to {std} (one standard deviation)']
     if np.any(calibration.stds[-6:]):
         mount = _beside(1e3 * calibration.mount[3:], 1e3 * calibration.stds[-3:])
         turn = _beside(1e3 * calibration.mount[:3], 1e3 * calibration.stds[-6:-3])

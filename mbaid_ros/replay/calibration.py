@@ -29,11 +29,10 @@ from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import check_outputs, passive_joints, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.replay.run import read_motions
 from mbaid_ros.session.known_robot import link_deviations, weighed
-from mbaid_ros.session.settings import joint_values, springs, storage, with_surroundings
+from mbaid_ros.session.settings import declared_uncertainty, springs, storage
 
 CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
 _INERTIA = PARAMETERS[4:]
-_OF_JOINTS = ('zero', 'origin', 'axis')
 
 
 def calibrate(arguments: argparse.Namespace) -> int:
@@ -103,14 +102,14 @@ def _settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> Cali
     estimator, model = parameters.estimator, kernel.model
     for link in estimator.known_links.links:
         model.link(link)
-    zeros, origins, axes = (joint_values(estimator.known_joints, f'{part}_std', model) for part in _OF_JOINTS)
-    mount, total = estimator.odometry_mount, weighed(estimator.known_links)
-    surroundings = (zeros, origins, axes), (mount.position_std, mount.orientation_std)
+    total = weighed(estimator.known_links)
     return CalibrationSettings(
         noise=estimator.noise.declared,
         priors=tuple(_link_prior(link, estimator.known_links) for link in kernel.unknown),
         uncertainty=replace(
-            with_surroundings(estimator, model, *surroundings),
+            declared_uncertainty(estimator, model),
+            orbit=0.0,
+            circle=None,
             weighed=None if total is None else replace(total, with_target=True),
         ),
         window=estimator.window,
@@ -170,10 +169,7 @@ def _as_json(result: Calibrated) -> dict[str, Any]:
             'matrix': calibration.block_covariance.tolist(),
         },
         'identifiability': {'determined': calibration.determined},
-        'scale': {
-            'relative_std': calibration.scale.relative_std,
-            'fixed_by': [{'name': name, 'share': share} for name, share in calibration.scale.fixed_by],
-        },
+        'scale': {'relative_std': calibration.scale_std},
         'momentum': [
             {'bag': bag, **shaped_momentum(value, covariance)}
             for bag, value, covariance in zip(bags, calibration.momentum, calibration.momentum_covariance, strict=True)

@@ -22,7 +22,7 @@ from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
 from mbaid_ros.core.two_stage import FIRST_STAGE
 from mbaid_ros.files import as_utf8, require_writable, write_text
-from mbaid_ros.messages.poses import JOINT_MISSING
+from mbaid_ros.messages.fields import JOINT_MISSING
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.results import Run
 from mbaid_ros.session.continuation import continuation_as_json
@@ -144,8 +144,8 @@ def as_json(run: Run) -> dict[str, Any]:
 
 def passive_joints(joints: Sequence[PassiveJoint]) -> dict[str, dict[str, Any]] | None:
     """Return the numbers of each passive joint by its name; None where none is declared."""
-    numbers = {joint.joint: plain(vars(joint)) for joint in joints}
-    return {numbers[name].pop('joint'): numbers[name] for name in numbers} or None
+    names = 'frequency', 'frequency_std', 'damping', 'damping_std', 'deflection', 'resolved'
+    return {joint.joint: {name: plain(getattr(joint, name)) for name in names} for joint in joints} or None
 
 
 def events(run: Run) -> list[dict[str, Any]]:

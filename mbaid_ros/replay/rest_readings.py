@@ -16,9 +16,8 @@ from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.sensors.levels import TYPICAL
 from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, Outliers, joint_channels
 from mbaid_ros.core.sensors.turns import Turns
-from mbaid_ros.messages.fields import stamp_of, stamps_of
+from mbaid_ros.messages.fields import PoseReader, source_of, stamp_of, stamps_of
 from mbaid_ros.messages.odometry import OdometryReader
-from mbaid_ros.messages.poses import PoseReader, source_of
 from mbaid_ros.replay.inputs import Inputs
 
 FEWEST = 50  # messages

@@ -18,6 +18,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import contradiction
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.files import read_json
+from mbaid_ros.messages.fields import parameters_of
 
 TRUTH_FILE = 'truth.json'
 ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'
@@ -198,12 +199,8 @@ def _from_bag(path: str, topic: str, *, alone: bool) -> Identified:
         notes = tuple(bag.warnings)
     if last is None:
         raise DataError('; '.join([f"bag '{path}' holds no estimate on {topic}", *notes]))
-    inertia = last.inertia
-    values = (inertia.m, inertia.com.x, inertia.com.y, inertia.com.z, *(getattr(inertia, n) for n in PARAMETERS[4:]))
-    known = np.asarray(last.identifiable, dtype=bool)
-    parameters = np.where(known, np.array(values, dtype=float), np.nan)
     covariance = np.array(last.covariance, dtype=float).reshape(10, 10)
-    return Identified(last.header.frame_id, last.status, parameters, covariance, tuple(last.warnings), notes)
+    return Identified(last.header.frame_id, last.status, parameters_of(last), covariance, tuple(last.warnings), notes)
 
 
 def _chosen_topic(bag: BagReader, path: str, topic: str, *, alone: bool) -> str:

@@ -12,8 +12,7 @@ from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, OUTLIER
 from mbaid_ros.core.sensors.repeats import JOINTS_HELD, REPEATED_POSE
 from mbaid_ros.core.sensors.streams import LATE, OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.sensors.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
-from mbaid_ros.messages.imu import IMU_FRAME
-from mbaid_ros.messages.poses import (
+from mbaid_ros.messages.fields import (
     BAD_QUATERNION,
     JOINT_MISSING,
     LOST_TRACKING,
@@ -22,6 +21,7 @@ from mbaid_ros.messages.poses import (
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
 )
+from mbaid_ros.messages.imu import IMU_FRAME
 from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, OTHER_SOURCE, REORDER_TIME, SPOKEN
 from mbaid_ros.session.session import Session
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.plan import PlanConfig
+from mbaid_ros.config.estimator import EstimatorConfig, PlanConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.posterior import Posterior

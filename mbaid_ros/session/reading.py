@@ -20,11 +20,10 @@ from mbaid_ros.core.sensors.external_momentum import StoredMomentum
 from mbaid_ros.core.sensors.gyro import DeadReckoning, Gyro
 from mbaid_ros.core.sensors.joints import JointMerge
 from mbaid_ros.core.sensors.streams import OTHER_CLOCK, Gate, Reorder
-from mbaid_ros.messages.fields import stamps_of
+from mbaid_ros.messages.fields import PoseReader, Source, source_of, stamps_of
 from mbaid_ros.messages.imu import ImuReader
 from mbaid_ros.messages.joints import JointReader
 from mbaid_ros.messages.odometry import OdometryReader
-from mbaid_ros.messages.poses import PoseReader, Source, source_of
 from mbaid_ros.session.robot import Robot
 from mbaid_ros.session.settings import imu_link, imu_reader
 

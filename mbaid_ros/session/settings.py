@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-
 import numpy as np
 
-from mbaid_ros.config.capture import ThrustConfig
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig, make_orbit, make_storage
-from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.estimator import EstimatorConfig, ThrustConfig
 from mbaid_ros.config.flexible import FlexibleConfig
 from mbaid_ros.config.model_errors import KnownJointsConfig, TargetPriorConfig
 from mbaid_ros.core.errors import ParameterError, listing
@@ -153,39 +149,20 @@ def _spin_deviations(config: WheelsConfig) -> tuple[float, ...]:
 
 
 def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertainty:
-    """Return the declared uncertainty of joints, mount, wheels, stamps, target, momentum and orbit.
+    """Return the declared uncertainty of joints, mount, wheels, thrusters, stamps, target, momentum and orbit.
 
     Raises ParameterError: A name is not that of a joint, or half of a prior is missing.
     """
-    mount = config.odometry_mount
-    zeros, origins, axes = (
-        joint_values(config.known_joints, part, model) for part in ('zero_std', 'origin_std', 'axis_std')
-    )
-    uncertainty = with_surroundings(config, model, (zeros, origins, axes), (mount.position_std, mount.orientation_std))
-    orbit = 0.0 if config.imu.alone or config.orbit.mean_motion > 0.0 else config.orbit.undeclared_rate
-    return replace(
-        uncertainty, target=_target_prior(config.target_prior), orbit=orbit, circle=_uncertain_circle(config.orbit)
-    )
-
-
-def with_surroundings(
-    config: EstimatorConfig,
-    model: RobotModel,
-    joints: tuple[Sequence[float], Sequence[float], Sequence[float]],
-    mount: tuple[float, float],
-) -> Uncertainty:
-    """Return a given uncertainty of joints and mount with the declared one of wheels, thrusters, stamps and momentum.
-
-    `joints` has (n,) standard deviations of zeros, origins and axes, `mount` the odometry's, m and rad.
-    """
-    position, orientation = mount
+    joints, mount = config.known_joints, config.odometry_mount
     alone = config.imu.alone  # without odometry there is no mount, and the frame has no momentum
-    tracking = joint_values(config.known_joints, 'tracking_std', model)
+    tracking = joint_values(joints, 'tracking_std', model)
     passive = config.flexible.passive(model.joint_names).values()
     return Uncertainty(
-        *joints,
-        mount_position=0.0 if alone else position,
-        mount_orientation=0.0 if alone else orientation,
+        zeros=joint_values(joints, 'zero_std', model),
+        origins=joint_values(joints, 'origin_std', model),
+        axes=joint_values(joints, 'axis_std', model),
+        mount_position=0.0 if alone else mount.position_std,
+        mount_orientation=0.0 if alone else mount.orientation_std,
         marker=marker_frame(config),
         spin_inertias=_spin_deviations(config.wheels),
         thrusters=uncertain_thrusters(config.thrust, model),
@@ -206,6 +183,9 @@ def with_surroundings(
         spring_ratio=[joint.damping_std for joint in passive],
         spring_start=[joint.initial_std for joint in passive],
         spring_noise=[joint.disturbance_std for joint in passive],
+        target=_target_prior(config.target_prior),
+        orbit=0.0 if alone or config.orbit.mean_motion > 0.0 else config.orbit.undeclared_rate,
+        circle=_uncertain_circle(config.orbit),
     )
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Integers, cross, rotate, rotate_back, unvec
-from mbaid_ros.core.robot.kinematics import Kinematics, cantilever_inertias
+from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.orbit import Orbit
@@ -29,7 +28,7 @@ class Springs:
     def of(model: RobotModel, names: Sequence[str], frequencies: Sequence[float], ratios: Sequence[float]) -> Springs:
         """Return those of joints with natural frequencies, Hz, all else held, and damping ratios."""
         joints = np.array([model.joint_names.index(name) for name in names], dtype=np.intp)
-        inertia = cantilever_inertias(Kinematics(model), model.body_parameters())[joints]
+        inertia = np.sum(Kinematics(model).cantilever[joints] * model.body_parameters(), axis=(1, 2))
         rate = 2.0 * np.pi * np.array(frequencies)
         return Springs(joints, inertia * rate**2, 2.0 * np.array(ratios) * inertia * rate)
 
@@ -46,14 +45,6 @@ class BodyPoses:
     rotation: Array  # (n + 1, 3, 3) body to odometry axes
     position: Array  # (n + 1, 3) m, body origins in the odometry frame
     angular_velocity: Array  # (3,) rad/s, of the base, in its axes
-
-
-class Effect(Protocol):
-    """Something that acts on bodies."""
-
-    def wrenches(self, now: BodyPoses) -> Array:
-        """Return force (N) and torque (N m) about each body's origin, in its axes, (n + 1, 6)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -110,7 +101,7 @@ class Tide:
         return Tide(orbit, origin, values[:, 0], values[:, 1:4], unvec(values[:, 4:]))
 
     def wrenches(self, now: BodyPoses) -> Array:
-        """Return m G x at each centre of mass and 3 mu/r^3 up x I up, about the body's origin: (n + 1, 6)."""
+        """Return m G x at each centre of mass and 3 mu/r^3 up x I up, about the bodies' origins, (n + 1, 6)."""
         instant = np.array([now.time])
         up = rotate_back(now.rotation, np.broadcast_to(self.orbit.upward(instant), now.position.shape))
         place = self.origin + now.position + rotate(now.rotation, self.centre)
@@ -147,6 +138,9 @@ class Wheels:
     def later(self, time: float) -> Wheels:
         """Return the same wheels, begun at a time (s) of this one."""
         return replace(self, start=self.speeds(np.array([time]))[0])
+
+
+Effect = Tide | Wheels  # has the wrenches (n + 1, 6) on all bodies: force (N) and torque (N m) about their origins
 
 
 @dataclass(frozen=True)

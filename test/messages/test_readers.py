@@ -14,8 +14,7 @@ import pytest
 from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, Packets, packer
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.messages.joints import JointReader
-from mbaid_ros.messages.poses import (
+from mbaid_ros.messages.fields import (
     BAD_QUATERNION,
     LENGTH_MISMATCH,
     NOT_FINITE,
@@ -24,6 +23,7 @@ from mbaid_ros.messages.poses import (
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
 )
+from mbaid_ros.messages.joints import JointReader
 from mbaid_ros.session.session import Session
 from simulated import CONFIG
 from wire import again, as_bytes, joint_state, odometry

@@ -127,13 +127,13 @@ def test_a_wait_is_logged_once_for_each_reason(log: Log, monkeypatch: pytest.Mon
 def test_a_node_that_was_held_up_does_not_call_its_data_stale(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [0.0]
     monkeypatch.setattr(diagnostics, 'monotonic', lambda: clock[-1])
-    topic: Any = SimpleNamespace(topic='/odom', received=9, lost=0, best_effort=False, timed=None, publishers=list)
+    topic: Any = SimpleNamespace(topic='/odom', received=9, lost=0, best_effort=False, publishers=list)
     topic.type_name = 'nav_msgs/msg/Odometry'
     found = Diagnostics({'odom': topic}, topic, '')
     silences = []
     for moment in (1.0, 3.5, 4.5, 6.0):  # two and a half seconds without a report: its messages wait
         clock.append(moment)
-        found.statuses(RunState(), 'estimator', ())
+        found.statuses(RunState(), 'estimator')
         silences.append(found.silence(RunState()))
     assert silences[:2] == ['', '']
     assert silences[-1] == 'no messages on /odom for more than 2 s'

@@ -106,7 +106,6 @@ def test_the_json_has_links_covariance_and_what_is_identifiable(result: Any) -> 
     masses = [link['estimate']['mass'] for link in result['links'].values()]
     total_std = np.sqrt(np.sum(matrix[:80:10, :80:10]))
     assert total_std == pytest.approx(result['scale']['relative_std'] * sum(masses), rel=1e-6)
-    assert result['scale']['fixed_by'][0]['name'] == 'the prior of base_link'
     assert len(result['momentum']) == 1
 
 
@@ -267,7 +266,6 @@ def test_one_declaration_serves_calibration_and_estimator_and_the_whole_robot_ma
         prior = found['links'][name]['prior_std']
         assert [prior['mass'], *prior['com'], *prior['inertia'].values()] == pytest.approx(std, rel=1e-4)
     assert found['joints']['joint3']['zero_std'] > found['joints']['joint2']['zero_std']
-    assert found['scale']['fixed_by'][0]['name'] == 'the total mass'
     total = sum(link['estimate']['mass'] for link in found['links'].values())
     assert total == pytest.approx(whole, abs=2.0)
     assert found['scale']['relative_std'] * total <= 0.51

@@ -15,7 +15,7 @@ import pytest
 
 import recorded
 from made_runs import BODY, HOSTILE, STD, estimate, event, hostile_urdf, last_sample, planar, run
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import Estimate, PassiveJoint
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.replay.report.page import comparison, html
 from mbaid_ros.replay.results import Run
@@ -142,6 +142,16 @@ def test_a_planar_run_shows_what_it_does_not_determine() -> None:
     text = page_of_a_plane()
     assert cells(text, 'com_z') == ['\N{EN DASH}', '\N{EN DASH}', 'm', 'no']
     assert len(svgs(text)) == 4
+
+
+def test_passive_joints_are_drawn_over_time() -> None:
+    panels = tuple(
+        PassiveJoint(name, 0.3, 0.001, 0.01, 0.002, 0.02, resolved=True, swing=(-0.01, 0.02))
+        for name in ('left', '<b>')
+    )
+    text = html([run(estimate(flexible=panels))])
+    assert len(svgs(text)) == len(svgs(page_of_a_good_run())) + 1
+    assert all(f'Deflection of {name}' in text for name in ('left', '&lt;b&gt;'))
 
 
 def test_events_are_marked_and_listed() -> None:

@@ -19,7 +19,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.messages.poses import WRONG_CHILD_FRAME
+from mbaid_ros.messages.fields import WRONG_CHILD_FRAME
 from mbaid_ros.outgoing import Frames, estimate_message
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.run import BAG_TYPES, replay_bag

@@ -93,6 +93,7 @@ def test_what_swings_is_found_along(name: str, seeds: int) -> None:
             assert abs(found.frequency - frequency) < FAR * found.frequency_std
             assert found.frequency_std < 0.01 * frequency
             assert abs(found.damping - 0.01) < FAR * found.damping_std
+            assert -found.deflection <= found.swing[0] < found.swing[1] <= found.deflection
     assert sum(surprises) < chi2.isf(1e-3, 10 * seeds)
 
 

@@ -37,7 +37,6 @@ class KnotAveraging:
 
     Parameters
     ----------
-    joints : number
     noise : of the joint sensors, and of the base where the samples carry none
     length : s, of a window
     gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity
@@ -51,7 +50,6 @@ class KnotAveraging:
 
     def __init__(
         self,
-        joints: int,
         noise: SensorNoise,
         length: float,
         gyro: float = 0.0,
@@ -73,8 +71,8 @@ class KnotAveraging:
         self._kept: Knots | None = None  # of the last two windows of the call before
         self._linked = 0  # number of windows without a gap up to the last, at most three
         self._latest: WindowNoise | None = None  # of the last of them
-        self._lowest = np.full(joints, np.inf)
-        self._highest = np.full(joints, -np.inf)
+        self._lowest: Array = np.array(np.inf)
+        self._highest: Array = np.array(-np.inf)
         self._moved = False
 
     def take(self, windows: list[Samples]) -> list[Averaged]:

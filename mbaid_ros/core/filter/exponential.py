@@ -14,28 +14,29 @@ def steps_of(mean: Array, by_state: Array, driven: Array, spacing: float) -> tup
     Exponential Runge-Kutta method of order 4 (Cox and Matthews 2002): the mean (2 f, 2 f) of the derivatives exactly,
     and slow forces by polynomials. A joint that is pushed slowly stays in equilibrium however stiff its spring.
     """
-    rest, size, count = by_state - mean, len(mean), driven.shape[-1]
-    between, pushed = _midway(rest), _midway(driven)
+    rest, size = by_state - mean, len(mean)
     halfway = _exponential(0.5 * spacing, mean)
     half, within, _, _ = np.split(halfway[:size], 4, axis=1)
     whole, once, twice, thrice = np.split((halfway @ halfway)[:size], 4, axis=1)
     twice, thrice = twice / spacing, thrice / spacing**2
-    identity: Array = np.zeros((*between.shape[:-2], size, size + count))
-    identity[..., :size] = np.eye(size)
+    identity: Array = np.zeros((size, 4 * size))  # by x, and by its rates at x = 0 here, midway and at the next instant
+    identity[:, :size] = np.eye(size)
 
-    def rate(jacobian: Array, push: Array, at: Array) -> Array:
+    def rate(jacobian: Array, at: Array, instant: int) -> Array:
         slope = jacobian @ at
-        slope[..., size:] += push
+        slope[..., instant * size : (instant + 1) * size] += np.eye(size)
         return np.asarray(slope)
 
-    first = rate(rest[:-1], driven[:-1], identity)
+    between = _midway(rest)
+    first = rate(rest[:-1], identity, 1)
     early = half @ identity + within @ first
-    second = rate(between, pushed, early)
-    third = rate(between, pushed, half @ identity + within @ second)
-    last = rate(rest[1:], driven[1:], half @ early + within @ (2.0 * third - first))
+    second = rate(between, early, 2)
+    third = rate(between, half @ identity + within @ second, 2)
+    last = rate(rest[1:], half @ early + within @ (2.0 * third - first), 3)
     forces = (once - 3.0 * twice + 4.0 * thrice) @ first + (2.0 * twice - 4.0 * thrice) @ (second + third)
     after = whole @ identity + forces + (4.0 * thrice - twice) @ last
-    return after[..., :size], after[..., size:]
+    onward, here, midway, there = np.split(after, 4, axis=-1)
+    return onward, here @ driven[:-1] + midway @ _midway(driven) + there @ driven[1:]
 
 
 def composed(transition: Array, gain: Array) -> Array:

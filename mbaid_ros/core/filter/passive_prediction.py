@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from mbaid_ros.core.filter.state import Layout, Point
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
-from mbaid_ros.core.robot.passive import PassiveMotion
+from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.robot.momentum import regressor
+from mbaid_ros.core.robot.passive import PassiveInertias, PassiveMotion
+from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.unknowns.bodies import KnownBodies
 from mbaid_ros.core.unknowns.flexible import SpringErrors, StartingSwing, SwingNoise
 
 
 @dataclass(frozen=True, eq=False)
-class PassiveColumns:
+class PassiveColumns(ArrayRecord):
     """How the state x = (deflections, s) of f passive joints changes at N instants, linear in x and the parameters."""
 
+    inertias: PassiveInertias
     slope: Array  # (N, 2 f) rates of x
     # by_state, by_parameters: (N, 2 f, 2 f), (N, 2 f, u) derivatives of these
     by_state: Array
@@ -37,10 +40,17 @@ def passive_columns(
     kernel, inertias = point.side.kernel, motion.inertias
     springs, count = kernel.springs, right.shape[-1] - 6
     along, force = np.zeros((2, len(right), springs.count, right.shape[-1]))
-    for place, columns, at_zero in _carried_columns(layout, kernel, states):
-        along[..., place] = -np.einsum('nia,niak->nik', inertias.axes, columns)
-        by_inertia = springs.rate**2 * deflection + 2.0 * springs.ratio * springs.rate * motion.rates
-        force[..., place] = np.einsum('nia,niak->nik', motion.turned, columns) - by_inertia[..., None] * at_zero
+    joints, kinematics, placed = list(springs.joints), kernel.kinematics, states.configuration
+    by_inertia = springs.rate**2 * deflection + 2.0 * springs.ratio * springs.rate * motion.rates
+    for place, bodies, factor in _carried(layout, kernel):
+        columns = regressor(placed.rotation[:, bodies], placed.position[:, bodies], states.body_twist[:, bodies])
+        carried = kinematics.ancestors[bodies][:, joints].T[..., None]  # (f, b, 1): of what each joint moves
+        loads, turned = (
+            (np.einsum('nia,nbak->nibk', vectors, columns) * carried).reshape(len(right), len(joints), -1) @ factor
+            for vectors in (inertias.axes, motion.turned)
+        )
+        at_zero = kinematics.cantilever[joints][:, bodies].reshape(len(joints), -1) @ factor
+        along[..., place], force[..., place] = -loads, turned - by_inertia[..., None] * at_zero
     begin = 16
     for unknown in layout.predicted:
         if isinstance(unknown, SpringErrors):
@@ -49,7 +59,7 @@ def passive_columns(
     twist, rates = motion.derivatives(right, along, force)
     by_parameters, by_state = rates[..., :count], rates[..., count + 6 :]
     slope = np.concatenate((motion.rates, motion.forces), axis=-1)
-    return twist[..., : count + 6], PassiveColumns(slope, by_state, by_parameters, twist[..., count + 6 :])
+    return twist[..., : count + 6], PassiveColumns(inertias, slope, by_state, by_parameters, twist[..., count + 6 :])
 
 
 def starting_columns(layout: Layout, point: Point) -> Array:
@@ -77,44 +87,15 @@ def started(first: Array, by_state: Array, driven: Array) -> Array:
     return np.concatenate((np.broadcast_to(deflection, along.shape), along), axis=-2)
 
 
-def _carried_columns(
-    layout: Layout, kernel: MomentumKernel, states: BodyStates
-) -> Iterator[tuple[slice, Array, Array]]:
-    """Yield, for the target and unknowns of bodies, their place, and the derivatives of the passive joints' loads.
-
-    Those are (N, f, 6, k) of its momentum, and (f, k) of the inertia about each joint's axis at rest.
-    """
-    joints, ancestors = list(kernel.springs.joints), kernel.kinematics.ancestors
-    columns: list[tuple[slice, Callable[[BodyStates], Array]]] = []
-    if ancestors[kernel.target.body, joints].any():
-        columns.append((slice(6, 16), lambda each: each.regressor))
-    begin = 16
+def _carried(layout: Layout, kernel: MomentumKernel) -> Iterator[tuple[slice, list[int], Array]]:
+    """Yield the place of the target and of unknowns of bodies, b bodies, and a factor (10 b, k) of their parameters."""
+    target, begin = kernel.target, 16
+    if kernel.kinematics.ancestors[target.body, list(kernel.springs.joints)].any():
+        yield slice(6, 16), [target.body], express(np.eye(10), target.rotation, target.position).T
     for unknown in layout.predicted:
         if isinstance(unknown, KnownBodies):
-            columns.append((slice(begin, begin + unknown.count), partial(_scaled_columns, unknown, kernel)))
+            yield slice(begin, begin + unknown.count), list(unknown.bodies), unknown.factor
         begin += unknown.count
-    if not columns:
-        return
-    zero = np.zeros((1, kernel.model.joints))
-    still = kernel.states_of(np.eye(3)[None], zero, zero, np.zeros((1, 6)))
-    own = np.zeros((len(states.twist), 0, 6, 10))
-    moving, resting = [], []
-    for joint in joints:
-        mask = ancestors[:, joint][:, None]
-        moving.append(_with_twists(states, kernel, states.body_twist * mask, own))
-        resting.append(_with_twists(still, kernel, still.configuration.joint_twist[:, joint, None] * mask, own[:1]))
-    axes = still.configuration.joint_twist[0, joints]
-    for place, of_states in columns:
-        at_rest = np.einsum('ia,iak->ik', axes, np.stack([of_states(each)[0] for each in resting]))
-        yield place, np.stack([of_states(each) for each in moving], axis=1), at_rest
-
-
-def _scaled_columns(unknown: KnownBodies, kernel: MomentumKernel, states: BodyStates) -> Array:
-    return unknown.momentum_columns(kernel, states) @ unknown.factor
-
-
-def _with_twists(states: BodyStates, kernel: MomentumKernel, twists: Array, tide: Array) -> BodyStates:
-    return replace(states, body_twist=twists, twist=twists[:, kernel.target.body], tide=tide)
 
 
 def _by_springs(kernel: MomentumKernel, motion: PassiveMotion, deflection: Array) -> Array:

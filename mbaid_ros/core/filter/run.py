@@ -211,9 +211,10 @@ class FilterRun:
         return self._layout.point(distribution.mean, distribution.deviation)
 
     @property
-    def largest_deflections(self) -> Array:
-        """Largest deflections (f,) of passive joints so far, rad or m."""
-        return self._linearised.largest_deflections
+    def deflections(self) -> Array:
+        """Largest deflections of passive joints so far, the least and highest in the latest window, (3, f) rad or m."""
+        assert self._newest is not None, 'there is an estimate'
+        return self._linearised.deflections(self._newest)
 
     @property
     def resolved(self) -> Flags:

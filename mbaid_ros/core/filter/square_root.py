@@ -11,8 +11,7 @@ from functools import cache, cached_property
 import numpy as np
 from scipy.linalg.lapack import dpotri, dtpqrt, dtrtri, dtrtrs
 
-from mbaid_ros.core.filter.integrated_twist import TwistLink
-from mbaid_ros.core.filter.joint_noise import InformationCorrection
+from mbaid_ros.core.filter.joint_noise import InformationCorrection, TwistLink
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout
 from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables

@@ -10,7 +10,7 @@ import numpy as np
 from mbaid_ros.core.filter.bank import LONGEST_AT_A_GUESS, NO_JUMPS, Bank, best, clamped, far_better
 from mbaid_ros.core.filter.batch import MASS, BatchIteration, BatchResult, Work
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
-from mbaid_ros.core.filter.state import ANGULAR, BODY, BODY_PLACES, Layout, Point
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout, Point
 from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.filter.window import STACK, Stack, Window, in_stacks, stacked
@@ -199,10 +199,8 @@ class MultiStart:
 
     def _beginning(self, body: Array, windows: Sequence[Window]) -> Array:
         """Return the state with a body (10,), as the windows begin."""
-        state = np.concatenate((np.zeros(BODY.stop), self.batch.layout.known.mean))
-        state[BODY] = body
-        state[ANGULAR] = angular_momentum(self.batch.layout.kernel, body, windows)
-        return state
+        angular = angular_momentum(self.batch.layout.kernel, body, windows)
+        return self.batch.layout.state(body, np.concatenate((np.zeros(3), angular)))
 
 
 # Natural frequency (Hz) from which it is loose first: an iteration follows the three periods of the first 5 s only.

@@ -145,11 +145,6 @@ class Layout:
             len(self.cause_of), len(self.causes)
         )
 
-    @cached_property
-    def alike(self) -> Array:
-        """Numbers of the same cause, as (e, e) zeros and ones."""
-        return np.asarray(self.belongs @ self.belongs.T)
-
     def extended(self, more: Sequence[Unknown]) -> Layout:
         """Return the layout with more unknowns, independent of the others."""
         before = len(self.predicted)
@@ -158,6 +153,10 @@ class Layout:
         known = self.known.beside(sum(each.count for each in predicted), before=self.readings.start - BODY.stop)
         known = known.beside(sum(each.count for each in read), before=len(known.mean))
         return replace(self, unknowns=unknowns, known=known)
+
+    def state(self, body: Array, momentum: Array) -> Array:
+        """Return the state (s,) with a body (10,), a momentum (6,), and the unknowns as declared."""
+        return np.concatenate((np.zeros(POSE.stop), momentum, body, self.known.mean))
 
     def point(self, state: Array, deviation: Array | None = None) -> Point:
         """Return the linearisation point of a state (s,) with standard deviations (s,)."""

@@ -72,7 +72,8 @@ class SwingCourse:
         self._ends: OrderedDict[Point, OrderedDict[int, Array]] = OrderedDict()
         # By the interval after a window: these in all of it, (m, 2 f, 1 + u), where it was linearised last.
         self._guesses: OrderedDict[int, tuple[Array, Point]] = OrderedDict()
-        self._deflections: dict[int, Array] = {}  # by the interval after a window: the largest, (f,)
+        # By the interval after a window: the least and the highest deflections, (2, f).
+        self._deflections: OrderedDict[int, Array] = OrderedDict()
 
     def predict(
         self, stacks: Sequence[Stack], motions: Motions, point: Point
@@ -114,10 +115,10 @@ class SwingCourse:
         ends = [_at_the_end(part.divided(columns)[..., :size, 1:], part.inside) for part in parts]
         return moved, prediction, bodies, np.concatenate(ends)
 
-    @property
-    def largest(self) -> Array:
-        """The largest deflections (f,) in all windows, rad or m, where they were linearised last."""
-        return np.max(list(self._deflections.values()), axis=0, initial=0.0)
+    def deflections(self, window: Window) -> Array:
+        """Return the largest deflections in all windows, and the least and the highest in one, (3, f) rad or m."""
+        end = round((window.start + window.length) / window.spacing)
+        return np.vstack((np.abs(list(self._deflections.values())).max(axis=(0, 1)), self._deflections[end]))
 
     def _guessed(self, part: _Part, point: Point) -> Array:
         """Return the states (m B, 2 f) near those of the point before, or else zero."""
@@ -172,12 +173,18 @@ class SwingCourse:
         """Remember windows, (m, B, 2 f, 1 + u)."""
         ends = self._ends.setdefault(point, OrderedDict())
         self._ends.move_to_end(point)
-        deflections = np.abs(columns[:, :, : self._layout.kernel.springs.count, 0]).max(axis=0)
-        self._deflections.update(zip(part.ends, deflections, strict=True))
+        deflections = columns[part.inside, :, : self._layout.kernel.springs.count, 0]
+        extremes = np.stack((deflections.min(axis=0), deflections.max(axis=0)), axis=1)
+        self._deflections.update(zip(part.ends, extremes, strict=True))
         for window, end in enumerate(part.ends):
             own = columns[:, window].copy()
             ends[end], self._guesses[end] = own[part.inside.stop - 2 : part.inside.stop], (own, point)
-        for kept, most in ((ends, _WINDOWS), (self._guesses, _WINDOWS), (self._ends, _POINTS)):
+        for kept, most in (
+            (ends, _WINDOWS),
+            (self._guesses, _WINDOWS),
+            (self._deflections, _WINDOWS),
+            (self._ends, _POINTS),
+        ):
             while len(kept) > most:
                 kept.popitem(last=False)
 

@@ -15,7 +15,7 @@ from mbaid_ros.core.geometry import Array, Integers, cross, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about, of_link
-from mbaid_ros.core.robot.passive import PassiveInertias, PassiveMotion, spring_constants, through_springs
+from mbaid_ros.core.robot.passive import PassiveInertias, PassiveMotion, along_passive, spring_constants
 from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
 from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.unknowns.declaration import JointMotion, Unknown
@@ -96,7 +96,8 @@ class Bodies:
 
     def __getitem__(self, index: Integers) -> Bodies:
         """Return those of some instants."""
-        return Bodies(self.parameters, self.mobility[index], self.states[index])
+        passive = None if self.passive is None else self.passive[index]
+        return Bodies(self.parameters, self.mobility[index], self.states[index], passive)
 
 
 def predict(layout: Layout, middle: Midpoints, point: Point, along: Array | None = None) -> tuple[Prediction, Bodies]:
@@ -186,9 +187,10 @@ def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:
     """Return the derivatives (N, 6, n) of the predicted twist by the joint rates, and by the joint positions."""
     by_position, by_rate = sensitivity_to_joints(kernel, bodies.states)
     back = -bodies.mobility
-    if kernel.springs.count:
-        by_rate = by_rate - through_springs(kernel, bodies.states.configuration.joint_twist, by_rate)
-    return back @ by_rate, back @ by_position
+    if bodies.passive is None:
+        return back @ by_rate, back @ by_position
+    along = along_passive(kernel, bodies.states.configuration.joint_twist, by_rate)
+    return bodies.passive.inertias.solve(-by_rate, -along)[0], back @ by_position
 
 
 def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by_rate: Array) -> Array:

@@ -9,8 +9,7 @@ from typing import Literal
 import numpy as np
 
 from mbaid_ros.core.filter.chain import WindowModel, window_models
-from mbaid_ros.core.filter.integrated_twist import TwistLink, linked
-from mbaid_ros.core.filter.joint_noise import errors_in_variables_bias
+from mbaid_ros.core.filter.joint_noise import TwistLink, errors_in_variables_bias, linked
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, POSE, Layout, Point
 from mbaid_ros.core.filter.swing import SwingCourse
 from mbaid_ros.core.filter.variables import Variables
@@ -212,14 +211,14 @@ def _pushes(windows: WindowModel, variables: Variables) -> Array:
 
 
 LINEARISED = 5  # work of linearising a window, in steps of the filter
-_FEWEST, MOST = 8, 32  # windows linearised at once: fewer waste the first's overhead, more do not fit the cache
+TOGETHER = 8  # windows linearised at once: singly a replay takes a sixth longer, by 32 no less
 
 
 class LinearisationCache:
     """Linearises windows, and keeps those that are to come.
 
-    One numpy call costs much the same for one window as for ten. So windows that are known to come are linearised with
-    the first one: at most as many as the present point has served so far, or the one before, as it may move.
+    One numpy call costs much the same for one window as for ten. So the next windows that are known to come are
+    linearised with the first one.
     """
 
     def __init__(self, layout: Layout, variables: Variables) -> None:
@@ -229,9 +228,7 @@ class LinearisationCache:
         self._coming: Sequence[Window] = ()
         self._turn: dict[Window, int] = {}
         self._made: dict[Window, WhitenedWindow] = {}
-        self._point: Point | None = None
-        self._served = 0  # windows at this point
-        self._likely = 0  # and at the one before
+        self._point: Point | None = None  # at which these are linearised
 
     def expect(self, windows: Sequence[Window]) -> None:
         """Take the windows that are going to come, in order."""
@@ -239,20 +236,19 @@ class LinearisationCache:
         self._turn = {window: turn for turn, window in enumerate(windows)}
         self._made.clear()
 
-    @property
-    def largest_deflections(self) -> Array:
-        """The largest deflections (f,) of passive joints so far, rad or m."""
-        return np.zeros(0) if self._course is None else self._course.largest
+    def deflections(self, window: Window) -> Array:
+        """Return the largest deflections of passive joints so far, least and highest in a window, (3, f) rad or m."""
+        return np.zeros((3, 0)) if self._course is None else self._course.deflections(window)
 
     def whitened(self, window: Window, point: Point) -> WhitenedWindow:
         """Return a window, linearised at a point."""
         if point is not self._point:
-            self._point, self._served, self._likely = point, 0, self._served
+            self._point = point
             self._made.clear()
         if window not in self._made:
-            together = self._next(window)
+            turn = self._turn.get(window)
+            together = [window] if turn is None else self._coming[turn : turn + TOGETHER]
             self._made.update(self.all_whitened(stacked(together), point))
-        self._served += 1
         return self._made.pop(window)
 
     def all_whitened(self, stacks: Sequence[Stack], point: Point) -> list[tuple[Window, WhitenedWindow]]:
@@ -261,10 +257,3 @@ class LinearisationCache:
         placed = dict(pair for stack in stacks for pair in zip(stack.places, stack.windows, strict=True))
         windows = [placed[place] for place in sorted(placed)]
         return list(zip(windows, prepared(models, self._variables), strict=True))
-
-    def _next(self, window: Window) -> Sequence[Window]:
-        """Return a window and those after it that the point is likely to serve."""
-        turn = self._turn.get(window)
-        if turn is None:
-            return [window]
-        return self._coming[turn : turn + min(max(_FEWEST, self._likely - self._served, self._served), MOST)]

@@ -142,8 +142,8 @@ class Estimate:
 class PassiveJoint:
     """A passive joint as estimated: natural frequency (Hz, all else held), damping ratio, standard deviations.
 
-    `deflection` is the largest one, rad or m; NaN where it is not asked. Frequency and ratio are as declared where
-    the data do not resolve them.
+    `deflection` is the largest one so far, rad or m, `swing` the least and the highest in the latest window; NaN where
+    it is not asked. Frequency and ratio are as declared where the data do not resolve them.
     """
 
     joint: str
@@ -153,10 +153,11 @@ class PassiveJoint:
     damping_std: float
     deflection: float
     resolved: bool
+    swing: tuple[float, float] = (np.nan, np.nan)
 
     @staticmethod
     def all_of(
-        names: Sequence[str], declared: tuple[Array, ...], value: Array, std: Array, deflection: Array, resolved: Flags
+        names: Sequence[str], declared: tuple[Array, ...], value: Array, std: Array, deflections: Array, resolved: Flags
     ) -> tuple[PassiveJoint, ...]:
         """Return f of them.
 
@@ -165,14 +166,14 @@ class PassiveJoint:
         names : of each
         declared : (f,) angular frequencies, rad/s, and damping ratios; (f, 2) standard deviations as of `std`
         value, std : (f, 2) relative error of the frequency, error of the ratio
-        deflection, resolved : (f,) largest ones; whether the data resolve a frequency
+        deflections, resolved : (3, f) as of the class; (f,) whether the data resolve a frequency
         """
         rate, ratio, prior = declared
         value, std = np.where(resolved[:, None], value, 0.0), np.where(resolved[:, None], std, prior)
         frequency = rate * np.exp(value[:, 0]) / (2.0 * np.pi)
-        numbers = (frequency, frequency * std[:, 0], ratio + value[:, 1], std[:, 1], deflection)
+        numbers = (frequency, frequency * std[:, 0], ratio + value[:, 1], std[:, 1], deflections[0])
         columns = (each.tolist() for each in (*numbers, resolved))
-        return tuple(map(PassiveJoint, names, *columns))
+        return tuple(map(PassiveJoint, names, *columns, zip(*deflections[1:].tolist(), strict=True)))
 
     def __str__(self) -> str:
         """Return it with 95 % intervals."""

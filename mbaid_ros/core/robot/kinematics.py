@@ -12,12 +12,13 @@ momentum about its normal.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, rotate, skew, vec
-from mbaid_ros.core.robot.model import Link, RobotModel, express
-from mbaid_ros.core.robot.momentum import momentum
+from mbaid_ros.core.robot.model import Link, RobotModel
+from mbaid_ros.core.robot.momentum import regressor
 from mbaid_ros.core.samples import ArrayRecord, Samples
 
 
@@ -89,6 +90,14 @@ class Kinematics:
             twist[:, self._sliding, :3], twist[:, self._sliding, 3:] = axis[:, self._sliding], 0.0
         return Configuration(rotation, position, twist)
 
+    @cached_property
+    def cantilever(self) -> Array:
+        """Derivatives (n, n + 1, 10) of the inertia that each joint carries at zero, by the bodies' parameters."""
+        placed = self.configure(np.eye(3)[None], np.zeros((1, self.model.joints)))
+        axes = placed.joint_twist[0]
+        columns = regressor(placed.rotation, placed.position, axes[:, None])  # (n, n + 1, 6, 10)
+        return np.asarray(self.ancestors.T[..., None] * np.einsum('ia,ibak->ibk', axes, columns))
+
     def body_twists(self, configuration: Configuration, joint_velocity: Array, base_twist: Array) -> Array:
         """Return the twist (u, w) of every body at the base origin (paper, eq. 1), (N, n + 1, 6).
 
@@ -99,16 +108,6 @@ class Kinematics:
         base_twist : (N, 6) of the base link's origin, odometry axes
         """
         return base_twist[:, None] + self.ancestors @ (configuration.joint_twist * joint_velocity[..., None])
-
-
-def cantilever_inertias(kinematics: Kinematics, parameters: Array) -> Array:
-    """Return the inertia about or along each joint's axis of all that it carries, (n,) kg m^2 or kg, joints at zero.
-
-    `parameters` (n + 1, 10) are the bodies' standard ones, each in its own frame.
-    """
-    placed = kinematics.configure(np.eye(3)[None], np.zeros((1, kinematics.model.joints)))
-    carried = kinematics.ancestors.T @ express(parameters, placed.rotation, placed.position)
-    return np.asarray(np.sum(placed.joint_twist * momentum(carried, placed.joint_twist), axis=-1)[0])
 
 
 def _across(axis: Array) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.kinematics import Configuration, cantilever_inertias
+from mbaid_ros.core.robot.kinematics import Configuration
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
 from mbaid_ros.core.robot.sensitivity import force_cross, motion_cross
 from mbaid_ros.core.samples import ArrayRecord
@@ -21,7 +21,7 @@ from mbaid_ros.core.samples import ArrayRecord
 def spring_constants(kernel: MomentumKernel, known: Array) -> tuple[Array, Array]:
     """Return stiffness and damping (f,) of the passive joints, all bodies (n + 1, 10) known; SI units."""
     springs = kernel.springs
-    inertia = cantilever_inertias(kernel.kinematics, known)[list(springs.joints)]
+    inertia = np.sum(kernel.kinematics.cantilever[list(springs.joints)] * known, axis=(1, 2))
     return inertia * springs.rate**2, 2.0 * springs.ratio * inertia * springs.rate
 
 
@@ -143,45 +143,12 @@ class PassiveMotion:
         return twist, np.concatenate((rates, self.by_rate @ rates + self.gyroscopic @ twist + force), axis=1)
 
 
-def through_springs(kernel: MomentumKernel, axes: Array, gamma: Array) -> Array:
-    """Return Gamma H^-1 H_dq (N, 6, n): the part of the joint rates' momentum that held passive joints cancel.
+def along_passive(kernel: MomentumKernel, axes: Array, gamma: Array) -> Array:
+    """Return the momenta (N, f, n) along the passive joints of unit rates of all joints, the base at rest.
 
     `axes` (N, n, 6) are the unit twists of all joints, `gamma` (N, 6, n) the momenta of their unit rates.
     """
-    joints, own = list(kernel.springs.joints), _across(kernel, axes, gamma)
-    return np.asarray(gamma[..., joints] @ np.linalg.solve(own[..., joints], own))
-
-
-def _across(kernel: MomentumKernel, axes: Array, gamma: Array) -> Array:
-    """Return the rows (N, f, n) of the joint-space inertia that belong to passive joints."""
     up = kernel.kinematics.ancestors[1:].T > 0.0  # whether a joint moves another one, or is it
     across = axes @ gamma
     locked = np.where(up, across, np.where(up.T, np.swapaxes(across, 1, 2), 0.0))
     return np.asarray(locked[:, list(kernel.springs.joints)])
-
-
-def driven(
-    kernel: MomentumKernel, known: Array, axes: Array, gamma: Array, free_mobility: Array
-) -> tuple[Array, Array]:
-    """Return how the joints drive passive ones, and how these turn the base, with the rates of all others held.
-
-    An error of a joint's reading is one of the predicted deflection, at once: what the springs make of that stays.
-
-    Parameters
-    ----------
-    kernel, known : of the robot; (n + 1, 10) all bodies
-    axes, gamma, free_mobility : (N, n, 6), (N, 6, n) as above; (N, 6, 6) as of `PassiveInertias`
-
-    Returns
-    -------
-    (N, f, n) angular or linear acceleration of deflections by constant errors of the joints; (N, 6, f) twist by rates
-    """
-    joints, own = list(kernel.springs.joints), _across(kernel, axes, gamma)
-    moved, inverse = gamma[..., joints], np.linalg.inv(own[..., joints])
-    back = inverse @ np.swapaxes(moved, 1, 2)
-    by_joints = back @ free_mobility @ (gamma - moved @ inverse @ own) - inverse @ own
-    free = inverse + back @ free_mobility @ np.swapaxes(back, 1, 2)
-    stiffness, _ = spring_constants(kernel, known)
-    # free_mobility Gamma = M^-1 Gamma H (H - Gamma^T M^-1 Gamma)^-1, the latter `free`
-    turned = -free_mobility @ moved @ inverse @ np.linalg.inv(free)
-    return free @ (stiffness[:, None] * by_joints), turned

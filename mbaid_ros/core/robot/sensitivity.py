@@ -58,15 +58,8 @@ def sensitivity_of_known(kernel: MomentumKernel, states: BodyStates) -> Array:
 
 def sensitivity_to_joints(kernel: MomentumKernel, states: BodyStates) -> tuple[Array, Array]:
     """Return the (N, 6, n) derivatives of the known bodies' momentum by joint positions, and by joint velocities."""
-    subtrees = kernel.kinematics.ancestors.T
-    joint_twist = states.configuration.joint_twist
-    composite = inertia_matrix(subtrees @ states.known)
-    momenta = subtrees @ states.momenta
-    # As in `_moving`: the carrier's velocity is held.
-    carried = motion_cross(joint_twist, states.body_twist[:, 1:])
-    moved = composite @ np.stack((carried, joint_twist), axis=-1)
-    positions = force_cross(joint_twist, momenta) - moved[..., 0]
-    return positions.swapaxes(1, 2), moved[..., 1].swapaxes(1, 2)
+    positions, velocities = np.split(sensitivity_of_known(kernel, states)[..., : 2 * kernel.model.joints], 2, axis=-1)
+    return positions, velocities
 
 
 def _moving(kernel: MomentumKernel, states: BodyStates) -> tuple[Array, Array, Array]:

@@ -24,7 +24,6 @@ from mbaid_ros.core.trajectory.posterior import End, Posterior, posterior
 from mbaid_ros.core.trajectory.solution import (
     Solved,
     error_budget,
-    estimates,
     forces,
     implausible,
     joint_delay,
@@ -58,7 +57,6 @@ class TrajectoryEstimator:
         self._plane = PlaneDetector(kernel.model)
         self._soft = soft_grasps(kernel)
         self._averaging = KnotAveraging(
-            kernel.model.joints,
             settings.noise,
             settings.window,
             settings.gyro,
@@ -83,7 +81,11 @@ class TrajectoryEstimator:
         )
         outcomes = [self._filter(window, each, origin) for window, each in zip(windows, averaged, strict=True)]
         self._last = windows[-1] if windows else self._last
-        return estimates(outcomes, self._reporting, located=self._settings.located)
+        solved = [each for each in outcomes if isinstance(each, Solved)]
+        found = [each.solution for each in solved], [each.history for each in solved]
+        made = iter(self._reporting.estimates(*found) if solved else [])  # of all solutions together
+        located = self._settings.located
+        return [each.completed(next(made), located=located) if isinstance(each, Solved) else each for each in outcomes]
 
     def _filter(self, window: Samples, knots: Averaged, origin: int) -> Solved | Estimate:
         """Filter one window, and return the solution by then, or why there is none."""
@@ -116,7 +118,7 @@ class TrajectoryEstimator:
         acting = filtered.hypothesis.disturbed and filtered.hypothesis.physical
         estimated = [f'{filtered.hypothesis.name}; it is estimated as well, and widens the intervals'] if acting else []
         swinging = layout.kernel.springs.count > 0
-        flexible = passive_joints(distribution, layout, run.largest_deflections, run.resolved) if swinging else ()
+        flexible = passive_joints(distribution, layout, run.deflections, run.resolved) if swinging else ()
         delay, delay_std = joint_delay(distribution, layout)
         x, factor = distribution.published(prior_scales, layout, _REPORTED)
         covariance = (
@@ -205,8 +207,8 @@ class TrajectoryEstimator:
         if run is None or last is None or not self.settled or not self._settings.located:
             return None
         distribution = run.distribution()
-        end = End.of(last, self._settings.noise, self._settings.window, self._averaging.origin, self._plane.normal)
-        end = end.after(self._momentum_change(last, distribution.mean))
+        settings, brought = self._settings, self._momentum_change(last, distribution.mean)
+        end = End.of(last, settings.noise, settings.window, self._averaging.origin, brought)
         return posterior(self._runs.layout, run.best.hypothesis, distribution, run.prior_scales(distribution), end)
 
     @property
@@ -249,6 +251,4 @@ def _point_of(estimate: Estimate, layout: Layout, origin: Array) -> Point:
     body[diagonal] = np.where(estimate.identifiable[diagonal], body[diagonal], body[diagonal].max())
     momentum = np.nan_to_num(estimate.momentum - estimate.impulse)
     momentum[3:] -= cross(origin, momentum[:3])
-    state = np.concatenate((np.zeros(BODY.stop), layout.known.mean))
-    state[MOMENTUM], state[BODY] = momentum, standard(body)
-    return layout.point(state)
+    return layout.point(layout.state(standard(body), momentum))

@@ -34,7 +34,6 @@ class End:
     base_position: Array
     origin: Array  # (3,) m, the run's, in the odometry frame
     brought: Array  # (6,) change of the momentum by thrust and orbit since the run began, L about its origin
-    normal: Array | None = None  # (3,) of the plane of a planar motion, odometry axes; None in space
 
     @property
     def measures_twist(self) -> bool:
@@ -42,8 +41,11 @@ class End:
         return bool(np.all(np.isfinite(self.noise.twist)))
 
     @staticmethod
-    def of(window: Samples, noise: SensorNoise, length: float, origin: Array, normal: Array | None) -> End:
-        """Return it from the last window of a run, of a length in s; origin (3,) m, normal (3,) of planar motion."""
+    def of(window: Samples, noise: SensorNoise, length: float, origin: Array, brought: Array) -> End:
+        """Return it from the last window of a run, of a length in s, that began at an origin (3,) m.
+
+        `brought` (6,) is the change of the momentum since then, L about the odometry's origin.
+        """
         last = window_noises([window[-1:]], noise)[0]
         if window.missing_rates[1]:
             last = replace(last, twist=np.full((6, 6), np.nan))
@@ -60,15 +62,8 @@ class End:
             window.base_rotation[-1],
             window.base_position[-1] - origin,
             origin,
-            np.zeros(6),
-            normal,
+            np.concatenate((brought[:3], brought[3:] - cross(origin, brought[:3]))),
         )
-
-    def after(self, brought: Array) -> End:
-        """Return it with the momentum brought by thrust and orbit, (6,), L about the odometry's origin."""
-        change = brought.copy()
-        change[3:] -= cross(self.origin, brought[:3])
-        return replace(self, brought=change)
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ from mbaid_ros.core.results.estimate import (
     constant_force,
 )
 from mbaid_ros.core.results.parameters import SENSOR_NOISE, DeferredBudget, ErrorBudget
-from mbaid_ros.core.results.reporting import Reporting, Solution
+from mbaid_ros.core.results.reporting import Solution
 from mbaid_ros.core.results.status import MOST_JUMPS, Reason
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import physical_jacobian
@@ -121,7 +121,7 @@ def _seen(errors: Array, covariance: Array, layout: Layout) -> Array:
     A cause that is k of its deviations off shifts an estimate by k sqrt(share) standard deviations, and raises the
     chi-square by k^2 times this part: where the part is below the share, the data do not warn in time.
     """
-    within = layout.alike * covariance  # of numbers of the same cause
+    within = (layout.belongs @ layout.belongs.T) * covariance  # of numbers of the same cause
     left = ((errors @ within) * errors) @ layout.belongs
     return np.asarray(1.0 - left / np.maximum(errors**2 @ layout.belongs, np.finfo(float).tiny))
 
@@ -157,21 +157,6 @@ class Solved:
         return estimate.after_thrust(self.impulse)
 
 
-def estimates(outcomes: Sequence[Solved | Estimate], reporting: Reporting, *, located: bool) -> list[Estimate]:
-    """Return an estimate of each outcome; those of solutions are made together.
-
-    Parameters
-    ----------
-    outcomes : solutions, and estimates where there is none
-    reporting : makes estimates of solutions
-    located : whether anything locates the base
-    """
-    solved = [each for each in outcomes if isinstance(each, Solved)]
-    made = reporting.estimates([each.solution for each in solved], [each.history for each in solved]) if solved else []
-    reported = iter(made)
-    return [each.completed(next(reported), located=located) if isinstance(each, Solved) else each for each in outcomes]
-
-
 def joint_delay(distribution: MeanAndCovariance, layout: Layout) -> tuple[float, float]:
     """Return the joints' delay and its standard deviation, s; NaN where it is no unknown."""
     found = ((float(value[0]), float(std[0])) for _, value, std in _of_kind(distribution, layout, TimeOffset))
@@ -187,9 +172,9 @@ def thrusters(distribution: MeanAndCovariance, layout: Layout) -> tuple[Thruster
 
 
 def passive_joints(
-    distribution: MeanAndCovariance, layout: Layout, largest: Array, resolved: Flags
+    distribution: MeanAndCovariance, layout: Layout, deflections: Array, resolved: Flags
 ) -> tuple[PassiveJoint, ...]:
-    """Return the passive joints as estimated; `largest`, `resolved` (f,) as of `PassiveJoint.all_of`."""
+    """Return the passive joints as estimated; `deflections`, `resolved` as of `PassiveJoint.all_of`."""
     springs, model = layout.kernel.springs, layout.kernel.model
     value: Array = np.zeros((springs.count, 2))
     std = prior = value
@@ -197,7 +182,7 @@ def passive_joints(
         value, std = numbers.reshape(-1, 2), stds.reshape(-1, 2)
         prior = np.linalg.norm(unknown.factor, axis=1).reshape(-1, 2)
     names = [model.joint_names[joint] for joint in springs.joints]
-    return PassiveJoint.all_of(names, (springs.rate, springs.ratio, prior), value, std, largest, resolved)
+    return PassiveJoint.all_of(names, (springs.rate, springs.ratio, prior), value, std, deflections, resolved)
 
 
 _FAR = 3.0  # standard deviations of its declaration, beyond which a frequency is another thing's

@@ -65,17 +65,13 @@ class ChangedTarget:
 
     def event(self, after: MeanAndCovariance | None) -> Event:
         """Return it as an event, with the change of mass and centre of mass where both states are known."""
-        text = self.text
-        if self.before is not None and after is not None and _known(self.before) and _known(after):
-            then, now = self.before.mean[BODY], after.mean[BODY]
+        text, both = self.text, [each for each in (self.before, after) if each is not None]
+        known = [each.deviation[BODY.start] < _KNOWN * each.mean[BODY.start] for each in both]
+        if len(both) == 2 and all(known):
+            then, now = (each.mean[BODY] for each in both)
             heavier = float(now[0] - then[0]) if self.exchanged else None
             text = changed_by(text, heavier, now[1:4] / now[0] - then[1:4] / then[0])
         return Event(self.time, 'target_changed', np.zeros(3), np.zeros(3), text)
-
-
-def _known(distribution: MeanAndCovariance) -> bool:
-    """Return whether the mass is known well enough for a centre of mass."""
-    return bool(distribution.deviation[BODY.start] < _KNOWN * distribution.mean[BODY.start])
 
 
 class TargetRuns:

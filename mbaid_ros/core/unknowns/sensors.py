@@ -42,9 +42,7 @@ class Gyro(Unknown):
 
     # (13, w) factor of the change of the bias in a second
     wandering: Array = field(default_factory=lambda: np.zeros((13, 0)))
-    alone: bool = False  # whether it alone observes the orientation
-    with_orientation: bool = False  # whether the IMU measures the orientation, too, in the same axes
-    link: Link | None = None  # that it is on, where joints move it
+    errors: GyroErrors = field(default_factory=GyroErrors)  # as declared
 
     read = True
     in_equations = False  # which do not know of it
@@ -56,7 +54,7 @@ class Gyro(Unknown):
 
     def reading(self, motion: Reading) -> tuple[Array, Array] | None:
         """Return how the orientation reads that is measured in the same axes: R_read = R Exp(e)."""
-        if not self.with_orientation:
+        if not self.errors.with_orientation:
             return None
         pose, twist = np.zeros((2, len(motion.rotation), 6, 13))
         pose[:, :3, 6:9] = motion.rotation
@@ -74,7 +72,7 @@ class Gyro(Unknown):
         Without poses they are the integrated gyro's, less the estimate of its errors.
         """
         del deviation
-        if not self.alone:
+        if not self.errors.alone:
             return np.zeros_like(value)
         numbers = self.factor @ value
         numbers[_LATE] = 0.0
@@ -82,7 +80,7 @@ class Gyro(Unknown):
 
     def moved(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these errors."""
-        return replace(side, gyro=side.gyro + value[:_LATE]) if self.alone else side
+        return replace(side, gyro=side.gyro + value[:_LATE]) if self.errors.alone else side
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return bias and scale of its reading about the normal, and the delay."""
@@ -93,9 +91,9 @@ class Gyro(Unknown):
 
     def _normal(self, detector: PlaneDetector) -> Array:
         """Return the normal of the plane of motion in its axes, (3,)."""
-        if self.link is None:
+        if self.errors.link is None:
             return detector.plane_of(0).normal
-        plane = detector.plane(self.link)
+        plane = detector.plane(self.errors.link)
         assert plane is not None, 'the motion is planar'
         return plane.normal
 
@@ -120,9 +118,7 @@ def gyro(errors: GyroErrors | None) -> Gyro:
     wandering = np.zeros((13, 3))
     wandering[:3] = own.walk * np.eye(3)
     labels = (*np.repeat(GYRO[:4], 3).tolist(), LATE)
-    return Gyro(
-        diagonal(deviations), labels, wandering[:, : 3 * (own.walk > 0.0)], own.alone, own.with_orientation, own.link
-    )
+    return Gyro(diagonal(deviations), labels, wandering[:, : 3 * (own.walk > 0.0)], own)
 
 
 _CLEAR = 4.0  # standard deviations, from which a delay is one: joints are moved in time at the price of noise in them

@@ -106,6 +106,24 @@ def momentum(run: Run, truth: Truth | None, name: str) -> str:
     return svg(chart, f'{name} momentum', 'Total momentum and residual over time')
 
 
+def swing(run: Run, name: str) -> str:
+    """Return how far each passive joint swings in each window, least to highest; nothing without any."""
+    history = [estimate for estimate in thinned(run) if estimate.flexible]
+    if not history:
+        return ''
+    time, joints = _times(history), [joint.joint for joint in history[-1].flexible]
+    chart, axes = new_axes(len(joints), 1, 1.5, sharex=True)
+    for place, (axis, joint) in enumerate(zip(axes, joints, strict=True)):
+        least, highest = np.array([estimate.flexible[place].swing for estimate in history]).T
+        axis.fill_between(time, least, highest, color=Colour.FIRST, alpha=0.6, linewidth=0.8)
+        scale(axis, least, highest, always=(0.0,))
+        entitle(axis, f'Deflection of {joint} [rad or m]')
+        _mark_events(axis, run)
+    axes[-1].set_xlim(0.0, max(time[-1], _SHORTEST))
+    axes[-1].set_xlabel(TIME, color=Colour.INK, fontsize=8)
+    return svg(chart, f'{name} swing', 'Deflection of each passive joint over time')
+
+
 def _vector(axis: Axes, time: Array, values: Array, stds: Array) -> None:
     known = determined(values[-1], stds[-1])
     for value, std, style, label, there in zip(values.T, stds.T, SERIES, 'xyz', known, strict=True):

@@ -144,6 +144,9 @@ def _curves(run: Run, truth: Truth | None, name: str) -> list[str]:
         caption = 'Odometry frame; angular momentum about its origin. Shaded: 95 % band.' if run.reached else ''
         title = 'Total momentum and residual' if run.reached else 'Residual'
         parts += [f'<h3>{title}</h3>', figure(momentum, caption), _momentum(run) if run.reached else '', _events(run)]
+    if swing := figures.swing(run, name):
+        caption = 'From the least to the highest deflection in each window, as estimated then.'
+        parts += ['<h3>Passive joints</h3>', figure(swing, caption)]
     caption = 'Filled: the data so far determine the parameter.'
     return [*parts, '<h3>Identifiability</h3>', figure(figures.identifiability(run, name), caption)]
 

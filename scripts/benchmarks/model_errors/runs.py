@@ -167,7 +167,7 @@ def _windows(robot: str, truth: Truth, errors: ModelErrors, length: float) -> tu
     detector = PlaneDetector(own.model)
     for part in parts:
         detector.update(part)
-    gathering = KnotAveraging(own.model.joints, NOISE, length)
+    gathering = KnotAveraging(NOISE, length)
     taken = gathering.take(parts)
     both = [*(each.ready for each in taken), taken[-1].still_open]
     return [window for window in both if window is not None], gathering.origin, detector

@@ -71,7 +71,7 @@ class Case:
             ),
         )
         self.layout = Layout.of(kernel, unknowns)
-        averaging = KnotAveraging(self.model.joints, MID, 0.5)
+        averaging = KnotAveraging(MID, 0.5)
         self.windows = [each.ready for each in averaging.take(windows(samples)) if each.ready is not None]
         self.state: Array = np.zeros(self.layout.size)
         momentum = total_momentum(self.model, truth[:1])[0]

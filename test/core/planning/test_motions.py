@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,6 @@ from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.planning.goal import JointLimits, joint_limits, keeping_speed
 from mbaid_ros.planning.splines import Splines
 from mbaid_ros.simulation.steered import Followed
-from planned import Begun, planner
 from simulated import robot
 
 TIMES = np.array([0.0, 0.7, 2.0, 2.5])
@@ -143,19 +140,3 @@ def test_wheels_keep_their_speed(velocity: float, held: tuple[str, ...], kept: l
     assert [bool(found[model.independent_joints.index(name)]) for name in names] == kept
     with pytest.raises(ParameterError, match=r"'plan\.held' names 'rotor'; accepted: "):
         keeping_speed(model, rate, velocity, ('rotor',))
-
-
-def test_a_motion_moves_the_others_while_a_wheel_goes_on(identified: Begun) -> None:
-    """A joint that keeps its speed goes on along a trajectory as it does where no joint is moved."""
-    end = replace(identified.knowledge.end, joint_velocity=np.array([*np.zeros(6), 0.3]))
-    motions = planner(identified, replace(identified.knowledge, end=end), held=('joint7',)).motions
-    assert not motions.limits.moved[6]
-    times = np.linspace(0.0, motions.splines.duration, 9)
-    trajectory = motions.trajectory(0.01 * np.ones((motions.splines.count, 7)))
-    assert trajectory.joints == tuple(f'joint{k}' for k in range(1, 7))
-    position, rate = (each[:, 0] for each in motions.along(trajectory, times))
-    assert position[:, 6] == pytest.approx(end.joint_position[6] + 0.3 * times)
-    assert rate[:, 6] == pytest.approx(0.3)
-    still = np.zeros((1, motions.splines.count, 7))
-    assert motions.excursions(still)[0] == pytest.approx(0.0, abs=1e-12)
-    assert motions.joints(still, times)[0][:, 0, 6] == pytest.approx(position[:, 6])

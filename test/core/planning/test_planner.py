@@ -36,6 +36,7 @@ from mbaid_ros.simulation.steered import Followed
 from observed import MID, estimator, kernel, observe, windows
 from planned import FASTEST, START, Begun, angle, begun, first_motion, follow, planner
 from simulated import state
+from wheels import wheeled
 
 
 @pytest.fixture(scope='module')
@@ -60,7 +61,7 @@ def test_what_is_predicted_to_be_known_is_known_after_the_motion(
 def test_a_motion_is_planned_with_the_noise_that_was_found(identified: Begun) -> None:
     found = np.array([[3.0 * MID.joint_position, MID.joint_velocity, 0.0]])
     for samples, joints in ((identified.samples, 1.0), (replace(identified.samples, noise=found), 3.0)):
-        noise = End.of(samples, MID, 0.5, np.zeros(3), None).noise
+        noise = End.of(samples, MID, 0.5, np.zeros(3), np.zeros(6)).noise
         assert noise.joint_position == joints * MID.joint_position
 
 
@@ -98,19 +99,24 @@ def still(robot: Begun) -> JointTrajectory:
     return JointTrajectory(robot.kernel.model.joint_names, np.zeros(1), place, nothing, nothing)
 
 
-def test_the_base_of_a_known_robot_moves_as_the_simulated_one_does(identified: Begun) -> None:
-    begin = state(identified.knowledge.end.joint_position, np.zeros(7), (0.01, -0.02, 0.015), 0.03)
-    motions = planner(identified).motions
-    drawn = motions.within(FASTEST * speeds_of(drawn_legs(1, 7, np.random.default_rng(2)), motions.splines.count))
-    trajectory = motions.splines.trajectory(drawn[0], motions.start, identified.kernel.model.joint_names)
-    truth = follow(identified.kernel, begin, trajectory, trajectory.duration)
-    known = identified.knowledge.state
-    known[6:12], known[BODY] = total_momentum(identified.kernel.model, truth)[0], identified.kernel.target.parameters
-    floating = replace(
-        motions.as_if(identified.knowledge.layout.point(known)), rotation=np.eye(3), position=np.zeros(3)
-    )
+@pytest.mark.parametrize('wheels', [0.0, 60.0])  # rad/s
+def test_the_base_of_a_known_robot_moves_as_the_simulated_one_does(identified: Begun, wheels: float) -> None:
+    robot = begun(unknown=wheeled()) if wheels else identified
+    rates = np.where([name.startswith('wheel') for name in robot.kernel.model.joint_names], wheels, 0.0)
+    end = replace(robot.knowledge.end, joint_velocity=rates)
+    begin = state(end.joint_position, rates, (0.01, -0.02, 0.015), 0.03)
+    motions = planner(robot, replace(robot.knowledge, end=end), joint_velocity=np.inf).motions
+    assert np.array_equal(motions.limits.held, rates > 0.0)
+    legs = drawn_legs(1, len(rates), np.random.default_rng(2))
+    drawn = motions.within(FASTEST * speeds_of(legs, motions.splines.count))
+    trajectory = motions.trajectory(drawn[0])
+    truth = follow(robot.kernel, begin, trajectory, trajectory.duration)
+    known = robot.knowledge.state
+    known[6:12], known[BODY] = total_momentum(robot.kernel.model, truth)[0], robot.kernel.target.parameters
+    floating = replace(motions.as_if(robot.knowledge.layout.point(known)), rotation=np.eye(3), position=np.zeros(3))
     half_steps = np.linspace(0.0, trajectory.duration, 481)
-    base = floating.moved(*motions.joints(drawn, half_steps), half_steps[2])
+    base = floating.moved(*motions.along(trajectory, half_steps), half_steps[2])
+    assert motions.excursions(np.zeros_like(drawn))[0] == pytest.approx(0.0, abs=1e-12)
     last = rotation_from_quaternion(truth.base_orientation)[-1]
     assert base.rotation[-1, 0] == pytest.approx(last, abs=5e-6)
     assert base.position[-1, 0] == pytest.approx(truth.base_position[-1], abs=5e-6)
