@@ -15,11 +15,7 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 
 from mbaid_ros.bags import BagReader, message_types
-from mbaid_ros.bags.chunks import (
-    Block,
-    Raw,
-    in_blocks,
-)
+from mbaid_ros.bags.chunks import Block, Raw, in_blocks
 from mbaid_ros.bags.types import definition
 from mbaid_ros.cdr import JOINT_STATE_TYPE, Packets
 from mbaid_ros.messages.fields import joint_state_shape

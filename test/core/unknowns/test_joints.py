@@ -20,12 +20,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import parse
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.declaration import JointMotion
-from mbaid_ros.core.unknowns.joints import (
-    FlexibleJoints,
-    flexible_joints,
-    joint_placements,
-    joint_tracking,
-)
+from mbaid_ros.core.unknowns.joints import FlexibleJoints, flexible_joints, joint_placements, joint_tracking
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, observe, windows
