@@ -14,9 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter1d
 
-from mbaid_ros.core.geometry import (
-    Array,
-)
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import Link, express, load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.recordings.iss import read_iss

@@ -23,7 +23,7 @@ from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from mbaid_ros.simulation.simulation import total_momentum
-from observed import MID
+from sessions import NOISE
 from simulated import robot
 from streams import urdf
 
@@ -59,9 +59,8 @@ def messages(
     orientation : rad, noise of the orientation that the IMU tells; 0 is that it tells none
     link : that the IMU is on; empty is the base link
     """
-    noise = {f'noise.{channel}': value for channel, value in vars(MID).items() if channel != 'base_correlation_time'}
     own = {**IMU, 'imu.orientation_noise': orientation, 'imu.link': link}
-    config = simulator_config(name, {**noise, **own, 'seed': seed, 'odometry_rate': 10.0})
+    config = simulator_config(name, {**NOISE, **own, 'seed': seed, 'odometry_rate': 10.0})
     made = SimulatedRun(config, urdf(name), BAG_TYPES)
     made.start = 1_700_000_000_000_000_000
     said = made.read(seconds - 0.001)

@@ -16,19 +16,7 @@ import pytest
 import yaml
 from mbaid_msgs.msg import InertiaEstimate
 
-from documents import (
-    DOCUMENTS,
-    INSTALL,
-    README,
-    ROOT,
-    TUTORIAL,
-    Block,
-    bash,
-    blocks,
-    names,
-    prelude,
-    project,
-)
+from documents import DOCUMENTS, INSTALL, README, ROOT, TUTORIAL, Block, bash, blocks, names, prelude, project
 from graph import Graph, graph
 from mbaid_ros.bags import BagReader
 from mbaid_ros.nodes.subscriptions import message_class

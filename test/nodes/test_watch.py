@@ -15,11 +15,7 @@ from mbaid_msgs.msg import InertiaEstimate
 from graph import PATIENCE, Graph, executable
 from made_runs import BODY, HOSTILE, budget, estimate, planar
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES
-from mbaid_ros.nodes.watch import (
-    drawn,
-    line,
-    screen,
-)
+from mbaid_ros.nodes.watch import drawn, line, screen
 from mbaid_ros.outgoing import Frames, estimate_message
 
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.replay.start import replay, simulate
+from sessions import NOISE
 from simulated import CONFIG
 
 PACKAGE = 'example-robot-data'
@@ -51,14 +54,15 @@ ROBOTS = robots()
 NAMES = [f'{path.parent.parent.name}/{path.name}' for path in ROBOTS]
 
 
+def assigned(values: Mapping[str, object]) -> list[str]:
+    return [word for name, value in values.items() for word in ('-p', f'{name}:={value}')]
+
+
 def both(urdf: Path, folder: Path) -> tuple[int, int | None]:
     """Return the exit codes of `simulate` and, after 0, of `replay`, for three seconds of the default motion."""
-    rates = [word for name in ('joint_rate', 'odometry_rate') for word in ('-p', f'{name}:=20')]
-    motion = ['--duration', '3', *rates]
-    params = folder / 'params.yaml'
-    params.write_text('estimator: {ros__parameters: {method: difference}}')
+    motion = ['--duration', '3', *assigned({'joint_rate': 20, 'odometry_rate': 20})]
     made = simulate(['--model', str(urdf), *motion, '--output', str(folder / 'bag')])
-    return made, replay([str(folder / 'bag'), '--model', str(urdf), '--params', str(params)]) if made == 0 else None
+    return made, replay([str(folder / 'bag'), '--model', str(urdf), '--method', 'difference']) if made == 0 else None
 
 
 @pytest.mark.skipif(not ROBOTS, reason=f'{PACKAGE} is not installed')
@@ -114,29 +118,12 @@ def test_a_hand_whose_fingers_follow_each_other_is_identified(
     urdf = tmp_path / 'gripper.urdf'
     urdf.write_text(GRIPPER.format(links='  '.join(LINK.format(**part) for part in parts)))
     bag, result = tmp_path / 'bag', tmp_path / 'result.json'
-    options = ['--duration', '12', '-p', 'motion.kind:=random', '-p', 'motion.period_min:=3.0']
-    options += [
-        '-p',
-        'motion.period_max:=8.0',
-        '-p',
-        'target_link:=hand',
-        '-p',
-        'joint_rate:=50',
-        '-p',
-        'odometry_rate:=50',
-    ]
-    assert simulate(['--model', str(urdf), *options, '--output', str(bag)]) == 0
-    exact = ', '.join(
-        f'{group}: {{{", ".join(f"{name}: 0.0" for name in names)}}}'
-        for group, names in {
-            'known_links': ['relative_std'],
-            'known_joints': ['zero_std', 'origin_std', 'axis_std'],
-            'odometry_mount': ['position_std', 'orientation_std'],
-        }.items()
-    )
-    params = tmp_path / 'params.yaml'
-    params.write_text(f'estimator: {{ros__parameters: {{target_link: hand, {exact}}}}}')
-    assert replay([str(bag), '--model', str(urdf), '--params', str(params), '--json', str(result)]) == 0
+    motion = {'kind': 'random', 'period_min': 3.0, 'period_max': 8.0}
+    moving = {f'motion.{name}': value for name, value in motion.items()} | {'joint_rate': 50, 'odometry_rate': 50}
+    made = ['--model', str(urdf), '--duration', '12', *assigned({**moving, 'target_link': 'hand'})]
+    assert simulate([*made, '--output', str(bag)]) == 0
+    told = assigned({**EXACT, 'target_link': 'hand'})
+    assert replay([str(bag), '--model', str(urdf), *told, '--json', str(result)]) == 0
     found = json.loads(result.read_text())
     assert found['model']['without_inertia'] == ['camera']
     assert (found['model']['foreign'], found['model']['unheard'], found['model']['chosen']) == ([], [], True)
@@ -149,20 +136,11 @@ def test_a_hand_whose_fingers_follow_each_other_is_identified(
 
 # -- Ten minutes of a robot that may differ from its URDF: what is small in a minute must not add up.
 
-NOISE = {
-    'joint_position': 1e-4,
-    'joint_velocity': 1e-3,
-    'base_position': 1e-3,
-    'base_orientation': 1e-4,
-    'base_linear_velocity': 1e-3,
-    'base_angular_velocity': 1e-4,
-}
-
 
 @pytest.mark.long
 def test_noise_of_the_joints_pulls_no_unknown_aside(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     model, bag = ['--model', str(CONFIG / 'servicer7.urdf')], tmp_path / 'bag'
-    noise = [word for name, value in NOISE.items() for word in ('-p', f'noise.{name}:={value}')]
+    noise = assigned(NOISE)
     motion = ['--params', str(CONFIG / 'servicer7_simulator.yaml'), '--duration', '600']
     assert simulate([*model, *motion, *noise, '--output', str(bag)]) == 0
     capsys.readouterr()

@@ -27,12 +27,7 @@ from mbaid_ros.core.unknowns.base import TwistBias
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.environment import Gravity
 from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
-from mbaid_ros.session.known_robot import (
-    EXACT_ROBOT,
-    declared_exact,
-    nominal_model,
-    with_known_errors,
-)
+from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact, nominal_model, with_known_errors
 from mbaid_ros.session.session import Session
 from mbaid_ros.session.settings import declared_uncertainty
 from servicing import LINKS, standard_parameters

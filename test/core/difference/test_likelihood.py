@@ -8,15 +8,7 @@ import pytest
 from benchmarks.data import Case, kernel, momentum_of, motion, observed
 from benchmarks.methods import Identification
 from checked import central_difference
-from linear_problems import (
-    EQUATIONS,
-    TRUE,
-    UNKNOWNS,
-    exact_blocks,
-    noise_information,
-    noisy_blocks,
-    with_errors,
-)
+from linear_problems import EQUATIONS, TRUE, UNKNOWNS, exact_blocks, noise_information, noisy_blocks, with_errors
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.errors_in_variables import Sums
 from mbaid_ros.core.geometry import Array

@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from linear_problems import (
-    EQUATIONS,
-    TRUE,
-    UNKNOWNS,
-    linear_blocks,
-    noisy_blocks,
-)
+from linear_problems import EQUATIONS, TRUE, UNKNOWNS, linear_blocks, noisy_blocks
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.conservation import Conservation, momentum_jumps, noise_covariance
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, Sums

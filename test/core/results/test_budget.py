@@ -10,12 +10,7 @@ import pytest
 
 from checked import central_difference
 from mbaid_ros.core.geometry import Array, Flags, unvec
-from mbaid_ros.core.results.parameters import (
-    SENSOR_NOISE,
-    DeferredBudget,
-    ErrorBudget,
-    rounded,
-)
+from mbaid_ros.core.results.parameters import SENSOR_NOISE, DeferredBudget, ErrorBudget, rounded
 from mbaid_ros.core.results.physical_consistency import inertia_ratios
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian, physical_shift

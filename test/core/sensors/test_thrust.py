@@ -8,12 +8,7 @@ import pytest
 from floating import true_momentum
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.sensors.external_momentum import (
-    FAR_THRUST,
-    NOT_FINITE_THRUST,
-    UNKNOWN_FRAME,
-    Thrust,
-)
+from mbaid_ros.core.sensors.external_momentum import FAR_THRUST, NOT_FINITE_THRUST, UNKNOWN_FRAME, Thrust
 from observed import MID, kernel, observe, windows
 from simulated import robot
 from thrusting import FORCE_TORQUE, OFF, ON, pushed
