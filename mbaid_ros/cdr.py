@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import ClassVar, Generic, Protocol, TypeVar, overload
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -36,12 +36,6 @@ _length = struct.Struct('<I').unpack_from
 
 class MisfitError(Exception):
     """The bytes are not laid out as they are understood here; a general deserialiser may know more."""
-
-
-class HasBytes(Protocol):
-    """Something that holds the bytes of a message, or of several one after the other."""
-
-    data: bytes
 
 
 class Cursor:
@@ -141,7 +135,7 @@ class _Layout:
                 return None
         return _stamps(np.frombuffer(joined, self._record))
 
-    def _read(self, messages: Sequence[HasBytes]) -> tuple[Stamps, npt.NDArray[np.void]]:
+    def _read(self, messages: Sequence[Packets[Any]]) -> tuple[Stamps, npt.NDArray[np.void]]:
         """Return the stamps (N,), ns, of N messages that are laid out like this, and all their numbers."""
         data = messages[0].data if len(messages) == 1 else b''.join([message.data for message in messages])
         records = np.frombuffer(data, self._record)
@@ -170,7 +164,7 @@ class JointStateLayout(_Layout):
         self.positions, self.velocities = position[1], velocity[1]
         super().__init__(data, cursor, {'position': position, 'velocity': velocity})
 
-    def columns(self, messages: Sequence[HasBytes]) -> tuple[Stamps, Array, Array]:
+    def columns(self, messages: Sequence[Packets[Any]]) -> tuple[Stamps, Array, Array]:
         """Return stamps (N,), ns, positions (N, p) and velocities (N, v) of N messages that are laid out like this."""
         stamp, records = self._read(messages)
         return stamp, records['position'].astype(float, 'C'), records['velocity'].astype(float, 'C')
@@ -189,7 +183,7 @@ class OdometryLayout(_Layout):
         self.frame_id, self.child_frame_id = cursor.string(), cursor.string()
         super().__init__(data, cursor, {'numbers': (cursor.doubles(_NUMBERS), _NUMBERS)})
 
-    def columns(self, messages: Sequence[HasBytes]) -> tuple[Stamps, Array, Array, Array]:
+    def columns(self, messages: Sequence[Packets[Any]]) -> tuple[Stamps, Array, Array, Array]:
         """Return stamps (N,), ns, numbers (N, 13) and covariances (N, 36) of pose and twist of N such messages.
 
         The numbers are position (3), orientation (4), linear and angular velocity (3 each).
@@ -207,18 +201,7 @@ _stamp = struct.Struct('<4xiI').unpack_from
 Layout = TypeVar('Layout', JointStateLayout, OdometryLayout)
 
 
-class Packet(Generic[Layout]):
-    """A message as its bytes (CDR with its encapsulation header), with its checked layout and its stamp, ns."""
-
-    __slots__ = ('data', 'layout', 'stamp')
-
-    def __init__(self, data: bytes, layout: Layout, stamp: int) -> None:
-        self.data = data
-        self.layout: Layout = layout
-        self.stamp = stamp
-
-
-class Packets(Sequence[Packet[Layout]]):
+class Packets(Sequence[Any], Generic[Layout]):
     """N messages of one checked layout as their bytes, one after the other, with their stamps (N,), ns."""
 
     __slots__ = ('data', 'layout', 'stamps')
@@ -231,17 +214,13 @@ class Packets(Sequence[Packet[Layout]]):
     def __len__(self) -> int:
         return len(self.stamps)
 
-    @overload
-    def __getitem__(self, place: int) -> Packet[Layout]: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> Packets[Layout]: ...
-
-    def __getitem__(self, place: int | slice) -> Packet[Layout] | Packets[Layout]:
-        chosen = np.frombuffer(self.data, f'V{self.layout.size}')[place].tobytes()
-        if isinstance(place, slice):
-            return Packets(chosen, self.layout, self.stamps[place])
-        return Packet(chosen, self.layout, int(self.stamps[place]))
+    def __getitem__(self, place: int | slice) -> Packets[Layout]:
+        """Return one of them, or some."""
+        some = slice(place, place + 1 or None) if isinstance(place, int) else place
+        chosen = np.frombuffer(self.data, f'V{self.layout.size}')[some]
+        if isinstance(place, int) and not len(chosen):
+            raise IndexError(place)  # ends an iteration
+        return Packets(chosen.tobytes(), self.layout, self.stamps[some])
 
 
 class Packer(Generic[Layout]):
@@ -252,8 +231,8 @@ class Packer(Generic[Layout]):
         self._known: dict[int, list[Layout]] = {}  # by the size of the messages
         self._count = 0
 
-    def __call__(self, data: bytes) -> Packet[Layout] | None:
-        """Return a message as a packet, None where its bytes are not understood: a general deserialiser is to try."""
+    def __call__(self, data: bytes) -> Packets[Layout] | None:
+        """Return a message as packets, None where its bytes are not understood: a general deserialiser is to try."""
         for layout in self._known.get(len(data), ()):
             if layout.fits(data):
                 return _packet(data, layout)
@@ -278,9 +257,9 @@ class Packer(Generic[Layout]):
         return None if stamps is None else Packets(data, first.layout, stamps)
 
 
-def _packet(data: bytes, layout: Layout) -> Packet[Layout]:
+def _packet(data: bytes, layout: Layout) -> Packets[Layout]:
     second, nanosecond = _stamp(data)
-    return Packet(data, layout, second * 1_000_000_000 + nanosecond)
+    return Packets(data, layout, np.array([second * 1_000_000_000 + nanosecond]))
 
 
 def packer(type_name: str) -> Packer[JointStateLayout] | Packer[OdometryLayout] | None:

@@ -111,7 +111,7 @@ def make(
     reporting = Reporting(unknown_scale(kernel)[:10], 0.5, 0.01, 2.0)
     return TrajectoryEstimator(
         kernel.with_uncertainty(declared(kernel.known, known_std)),
-        TrajectorySettings(noise, WINDOW, 10, kept, uncertainty, adapt),
+        TrajectorySettings(noise, WINDOW, kept, uncertainty, adapt),
         reporting,
     )
 

@@ -32,7 +32,7 @@ class Peer:
     """Pinocchio's model of a robot with its base's origin at the odometry's."""
 
     def __init__(self, model: RobotModel) -> None:
-        self.model = parse(model.urdf)
+        self.model = parse(model)
         self.data = self.model.createData()
         self._continuous = model.continuous
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -62,25 +62,11 @@ class Begun:
         return truth, self.method.update(windows(seen), 0)[-1]
 
 
-@dataclass(frozen=True, eq=False)
-class Spinning(Followed):
-    """Joints that follow a trajectory while wheels go on."""
-
-    rates: Array = field(default_factory=lambda: np.zeros(1))  # (n,) rad/s, of the wheels; zero of the others
-
-    def reference(self, time: float) -> tuple[Array, Array, Array]:
-        """Return position, velocity and acceleration of the joints at a time, (n,) each."""
-        position, velocity, acceleration = super().reference(time)
-        return position + self.rates * time, velocity + self.rates, acceleration
-
-
 def follow(unknown: MomentumKernel, begin: State, trajectory: JointTrajectory, seconds: float) -> Truth:
-    """Return the motion of a robot that follows a trajectory, while joints that it does not move keep their speed."""
+    """Return the motion of a robot that follows a trajectory."""
     model = unknown.model
     places = np.array([model.joint_names.index(name) for name in trajectory.joints])
-    rates = begin.joint_velocity.copy()
-    rates[places] = 0.0
-    motion = Spinning(trajectory, begin.joint_position, places, rates=rates)
+    motion = Followed(trajectory, begin.joint_position, places)
     return Simulation(model, motion, begin).advance(np.arange(round(seconds * RATE) + 1) / RATE)
 
 

@@ -22,8 +22,7 @@ _KEYS = ('model', 'simulator_params', 'estimator_params', *_SETTINGS, 'seeds', '
 _ELSEWHERE = {'seed': 'seeds', 'model_errors.seed': 'robots', 'robot_description_file': 'model'}
 _SEEDS = 'a whole number >= 1, of seeds from 0, or a list of different whole numbers >= 0'
 
-# Parameters by dotted name, of each of _NODES.
-Settings = dict[str, dict[str, object]]
+Settings = dict[str, dict[str, object]]  # parameters by dotted name, of each of _NODES
 
 
 @dataclass(frozen=True)

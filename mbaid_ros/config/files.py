@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -132,6 +133,15 @@ def parse_assignment(text: str) -> tuple[str, object]:
         raise ParameterError(f"the value of '{name}' is not YAML: {_reason(error)}") from error
 
 
+def given_parameters(arguments: argparse.Namespace, *node_names: str) -> dict[str, object]:
+    """Return the parameters of an executable's arguments: of its file for nodes of these names, then those of -p.
+
+    Raises ParameterError: The file cannot be used, or -p.
+    """
+    values = load_parameter_file(arguments.params, *node_names) if arguments.params else {}
+    return values | dict(map(parse_assignment, arguments.assignments))
+
+
 def _reason(error: Exception) -> str:
     return 'nested too deeply' if isinstance(error, RecursionError) else ' '.join(str(error).split())
 
@@ -157,20 +167,11 @@ def _matches(pattern: str, target: str) -> bool:
     """Return whether a section is a node's: ``/*`` is one level of the name, ``/**`` any number of them."""
     if '*' not in pattern:
         return pattern == target or pattern.rsplit('/', 1)[-1] == target
-    levels = target.strip('/').split('/')
-    reached = {0}  # numbers of levels of the target that the pattern may have come past
-    for part in pattern[1:].split('/'):
-        if part == '**':
-            reached = set(range(min(reached, default=len(levels) + 1), len(levels) + 1))
-        else:
-            reached = {number + 1 for number in reached if number < len(levels) and _like(part, levels[number])}
-    return len(levels) in reached
-
-
-def _like(part: str, level: str) -> bool:
-    """Return whether one level of a name matches a part of a pattern, in which each ``*`` is any text."""
-    pattern = '.*'.join(map(re.escape, re.split(r'\*+', part)))
-    return re.fullmatch(pattern, level) is not None
+    levels = (
+        '(?:/[^/]+)*' if part == '**' else '/' + '[^/]*'.join(map(re.escape, re.split(r'\*+', part)))
+        for part in pattern[1:].split('/')
+    )
+    return re.fullmatch(''.join(levels), '/' + target.strip('/')) is not None
 
 
 def read_robot_description(path: str | Path) -> str:

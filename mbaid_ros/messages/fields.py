@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from mbaid_ros.cdr import JointStateLayout, OdometryLayout, Packet, Packets
+from mbaid_ros.cdr import JointStateLayout, OdometryLayout, Packets
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.samples import Stamps
@@ -62,7 +62,7 @@ class BasePoseShape(NamedTuple):
 
 def source_of(message: Any) -> Source:
     """Return which kind of source a message that locates the base is from."""
-    if isinstance(message, Packet | Packets) or hasattr(message, 'twist'):
+    if isinstance(message, Packets) or hasattr(message, 'twist'):
         return 'odom'
     return 'tf' if hasattr(message, 'transforms') else 'pose'
 
@@ -109,7 +109,9 @@ def _pose(header: Any, frame: str, position: Any, turn: Any, covariance: Any) ->
 
 def stamp_of(message: Any) -> int:
     """Return the header stamp of a message, ns."""
-    if isinstance(message, Packet | BasePose):
+    if isinstance(message, Packets):  # one
+        return int(message.stamps[0])
+    if isinstance(message, BasePose):
         return message.stamp
     stamp = message.header.stamp
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
@@ -162,9 +164,6 @@ def numbers_of(message: Any) -> tuple[float, ...]:
     )
 
 
-_PACKED = (Packet, Packets)
-
-
 class JointStateShape(NamedTuple):
     """The names of joints, and numbers of positions and velocities, that several JointStates share."""
 
@@ -197,14 +196,14 @@ class OdometryShape(NamedTuple):
 
 def joint_state_shape(message: Any) -> JointStateShape | JointStateLayout:
     """Return the shape of a JointState, or of packets together."""
-    if isinstance(message, _PACKED):
+    if isinstance(message, Packets):
         return message.layout
     return JointStateShape(tuple(message.name), len(message.position), len(message.velocity))
 
 
 def odometry_shape(message: Any) -> OdometryShape | OdometryLayout | BasePoseShape:
     """Return the shape of an Odometry, of packets together, or of a pose in its place."""
-    if isinstance(message, _PACKED):
+    if isinstance(message, Packets):
         return message.layout
     if isinstance(message, BasePose):
         return BasePoseShape(message.frame_id, message.child_frame_id)

@@ -52,19 +52,20 @@ class Diagnostics:
         self._recent = dict.fromkeys(subscriptions, 0)  # messages since the last report
         self._arrival = dict.fromkeys(subscriptions, -np.inf)
         self._time = self._start = monotonic()
-        self._period = 0.0  # s, between the last two reports
         self._samples = SampleReport()
         self._used = 0  # samples at the last report
         self._used_at = self._time  # when that number last changed
+        self._quiet = 0  # reports since then
 
     def statuses(self, state: RunState, name: str) -> list[DiagnosticStatus]:
         """Return the statuses since the last call; `name` is the node's."""
         now = monotonic()
-        self._period, self._time = now - self._time, now
+        period, self._time = now - self._time, now
         used = state.session.used if state.session else 0
+        self._quiet += 1
         if used != self._used:
-            self._used, self._used_at = used, now
-        reports: dict[str, Report] = {key: self._topic(key, now, state) for key in self._wanted(state)}
+            self._used, self._used_at, self._quiet = used, now, 0
+        reports: dict[str, Report] = {key: self._topic(key, now, period, state) for key in self._wanted(state)}
         reports['thrust'] = self._thrust(state)
         reports['robot description'] = self._description(state)
         reports['samples'] = self._samples.report(state, heard=any(self._recent.values()))
@@ -83,8 +84,8 @@ class Diagnostics:
 
     @property
     def stuck(self) -> bool:
-        """Whether no sample has been used lately, though no busy machine has held up the node: its messages wait."""
-        return self._period <= STALE_AFTER < self._time - self._used_at
+        """Whether no sample has been used lately: after one report alone messages wait for a node that was held up."""
+        return self._quiet > 1 and self._time - self._used_at > STALE_AFTER
 
     def missing(self, state: RunState) -> tuple[str, ...]:
         """Return the obstacles to an estimate, one sentence each."""
@@ -159,14 +160,14 @@ class Diagnostics:
         text = f'no messages on {_topics(alike)} yet'
         return f'{text}, for more than {longest:g} s{_help(*alike)}' if longest else text
 
-    def _topic(self, key: str, now: float, state: RunState) -> Report:
+    def _topic(self, key: str, now: float, period: float, state: RunState) -> Report:
         subscription = self._subscriptions[key]
         topic, received = subscription.topic, subscription.received
         count = self._recent[key] = received - self._received[key]
         self._received[key] = received
         if count:
             self._arrival[key] = now
-        publishers, rate = subscription.publishers(), f'{count / self._period:.1f}'
+        publishers, rate = subscription.publishers(), f'{count / period:.1f}'
         values: Values = [
             ('topic', topic),
             ('publishers', len(publishers)),

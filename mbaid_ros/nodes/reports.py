@@ -139,8 +139,7 @@ def remarks(session: Session, *, stuck: bool) -> list[str]:
     Stamps that are apart count if no sample has been used lately (`stuck`).
     """
     partly = (f'messages partly used: {reason}' for reason in explain(session, session.replaced))
-    passing = [] if stuck else apart(session)
-    return [*(each for each in complaints(session) if each not in passing), *partly]
+    return [*(each for each in complaints(session) if stuck or each not in apart(session)), *partly]
 
 
 def estimate_report(state: RunState) -> Report:

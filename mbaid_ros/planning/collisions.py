@@ -12,7 +12,6 @@ import pinocchio
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, configurations, parse
-from mbaid_ros.core.robot.urdf import read_description
 from mbaid_ros.core.robot.urdf_document import kept_words, tree_of, triple
 
 ReadMesh = Callable[[str], Array]
@@ -48,8 +47,8 @@ class Collisions:
     """
 
     def __init__(self, model: RobotModel, clearance: float, start: Array, mesh: ReadMesh) -> None:
-        text, meshes = _without_meshes(read_description(model.urdf, model.base_link).text)
-        self._robot = parse(model.urdf, model.base_link)
+        text, meshes = _without_meshes(model.document)
+        self._robot = parse(model)
         self._shapes = _read(self._robot, text)
         notes = self._add(meshes, mesh)
         self._data = self._robot.createData()
@@ -209,7 +208,7 @@ class Efforts:
 
     def __init__(self, model: RobotModel, bodies: Array) -> None:
         self._model = model
-        self._parsed = parse(model.urdf, model.base_link)
+        self._parsed = parse(model)
         for place, body in enumerate(bodies, start=1):
             self._parsed.inertias[place] = pinocchio.Inertia.FromDynamicParameters(body[_ORDER])
         self._data = self._parsed.createData()

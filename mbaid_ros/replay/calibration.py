@@ -14,7 +14,7 @@ from mbaid_ros.calibration.result import Calibration, LinkResult
 from mbaid_ros.calibration.unknowns import OF_A_JOINT, OF_A_LINK, OF_THE_MOUNT
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line
 from mbaid_ros.config.calibration import NODE, CalibrationParameters, calibration_parameters
-from mbaid_ros.config.files import load_parameter_file, parse_assignment, read_robot_description
+from mbaid_ros.config.files import given_parameters, read_robot_description
 from mbaid_ros.config.model_errors import KnownLinksConfig
 from mbaid_ros.core.errors import DataError, ModelError, ParameterError, listing
 from mbaid_ros.core.geometry import Array
@@ -41,8 +41,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
     model, output = Path(arguments.model), arguments.output
     if output and model.is_file() and Path(output).is_file() and model.samefile(output):
         raise ParameterError(f"--output '{output}' is the model itself; accepted: another file")
-    values = load_parameter_file(arguments.params, 'estimator', NODE) if arguments.params else {}
-    values |= dict(map(parse_assignment, arguments.assignments))
+    values = given_parameters(arguments, 'estimator', NODE)
     if arguments.unknown is not None:
         values['unknown_links'] = arguments.unknown
     parameters = calibration_parameters(values)

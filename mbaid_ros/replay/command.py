@@ -21,7 +21,7 @@ from tqdm import tqdm
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file, parse_assignment, read_robot_description
+from mbaid_ros.config.files import given_parameters, read_robot_description
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.replay.inputs import Inputs
@@ -190,10 +190,7 @@ def _truths(arguments: argparse.Namespace) -> list[Truth | None]:
 
 def _config(arguments: argparse.Namespace) -> EstimatorConfig:
     """Return the parameters: the file's, then those of -p, then those with an argument of their own."""
-    values: dict[str, object] = {}
-    if arguments.params:
-        values.update(load_parameter_file(arguments.params, 'estimator'))
-    values |= dict(map(parse_assignment, arguments.assignments))
+    values = given_parameters(arguments, 'estimator')
     given = {'method': arguments.method, 'target_link': arguments.target}
     return build(EstimatorConfig, values | {name: value for name, value in given.items() if value is not None})
 

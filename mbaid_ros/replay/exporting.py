@@ -63,7 +63,8 @@ def export(arguments: argparse.Namespace) -> int:
         sys.stdout.write(as_utf8(text))
     else:
         write_text(arguments.output, text)
-        print(one_line(f"{arguments.output}: '{body.link}' as {arguments.format}"))
+        written = f"the body that '{body.link}' holds" if arguments.debris else f"'{body.link}'"
+        print(one_line(f'{arguments.output}: {written} as {arguments.format}'))
     return 0
 
 
@@ -146,7 +147,7 @@ def _urdf_link(body: Identified, *, in_principal_axes: bool, shape: str) -> list
     com = _spaced(body.parameters[1:4])
     elements = ' '.join(f'{name}="{_exact(value)}"' for name, value in zip(PARAMETERS[4:], inertia, strict=True))
     lines = [
-        f'<link name={_attribute(body.link)}>',
+        f'<link name={quoteattr(_xml(body.link))}>',
         '  <inertial>',
         f'    <origin xyz="{com}" rpy="{_spaced(_rpy(rotation))}"/>',
         f'    <mass value="{_exact(body.parameters[0])}"/>',
@@ -262,11 +263,6 @@ def _plain_json(body: Identified, *, in_principal_axes: bool, shape: str) -> str
         size, axes = _equivalent(body.parameters, shape)
         content['equivalent'] = {'shape': shape, 'size': size.tolist(), 'axes': axes.T.tolist()}
     return json.dumps(content, indent=2, allow_nan=False) + '\n'
-
-
-def _attribute(name: str) -> str:
-    """Return a name as an attribute's value with its quotes; characters that XML lacks are written out."""
-    return quoteattr(_xml(name))
 
 
 def _xml(name: str) -> str:

@@ -23,7 +23,6 @@ from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
 from mbaid_ros.core.two_stage import FIRST_STAGE
 from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.messages.fields import JOINT_MISSING
-from mbaid_ros.replay import provenance
 from mbaid_ros.replay.results import Run
 from mbaid_ros.session.continuation import continuation_as_json
 
@@ -125,7 +124,7 @@ def as_json(run: Run) -> dict[str, Any]:
         'span_s': final.time,
         'warnings': run.all_warnings,
         'model': None if run.survey is None else asdict(run.survey),
-        'made_by': None if run.made_by is None else provenance.as_json(run.made_by, run.settings, run.files),
+        'made_by': run.made_by and {**run.made_by, 'parameters': dict(run.settings), 'bag_sha256': dict(run.files)},
         'advice': run.advice or None,
         'continuation': None
         if run.posterior is None or run.contradicted

@@ -7,7 +7,6 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -18,32 +17,22 @@ from tqdm import tqdm
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line, warn
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file, parse_assignment, read_robot_description
+from mbaid_ros.config.files import given_parameters, read_robot_description
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.trajectory import as_yaml
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.files import write_text
 from mbaid_ros.outgoing import trajectory_message
 from mbaid_ros.planning.plan import Plan
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import check_outputs, plain, write_results
 from mbaid_ros.replay.provenance import made_by
+from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.run import BAG_TYPES, progress_bar, replay_bag
 from mbaid_ros.session.planning import make_planner
 
 TOPIC, TYPE = '/joint_trajectory', 'trajectory_msgs/msg/JointTrajectory'
-
-
-@dataclass(frozen=True)
-class Begin:
-    """The end of a run: its parameters with those of the plan, robot description, status and posterior."""
-
-    config: EstimatorConfig
-    urdf: str
-    status: str
-    posterior: Posterior
 
 
 def plan(arguments: argparse.Namespace) -> int:
@@ -54,18 +43,24 @@ def plan(arguments: argparse.Namespace) -> int:
     check_outputs(arguments, 'yaml')
     if arguments.output and Path(arguments.output).exists():
         raise ParameterError(f"--output '{arguments.output}' exists already; accepted: a folder that does not")
-    begin = _read_begin(arguments, read_robot_description(arguments.model))
-    if begin.status == 'inconsistent':
+    config = build(EstimatorConfig, given_parameters(arguments, 'estimator'))
+    run = _begin(arguments, config)
+    if run.final.status == 'inconsistent':
         print(
             f'mbaid_ros plan: {one_line(arguments.bag)} contradicts its model, so that its numbers cannot be '
             'planned from; accepted: a run that does not',
             file=sys.stderr,
         )
         return EXIT_INCONSISTENT
-    planner = make_planner(begin.config, begin.posterior)
-    with _progress(begin.config.plan.effort) as progress:
+    if run.posterior is None:
+        raise DataError(
+            f"bag '{run.bag}' leads to no state to plan from: it needs a solution of method trajectory (status "
+            f'{run.final.status})'
+        )
+    planner = make_planner(config, run.posterior)
+    with _progress(config.plan.effort) as progress:
         found = planner.plan(progress)
-    _write(found, begin, arguments)
+    _write(found, made_by('plan', arguments.argv, arguments.model, run.urdf), arguments)
     return 0 if found.reached else EXIT_NOT_DETERMINED
 
 
@@ -91,8 +86,7 @@ def _progress(effort: int) -> Iterator[Callable[[int], bool]]:
         signal.signal(signal.SIGINT, before)
 
 
-def _write(found: Plan, begin: Begin, arguments: argparse.Namespace) -> None:
-    made = made_by('plan', arguments.argv, arguments.model, begin.urdf)
+def _write(found: Plan, made: dict[str, Any], arguments: argparse.Namespace) -> None:
     if arguments.yaml:
         write_text(arguments.yaml, as_yaml(found.trajectory))
     if arguments.output:
@@ -100,23 +94,16 @@ def _write(found: Plan, begin: Begin, arguments: argparse.Namespace) -> None:
             bag.add_topic(TOPIC, TYPE, latched=True)
             bag.write(TOPIC, trajectory_message(found.trajectory, BAG_TYPES), 0)
 
-    write_results(arguments, {**_as_json(found), 'made_by': asdict(made)}, lambda: _summary(found))
+    write_results(arguments, {**_as_json(found), 'made_by': made}, lambda: _summary(found))
 
 
-def _read_begin(arguments: argparse.Namespace, urdf: str) -> Begin:
-    """Replay the bag, and return where a plan begins; warnings about the bag go to stderr."""
-    path = arguments.bag
-    values = load_parameter_file(arguments.params, 'estimator') if arguments.params else {}
-    config = build(EstimatorConfig, values | dict(map(parse_assignment, arguments.assignments)))
-    with progress_bar(path) as progress:
-        run = replay_bag(path, config, urdf, Inputs.from_arguments(arguments, config), progress=progress)
+def _begin(arguments: argparse.Namespace, config: EstimatorConfig) -> Run:
+    """Replay the bag whose end is the begin of a plan; warnings about it go to stderr."""
+    urdf, inputs = read_robot_description(arguments.model), Inputs.from_arguments(arguments, config)
+    with progress_bar(arguments.bag) as progress:
+        run = replay_bag(arguments.bag, config, urdf, inputs, progress=progress)
     warn('plan', run.warnings)
-    if run.posterior is None:
-        raise DataError(
-            f"bag '{path}' leads to no state to plan from: it needs a solution of method trajectory (status "
-            f'{run.final.status})'
-        )
-    return Begin(config, urdf, run.final.status, run.posterior)
+    return run
 
 
 def _summary(plan: Plan) -> str:

@@ -6,7 +6,6 @@ import hashlib
 import platform
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -43,31 +42,18 @@ _DATA = ('.mcap', '.db3')  # files of a bag's folder that hold messages
 _BLOCK = 1 << 20
 
 
-@dataclass(frozen=True)
-class RobotFile:
-    """A robot description: the robot's name, the path as the user gave it, and the SHA-256 of its bytes."""
+def made_by(executable: str, argv: Sequence[str], model: str, urdf: str) -> dict[str, Any]:
+    """Return the origin of the results of a command, now, as scripts read it.
 
-    name: str
-    file: str
-    sha256: str
-
-
-@dataclass(frozen=True)
-class MadeBy:
-    """The origin of a result: version of mbaid_ros, command as a shell takes it, date (ISO 8601, UTC), robot."""
-
-    version: str
-    command: str
-    date: str
-    robot: RobotFile
-
-
-def made_by(executable: str, argv: Sequence[str], model: str, urdf: str) -> MadeBy:
-    """Return the origin of the results of a command, now."""
-    command = shlex.join(('ros2', 'run', 'mbaid_ros', executable, *argv))
-    date = datetime.now(timezone.utc).isoformat(timespec='seconds')
-    robot = RobotFile(parse_document(urdf).get('name', ''), model, sha256_of(model, urdf))
-    return MadeBy(version_of('mbaid_ros'), command, date, robot)
+    It has the version of mbaid_ros, the command as a shell takes it, the date (ISO 8601, UTC), and the robot: name,
+    path as the user gave it, and SHA-256 of the file's bytes.
+    """
+    return {
+        'version': version_of('mbaid_ros'),
+        'command': shlex.join(('ros2', 'run', 'mbaid_ros', executable, *argv)),
+        'date': datetime.now(timezone.utc).isoformat(timespec='seconds'),
+        'robot': {'name': parse_document(urdf).get('name', ''), 'file': model, 'sha256': sha256_of(model, urdf)},
+    }
 
 
 def sha256_of(model: str, urdf: str) -> str:
@@ -94,17 +80,12 @@ def sha256(file: Path) -> str:
     return found.hexdigest()
 
 
-def as_json(made: MadeBy, parameters: Mapping[str, object], files: Mapping[str, str | None]) -> dict[str, Any]:
-    """Return the origin of a result, with every parameter and the files of its bag, as scripts read it."""
-    return {**asdict(made), 'parameters': dict(parameters), 'bag_sha256': dict(files)}
-
-
-def in_words(made: MadeBy) -> list[str]:
+def in_words(made: Mapping[str, Any]) -> list[str]:
     """Return the origin of a result, a line each."""
-    robot = made.robot
+    robot = made['robot']
     return [
-        f'mbaid_ros {made.version}, {made.date}: {made.command}',
-        f'Robot {robot.name}, {robot.file}: SHA-256 {robot.sha256}',
+        f'mbaid_ros {made["version"]}, {made["date"]}: {made["command"]}',
+        f'Robot {robot["name"]}, {robot["file"]}: SHA-256 {robot["sha256"]}',
     ]
 
 

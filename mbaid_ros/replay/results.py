@@ -15,7 +15,6 @@ from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.samples import Samples, Stamps
 from mbaid_ros.core.sensors.levels import SensorLevels
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.replay import provenance
 from mbaid_ros.session.model_summary import ModelSummary
 
 HISTORY_LIMIT = 5_000
@@ -107,7 +106,7 @@ class Run:
     capture: Capture | None = None
     missing_joints: tuple[str, ...] = ()  # for want of which most of the joint states could not be used
     survey: ModelSummary | None = None  # the model summary, None where there is none
-    made_by: provenance.MadeBy | None = None
+    made_by: dict[str, Any] | None = None  # `provenance.made_by`
     # SHA-256 of each file of the bag, by its name; None for one that is too large
     files: Mapping[str, str | None] = field(default_factory=dict)
     posterior: Posterior | None = None  # from which the next motion is planned; None where the method has none

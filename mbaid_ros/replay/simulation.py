@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import one_line
-from mbaid_ros.config.files import load_parameter_file, parse_assignment, read_robot_description
+from mbaid_ros.config.files import given_parameters, read_robot_description
 from mbaid_ros.config.parameters import build, values_of
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.config.trajectory import read_trajectory
@@ -52,8 +52,7 @@ def simulate(arguments: argparse.Namespace) -> int:
 
 def _config(arguments: argparse.Namespace) -> SimulatorConfig:
     """Return the parameters: the file's, then those of -p, then those with an argument of their own."""
-    values = load_parameter_file(arguments.params, NODE) if arguments.params is not None else {}
-    values |= dict(map(parse_assignment, arguments.assignments))
+    values = given_parameters(arguments, NODE)
     given = {'robot_description_file': arguments.model, 'duration': arguments.duration, 'seed': arguments.seed}
     if arguments.trajectory is not None:
         given |= {'motion.kind': 'trajectory', 'motion.trajectory_file': arguments.trajectory}

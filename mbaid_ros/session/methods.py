@@ -21,7 +21,6 @@ from mbaid_ros.core.unknowns.bodies import KnownTarget
 from mbaid_ros.core.unknowns.catalogue import catalogue
 from mbaid_ros.session.known_robot import KnownRobot, declared_errors, nominal_model
 
-START_WINDOWS = 10  # before the first estimate of trajectory: 5 s of motion, from which a batch start converges
 _RELINEARISED_WINDOWS = 120  # at most, before the linearisation of trajectory freezes: bounds the time of an update
 _DESCRIBED_WINDOWS = 600  # the same where the target has a prior: hours of a station, of which minutes lead nowhere
 _ADAPT = True  # whether trajectory tries hypotheses of disturbances that walk
@@ -87,7 +86,6 @@ def _trajectory(
     settings = TrajectorySettings(
         noise=config.noise.declared,
         window=config.window,
-        start=START_WINDOWS,
         kept=_DESCRIBED_WINDOWS if isinstance(known.uncertainty.target, KnownTarget) else _RELINEARISED_WINDOWS,
         uncertainty=known.uncertainty,
         adapt=_ADAPT,

@@ -72,7 +72,7 @@ class Dynamics:
     ) -> None:
         self.model = model
         self._springs = springs
-        self._pinocchio = parse(model.urdf, model.base_link)
+        self._pinocchio = parse(model)
         self._data = self._pinocchio.createData()
         self._forces = pinocchio.StdVec_Force([pinocchio.Force.Zero()] * self._pinocchio.njoints)
         self._inertial = push if push is not None and push.body is None else None

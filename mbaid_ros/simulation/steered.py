@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -135,26 +135,16 @@ def _joined(trajectory: JointTrajectory, place: Array, rate: Array, bend: Array)
 
     Its own first point, where that is at time 0 and near, makes room for where they truly are.
     """
-    time, position = trajectory.time, trajectory.position
-    velocity, acceleration = trajectory.velocity, trajectory.acceleration
-    if time[0] > 0.0:
-        time, position = np.insert(time, 0, 0.0), np.concatenate((place[None], position))
-        velocity = np.concatenate((rate[None], velocity)) if velocity.size else velocity
-        acceleration = np.concatenate((bend[None], acceleration)) if acceleration.size else acceleration
-        return JointTrajectory(trajectory.joints, time, position, velocity, acceleration)
-    away = np.abs(position[0] - place)
-    if np.any(away > _NEAR):
+    at_once = trajectory.time[0] == 0.0
+    away = np.abs(trajectory.position[0] - place)
+    if at_once and np.any(away > _NEAR):
         joint = int(np.argmax(away))
         raise DataError(
-            f"the trajectory begins with '{trajectory.joints[joint]}' at {position[0, joint]:.4g}, which is at "
-            f'{place[joint]:.4g}; accepted: within {_NEAR:g} of it, or a first point later than 0 s'
+            f"the trajectory begins with '{trajectory.joints[joint]}' at {trajectory.position[0, joint]:.4g}, which is "
+            f'at {place[joint]:.4g}; accepted: within {_NEAR:g} of it, or a first point later than 0 s'
         )
-    position = position.copy()
-    position[0] = place
-    if velocity.size:
-        velocity = velocity.copy()
-        velocity[0] = rate
-    if acceleration.size:
-        acceleration = acceleration.copy()
-        acceleration[0] = bend
-    return replace(trajectory, position=position, velocity=velocity, acceleration=acceleration)
+    points = ((trajectory.position, place), (trajectory.velocity, rate), (trajectory.acceleration, bend))
+    parts = (np.concatenate((own[None], part[int(at_once) :])) if part.size else part for part, own in points)
+    return JointTrajectory(
+        trajectory.joints, trajectory.time if at_once else np.insert(trajectory.time, 0, 0.0), *parts
+    )

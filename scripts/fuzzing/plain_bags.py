@@ -1,4 +1,4 @@
-"""Bags with nothing wrong, of the first messages of a shipped one: what is damaged by the fuzzer and by the tests."""
+"""Bags with nothing wrong, of the first messages of a shipped one, which the fuzzer and the tests damage."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from mbaid_ros.bags import BagReader, message_types
 from mbaid_ros.bags.chunks import Block, Raw, in_blocks
 from mbaid_ros.bags.types import definition
-from mbaid_ros.cdr import JOINT_STATE_TYPE, Packet
+from mbaid_ros.cdr import JOINT_STATE_TYPE, Packets
 from mbaid_ros.messages.fields import joint_state_shape
 from small_bags import COUNT, everything
 from wire import as_bytes, joint_state
@@ -94,7 +94,7 @@ def test_packets_are_the_messages(recorded: Path, at_once: int) -> None:
     packed = [message for part in parts for message in part]
     assert [(topic, time) for topic, _, time in packed] == [(topic, time) for topic, _, time in objects]
     for (topic, packet, _), (_, message, _) in zip(packed, objects, strict=True):
-        assert isinstance(packet, Packet) == (topic == '/joint_states')
+        assert isinstance(packet, Packets) == (topic == '/joint_states')
         if topic == '/joint_states':
             columns, expected = (joint_state_shape(x).columns([x]) for x in (packet, message))
             assert [column.tobytes() for column in columns] == [column.tobytes() for column in expected]
@@ -128,7 +128,7 @@ def test_a_type_that_the_bag_defines_in_another_way_is_not_packed(
         writer.finish()  # type: ignore[no-untyped-call]
     with BagReader(path) as bag:
         ((_, message, _),) = (each for part in bag.read_packed(['/a'], 10) for each in part)
-    assert isinstance(message, Packet) == packed
+    assert isinstance(message, Packets) == packed
 
 
 # -- Messages of a bag in blocks: whatever their lengths, the messages are the same.

@@ -110,7 +110,7 @@ def arranged(messages: list[Any], mixture: str) -> list[Any]:
     runs = [(layout, list(run)) for layout, run in groupby(messages, key=lambda packet: packet.layout)]
     assert any(len(run) > 1 for _, run in runs) or len(messages) == 1
     return [
-        Packets(b''.join(each.data for each in run), layout, np.array([each.stamp for each in run], dtype=np.int64))
+        Packets(b''.join(each.data for each in run), layout, np.concatenate([each.stamps for each in run]))
         for layout, run in runs
     ]
 

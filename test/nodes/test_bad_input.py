@@ -228,9 +228,6 @@ def test_data_that_cannot_be_used_leave_a_stale_estimate_and_another_source_does
     graph.wait(lambda: not talk.estimates[-1].stale, 'an estimate once it can be used again')
 
 
-# -- clocks
-
-
 def test_a_stream_that_starts_again(graph: Graph) -> None:
     node = graph.start('estimator', '--ros-args', '-p', f'robot_description_file:={CONFIG}/table1.urdf')
     estimates = graph.collect('/estimator/estimate', InertiaEstimate)

@@ -14,7 +14,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
 from graph import Graph
-from mbaid_ros.cdr import Packet
+from mbaid_ros.cdr import Packets
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.messages.fields import joint_state_shape
@@ -44,7 +44,7 @@ def test_messages_come_as_packets_where_their_layout_is_known(graph: Graph) -> N
             publisher.publish(message)
         graph.wait(partial(_are_equally_many, taken[topic], messages), topic)
         assert inlet.received == len(messages)
-    assert all(isinstance(message, Packet) for topic in ('joint_states', 'odom') for message in taken[topic])
+    assert all(isinstance(message, Packets) for topic in ('joint_states', 'odom') for message in taken[topic])
     assert taken['thrust'] == sent['thrust']
     for packet, message in zip(taken['joint_states'], sent['joint_states'], strict=True):
         found, expected = (joint_state_shape(x) for x in (packet, message))

@@ -58,6 +58,8 @@ def test_it_is_exported_from_json_and_bag_alike(capsys: pytest.CaptureFixture[st
     together = json.loads(exported(capsys, str(folder / 'estimates'), '--format', 'json'))
     assert together['target_link'] == 'link7'
     assert together['mass'] - from_json['mass'] == pytest.approx(BARE_LINK7[0])
+    told = exported(capsys, str(folder / 'result.json'), '--debris', '--output', str(folder / 'body.urdf'))
+    assert "body.urdf: the body that 'link7' holds as " in told
 
 
 def test_a_capture_in_a_bag(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

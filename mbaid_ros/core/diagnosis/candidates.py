@@ -11,12 +11,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
 from mbaid_ros.core.diagnosis import readings
-from mbaid_ros.core.diagnosis.base_axes import axis_conventions
-from mbaid_ros.core.diagnosis.conventions import FITTED, Fit, conventions, fitted, inverted_marker, point_as_described
+from mbaid_ros.core.diagnosis.conventions import (
+    FITTED,
+    Fit,
+    axis_conventions,
+    conventions,
+    fitted,
+    inverted_marker,
+    point_as_described,
+)
 from mbaid_ros.core.diagnosis.filter_passes import SLIPPING, FilterPasses, attempted
 from mbaid_ros.core.diagnosis.ranking import (
     WORTH,
@@ -33,6 +41,7 @@ from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import Layout, Point
 from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.window import Window, without_twist
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PULSE
 from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.robot.kinematics import PlaneDetector
@@ -42,10 +51,8 @@ from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.words import deviation_text, target_changed_text
 
 _EVERY = 2  # one window in so many shows which convention is likely: for half of the work
-# Part of the misfit that another convention may leave to be tried, and how many are.
-_LIKELY, _TRIED = 0.8, 4
-_OTHER_TARGET = 0.2  # that part for another target link: a body that slips in the grasp resembles one, but less well
-_SPOILT = 2  # joints with spoilt readings, of each kind: two that fail at once are rare, and each takes passes
+_TRIED = 4  # conventions
+_SPOILT = 2  # joints with spoilt readings: two that fail at once are rare, and each takes passes
 _MOST_PULSES = 2  # that can be the cause; more of them are the symptom of another one
 _BEFORE = 10  # windows before a change of the target: the body before has to be known
 _PARTS = 3  # of the first jumps, at which the target may have changed: later ones follow from the first
@@ -65,11 +72,7 @@ class Candidate:
     # Where windows are linearised first; None for the point of a fit, as data left out have misled the run.
     point: Point | None = None
     of_twist: bool = False  # whether it is something wrong with the base's twist
-    rival: Candidate | None = None  # the same data without the candidate's change, which may explain as much
     part: float = 1.0  # of the windows, that it has readings of: the others count as if explained as well
-
-
-Candidates = Iterator[int | Candidate]
 
 
 @dataclass(frozen=True)
@@ -104,15 +107,14 @@ class CandidateCauses:
         points = [fits[0].point(self.layout)] if point is None else [point, fits[0].point(self.layout)]
         at, passed, base = yield from self._base(wide, windows, points)
         found: list[CandidateCause] = []
-        for candidate in self._table(windows, at, fits, wide.gains(base, self.layout.causes), wrong_twist):
-            if isinstance(candidate, int):
-                yield candidate
-            else:
-                found += yield from self._scored(candidate, base)
-        for frequency in readings.vibration_frequencies(wide.unpredicted(passed, base, quiet), windows[0].length):
-            text = readings.swinging_text(frequency, windows, self.layout.kernel.model.joint_names)
-            passes = self.extended(vibration(frequency))
-            found += yield from self._scored(Candidate(text, passes, windows, at), base)
+        candidates = chain(
+            self._unknowns(windows, at, wide.gains(base, self.layout.causes)),
+            self._conventions(windows, fits),
+            self._left_out(windows, wrong_twist),
+            self._vibrations(windows, at, wide.unpredicted(passed, base, quiet)),
+        )
+        for candidate in candidates:
+            found += yield from self._scored(candidate, base)
         for hypothesis in self.hypotheses[1:]:
             filtered = yield from wide.passed(passed, hypothesis)
             found.append(replace(gained(hypothesis.cause, filtered, base), physical=hypothesis.physical))
@@ -130,40 +132,38 @@ class CandidateCauses:
         found.sort(key=lambda each: -each.gain)
         yield IsolationResult(tuple(each for each in found if each.gain > WORTH), base.innovations)
 
-    def _limit(self, fit: Fit) -> float:
-        """Return the part of the misfit that a convention may leave to be tried."""
-        return _LIKELY if fit.convention.kernel.target.body == self.layout.kernel.target.body else _OTHER_TARGET
-
-    def _table(
-        self,
-        windows: Sequence[Window],
-        at: Point,
-        fits: Sequence[Fit],
-        gains: Mapping[str, tuple[float, float]],
-        wrong_twist: str,
-    ) -> Candidates:
-        """Yield unknowns with a wider prior, other conventions, and data that are left out."""
+    def _unknowns(
+        self, windows: Sequence[Window], at: Point, gains: Mapping[str, tuple[float, float]]
+    ) -> Iterator[Candidate]:
+        """Yield unknowns with a wider prior."""
         for cause in likeliest_kinds({cause: value for cause, (value, _) in gains.items() if value > WORTH}):
             suspected = (each.part(cause) for each in self._suspects if cause in each.causes)
             passes = self.extended(*suspected).widened(cause, gains[cause][1])
-            text = _text_of(passes, cause)
-            yield Candidate(text, passes, windows, at, of_twist=cause in OF_TWIST)
-        likely = [fit for fit in fits[1:] if fit.exists and fit.misfit < self._limit(fit) * fits[0].misfit]
+            yield Candidate(_text_of(passes, cause), passes, windows, at, of_twist=cause in OF_TWIST)
+
+    def _conventions(self, windows: Sequence[Window], fits: Sequence[Fit]) -> Iterator[Candidate]:
+        """Yield the conventions that fit best."""
+        likely = [fit for fit in fits[1:] if fit.exists and fit.misfit < fit.convention.left * fits[0].misfit]
         likely.sort(key=lambda each: each.misfit)
         delays = [fit for fit in likely if fit.convention.delay]  # one of them will do
         for fit in [fit for fit in likely if fit not in delays[1:]][:_TRIED]:
             other = replace(self.layout, kernel=fit.convention.kernel)
             passes, read = replace(self, layout=other).extended(), fit.convention.windows(windows)
             yield Candidate(fit.convention.text, passes, read, fit.point(other), part=len(read) / len(windows))
-        passes, names = self.extended(), self.layout.kernel.model.joint_names
+
+    def _left_out(self, windows: Sequence[Window], wrong_twist: str) -> Iterator[Candidate]:
+        """Yield windows without a wrong twist, or without those in which a joint stands still."""
+        passes = self.extended()
         if wrong_twist and any(np.isfinite(window.knots.base_twist).any() for window in windows):
             yield Candidate(wrong_twist, passes, [without_twist(window) for window in windows], of_twist=True)
-        for stopped in readings.stopped_readings(windows, names)[:_SPOILT]:
-            yield Candidate(stopped.text, passes, stopped.windows)
-        for slipped in readings.slipped_readings(windows, names)[:_SPOILT]:
-            # A contact jolts the joints, and is left out with the same windows.
-            jolted = Candidate(slipped.text, passes, slipped.as_read)
-            yield Candidate(slipped.text, passes, slipped.windows, rival=jolted)
+        for text, others in readings.stopped_readings(windows, self.layout.kernel.model.joint_names)[:_SPOILT]:
+            yield Candidate(text, passes, others)
+
+    def _vibrations(self, windows: Sequence[Window], at: Point, unpredicted: Array) -> Iterator[Candidate]:
+        """Yield swings of the base, by how each window's way is not as predicted, (W, p)."""
+        for frequency in readings.vibration_frequencies(unpredicted, windows[0].length):
+            text = readings.swinging_text(frequency, windows, self.layout.kernel.model.joint_names)
+            yield Candidate(text, self.extended(vibration(frequency)), windows, at)
 
     def _scored(self, candidate: Candidate, base: SquareRootInformation) -> Work[list[CandidateCause]]:
         """Return the gain of a candidate, or None if it has none."""
@@ -185,10 +185,6 @@ class CandidateCauses:
             if left_out or candidate.part < 1.0
             else filtered.gaussian.log_likelihood - base.log_likelihood
         )
-        if candidate.rival is not None:
-            rivals = yield from self._scored(candidate.rival, base)
-            if not rivals or gain <= rivals[0].gain + WORTH:
-                return []
         return [CandidateCause(text, gain, of_twist=candidate.of_twist)]
 
     def _target_changes(
@@ -221,9 +217,7 @@ class CandidateCauses:
         """Return the fits of windows under the conventions that are possible, the declared ones first."""
         found = []
         kernel, marker = self.layout.kernel, self.uncertainty.marker
-        axes = axis_conventions(kernel, windows, marker)
-        yield FITTED
-        for convention in (*conventions(kernel), *inverted_marker(kernel, marker), *axes):
+        for convention in (*conventions(kernel), *inverted_marker(kernel, marker), *axis_conventions(kernel, marker)):
             if convention.possible(windows):
                 found.append(fitted(windows, convention, _EVERY))
                 yield FITTED // _EVERY

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
+from itertools import combinations, permutations, product
 
 import numpy as np
 
@@ -26,9 +26,11 @@ _MOST_PAIRS = 12  # joints, up to which all pairs (66) are tried: of twenty they
 _UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
 # s, late or early by 50 ms to half a second: less is within the prior of the time offset.
 _DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))
-_MOVES = 0.01  # rad or m, that a joint moves at least for the links on both sides to be separable
 _LIGHTEST = -0.05  # times the known mass, that a fitted one is at least: noise may make that of an empty hand negative
-_TURN = 2.0 * np.pi  # rad or m, which the readings of an arm hardly reach: in degrees or millimetres they go further
+_TURN = 2.0 * np.pi  # rad, which the readings of an arm hardly reach: in degrees they go further
+# Part of the misfit that a convention may leave to be tried, and that another target link or other axes may: a body
+# that slips in the grasp resembles another link, but less well.
+_LEFT, _RIGHT = 0.8, 0.2
 _RIDGE = 1e-9  # relative, of the fit: unobservable numbers stay near zero
 
 
@@ -39,17 +41,13 @@ class Convention:
     text: str  # the mistake and its remedy
     kernel: MomentumKernel  # of the robot under this hypothesis
     windows: Callable[[Sequence[Window]], Sequence[Window]] = list  # the windows under this hypothesis
-    joint_range: float = 0.0  # rad or m, that joint readings exceed at least where it may be so
+    joint_range: float = 0.0  # rad, that joint readings exceed at least where it may be so
     base_range: float = 0.0  # m, that positions of the base do
-    moving: int | None = None  # joint that has to move
     delay: float = 0.0  # s, of the joints' stamps
+    left: float = _LEFT  # part of the misfit that it may leave to be tried
 
     def possible(self, windows: Sequence[Window]) -> bool:
-        """Return whether the windows may follow this convention: degrees make whole turns, millimetres are long."""
-        if self.moving is not None:
-            position = np.concatenate([each.knots.joint_position[:, self.moving] for each in windows])
-            if not np.nanmax(position, initial=-np.inf) - np.nanmin(position, initial=np.inf) > _MOVES:
-                return False
+        """Return whether windows may follow this convention: degrees make whole turns, millimetres are long."""
         if self.joint_range and _largest(each.knots.joint_position for each in windows) < self.joint_range:
             return False
         return not self.base_range or _largest(each.knots.base_position for each in windows) > self.base_range
@@ -77,20 +75,12 @@ def conventions(kernel: MomentumKernel) -> Iterator[Convention]:
             f'the joints are stamped some {how} against the poses: correct the stamps, or raise time_offset.prior_std'
         )
         yield Convention(text, kernel, partial(_stamped, delay=delay), delay=delay)
-    slides = np.array(kernel.model.prismatic, dtype=bool)
-    for text, scale in (
-        ('the joint positions are in degrees: in ROS they are in radians', np.where(slides, 1.0, np.deg2rad(1.0))),
-        (
-            'the positions of prismatic joints are in millimetres: in ROS they are in metres',
-            np.where(slides, 1e-3, 1.0),
-        ),
-    ):
-        # A robot without such joints reads the same in either unit.
-        if np.any(scale != 1.0):
-            change = partial(_joints, change=partial(np.multiply, scale))
-            yield Convention(text, kernel, change, joint_range=_TURN)
+    degrees = np.where(kernel.model.prismatic, 1.0, np.deg2rad(1.0))
+    if np.any(degrees != 1.0):  # a robot that only slides reads the same in either unit
+        text = 'the joint positions are in degrees: in ROS they are in radians'
+        yield Convention(text, kernel, partial(_joints, change=partial(np.multiply, degrees)), joint_range=_TURN)
     for text, pose, far in _POSES:
-        yield Convention(text, kernel, partial(with_poses, change=pose), base_range=far)
+        yield _posed(text, kernel, pose, base_range=far)
     yield from _targets(kernel)
     yield from _masses(kernel)
 
@@ -101,7 +91,7 @@ def _targets(kernel: MomentumKernel) -> Iterator[Convention]:
     for body, name in last.items() if len(kernel.unknown) == 1 else ():
         if body != kernel.target.body:
             text = f'the unknown body seems to be held by {name}, not {kernel.target.name}: set target_link: {name}'
-            yield Convention(text, kernel.identifying(name), moving=body - 1 if body else None)
+            yield Convention(text, kernel.identifying(name), left=_RIGHT)
 
 
 def _masses(kernel: MomentumKernel) -> Iterator[Convention]:
@@ -152,9 +142,15 @@ _POSES: tuple[tuple[str, Callable[[Knots], Knots], float], ...] = (
 )
 
 
-def with_poses(windows: Sequence[Window], change: Callable[[Knots], Knots]) -> list[Window]:
-    """Return windows with other poses; a twist is in the axes of poses as they were read, and left out."""
-    return [replace(each, knots=change(each.knots)) for each in map(without_twist, windows)]
+def _posed(
+    text: str, kernel: MomentumKernel, change: Callable[[Knots], Knots], base_range: float = 0.0, left: float = _LEFT
+) -> Convention:
+    """Return a convention of the poses; a twist is in the axes of poses as they were read, and left out."""
+
+    def changed(windows: Sequence[Window]) -> list[Window]:
+        return [replace(each, knots=change(each.knots)) for each in map(without_twist, windows)]
+
+    return Convention(text, kernel, changed, base_range=base_range, left=left)
 
 
 def inverted_marker(kernel: MomentumKernel, marker: AttachedFrame | None) -> Iterator[Convention]:
@@ -167,10 +163,35 @@ def inverted_marker(kernel: MomentumKernel, marker: AttachedFrame | None) -> Ite
             f'marker.position and marker.orientation look inverted: they must locate the marker in the base '
             f"link's frame; set {marker_text(mount, marker)}"
         )
-        yield Convention(text, kernel, partial(with_poses, change=partial(mounted, mount=mount)))
+        yield _posed(text, kernel, partial(_mounted, mount=mount))
 
 
-def mounted(knots: Knots, mount: Array) -> Knots:
+def axis_conventions(kernel: MomentumKernel, marker: AttachedFrame | None = None) -> Iterator[Convention]:
+    """Yield the base's frame in the 23 other right-handed axes, and its positions in the 47 others."""
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        axes = np.array(signs)[:, None] * np.eye(3)[list(order)]  # from the readings to the true ones
+        if np.array_equal(axes, np.eye(3)):
+            continue
+        if np.linalg.det(axes) > 0.0:
+            vector = log(axes)
+            angle = float(np.linalg.norm(vector))
+            mount = np.concatenate((-vector, np.zeros(3)))
+            about = ', '.join(f'{each:.2g}' for each in np.round(vector / angle, 2) + 0.0)
+            text = (
+                f'the frame of the odometry is turned by {np.degrees(angle):.0f} degrees about ({about}) relative to '
+                f'the base link: turn it back, or set {marker_text(mount, marker)}'
+            )
+            yield _posed(text, kernel, partial(_mounted, mount=mount), left=_RIGHT)
+        names = ', '.join('-' * int(row.sum() < 0.0) + 'xyz'[int(np.argmax(np.abs(row)))] for row in axes.T)
+        text = f'the positions of the odometry are ({names}) in the axes of its orientations: publish both in one frame'
+        yield _posed(text, kernel, partial(_exchanged, axes=axes), left=_RIGHT)
+
+
+def _exchanged(knots: Knots, axes: Array) -> Knots:
+    return replace(knots, base_position=np.einsum('ij,nj->ni', axes, knots.base_position))
+
+
+def _mounted(knots: Knots, mount: Array) -> Knots:
     """Return the knots of a base that is mounted (6,), rad and m, off what the odometry locates."""
     rotation = knots.base_rotation
     return replace(

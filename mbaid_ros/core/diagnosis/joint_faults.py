@@ -23,7 +23,7 @@ _SOURCES = 0.02  # share of readings from another source: single outliers, which
 _SPIKE = 50.0  # standard deviations, and times the motion over two readings, of a step to another source and back
 _BETWEEN = 1.5  # times the interval before, that readings around one of another source are apart: else one is missing
 _LATEST = 3  # readings that are kept: a spike shows with those around it, and their intervals with the one before
-_STEP = 20.0  # standard deviations of a step after repeats: those of a coarse encoder are smaller
+_STEP = 20.0  # standard deviations of a jump, or of a step after repeats: those of a coarse encoder are smaller
 _QUARTER = 0.5 * np.pi  # rad between two readings: of a half turn the direction is not known
 _AGREE = 1.0  # rad, that a wheel's step may differ from its velocity times the interval
 _ROUND, _TURNING = 6.2, 0.05  # rad, a turn but for a reading's step, and the least step of a wheel that turns on and on
@@ -47,13 +47,15 @@ class JointFaults:
         self.bounds = np.maximum(_BEYOND * limits, np.where(self.slides, _LONG, _WRAPPED))  # far beyond the limits
         self._names = tuple(model.independent_joints[joint] for joint in joints)
         self._last: JointStream | None = None
-        self._count = 0
+        self._count, self._first = 0, 0  # readings so far, and ns, stamp of the first
         self._shown: dict[str, Integers] = {}  # by symptom, how many of each joint's readings show it
         self._range: tuple[Array, Array] | None = None
+        self.rows, self.jumped = 0, np.zeros(len(joints))  # number and sum of `_View.jump` until now
 
-    def add(self, stream: JointStream) -> Iterator[tuple[Found, Severity]]:
+    def add(self, stream: JointStream) -> Iterator[Found]:
         """Add readings; yield the symptoms that are frequent enough, each from the reading on that makes it so."""
         joined = stream if self._last is None else stream.concatenate((self._last, stream))
+        self._first = self._first if self._count else int(stream.stamp[0])
         low, high = self._range or (joined.position[0], joined.position[0])
         lowest = np.minimum(np.minimum.accumulate(joined.position), low)
         highest = np.maximum(np.maximum.accumulate(joined.position), high)
@@ -64,7 +66,7 @@ class JointFaults:
                 continue
             seen = self._shown.get(symptom, 0) + np.cumsum(flags, axis=0)
             number = self._count + new - len(flags) + 1 + np.arange(len(flags))[:, None]
-            certain = (seen >= _FEWEST) & (seen >= check.share * number)
+            certain = (seen >= check.fewest) & (seen >= check.share * number)
             certain &= (highest - lowest)[-len(flags) :] >= check.extent
             self._shown[symptom] = seen[-1]
             if np.any(certain):
@@ -77,9 +79,11 @@ class JointFaults:
                     value=joined.position[place, joint],
                     lowest=lowest[place, joint],
                     highest=highest[place, joint],
+                    time=1e-9 * (int(joined.stamp[place]) - self._first),
                 )
-                yield (symptom, int(joined.stamp[place]), text), check.severity
+                yield symptom, int(joined.stamp[place]), text
         self._count += new
+        self.rows, self.jumped = self.rows + len(view.jump), self.jumped + np.sum(view.jump, axis=0)
         self._range, self._last = (lowest[-1], highest[-1]), joined[-_LATEST:]
 
 
@@ -118,6 +122,11 @@ class _View:
         return np.where(wheel, _shorter(step - expected), np.where(goes_on, step, _shorter(step)))
 
     @cached_property
+    def jump(self) -> Array:
+        """By how much a step differs from those before and after it, size, (N - 3, k)."""
+        return np.asarray(np.abs(self.step[1:-1] - 0.5 * (self.step[:-2] + self.step[2:])))
+
+    @cached_property
     def spikes(self) -> tuple[Flags, Flags]:
         """Readings far from both neighbours, which agree with each other: of another source, and wrong ones.
 
@@ -141,6 +150,19 @@ def _held(view: _View) -> Flags:
     new = np.diff(view.position, axis=0) != 0.0
     far = (np.abs(view.step[2:]) > _STEP * view.joints.noise) & ~view.whole[3:]
     return np.asarray(far & new[2:] & ~new[1:-1] & ~new[:-2] & np.any(new[1:-1], axis=1, keepdims=True))
+
+
+def _jumps(view: _View) -> Flags:
+    """Return readings after a step between two that go on as before: known with the next, rows (N - 3, k)."""
+    before, after, jump = view.step[:-2], view.step[2:], view.jump
+    # The noise may be larger than declared. Jumps of a coarse encoder are less than two and a half of its steps, and it
+    # stands still before and after many.
+    number = view.joints.rows + 1 + np.arange(len(jump))[:, None]
+    usual = np.maximum(view.joints.noise, (view.joints.jumped + np.cumsum(jump, axis=0)) / number)
+    far = (jump > _STEP * usual) & (jump > 2.5 * np.maximum(np.abs(before), np.abs(after)))
+    interval = np.diff(view.stamp)
+    even = (interval[1:-1] < _BETWEEN * interval[:-2]) & (interval[1:-1] < _BETWEEN * interval[2:])
+    return np.asarray(far & (before != 0.0) & (after != 0.0) & even[:, None] & ~view.joints.wheels)
 
 
 def _fast(view: _View) -> Flags:
@@ -178,6 +200,7 @@ class Check(NamedTuple):
     shows: Callable[[_View], Flags]  # which readings, or steps, the latest last
     text: str  # in words
     extent: float = 0.0  # least range of the joint's readings, rad or m
+    fewest: int = _FEWEST  # readings that show it
 
 
 CHECKS: Mapping[str, Check] = {
@@ -200,6 +223,13 @@ CHECKS: Mapping[str, Check] = {
         _SOURCES,
         _held,
         '{name} repeats its readings while other joints have new ones: read it as often as the others',
+    ),
+    'jump': Check(
+        'note',
+        0.0,
+        _jumps,
+        'the reading of {name} jumps by {by:.2g} {unit} at {time:.1f} s: look at its encoder',
+        fewest=1,
     ),
     'ticks': Check(
         'conflict',

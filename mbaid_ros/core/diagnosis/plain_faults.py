@@ -6,7 +6,7 @@ how the readings are cut into calls.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from mbaid_ros.core.diagnosis.joint_faults import CHECKS, Found, JointFaults
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.status import Reason, Severity, with_reasons
+from mbaid_ros.core.results.status import Reason, with_reasons
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 
@@ -57,8 +57,7 @@ class PlainFaults:
         """Add readings (N, k), by the joints that they are of, and of the base, in the order of arrival."""
         if base is not None and len(base.stamp):
             turns = _POSITION / _ORIENTATION * base.rotation.reshape(-1, 9)
-            for each in self._base.add(base.stamp, np.concatenate((base.position, turns), axis=1)):
-                self.name(*each)
+            self._name_all(self._base.add(base.stamp, np.concatenate((base.position, turns), axis=1)))
             self._begin(base)
         count = len(self._model.independent_joints)
         for kind, stream in streams.items():
@@ -69,10 +68,8 @@ class PlainFaults:
                     self._kinds[kind] = joints, StampPattern('the joint states', self._noise)
                 joints, stamps = self._kinds[kind]
                 own = JointStream(stream.stamp, stream.position[:, columns], stream.velocity[:, columns])
-                for each, severity in joints.add(own):
-                    self.name(*each, severity)
-                for each in stamps.add(own.stamp, own.position):
-                    self.name(*each)
+                self._name_all(joints.add(own))
+                self._name_all(stamps.add(own.stamp, own.position))
 
     def applied(self, estimate: Estimate) -> Estimate:
         """Return an estimate with the reasons that were plain by its end, the gravest first."""
@@ -99,9 +96,14 @@ class PlainFaults:
                 self.name('zeros', int(base.stamp[first]), text)
             self._zeros = None
 
-    def name(self, symptom: str, since: int, text: str, severity: Severity = 'note') -> None:
+    def name(self, symptom: str, since: int, text: str) -> None:
         """Name a fault that is plain from a stamp (ns) on: a cause where anything is wrong."""
+        severity = CHECKS[symptom].severity if symptom in CHECKS else 'note'
         self._found.setdefault(symptom, (since, Reason(text, severity, _CERTAIN)))
+
+    def _name_all(self, found: Iterable[Found]) -> None:
+        for each in found:
+            self.name(*each)
 
 
 def _rank(found: tuple[str, tuple[int, Reason]]) -> tuple[bool, int]:

@@ -1,28 +1,18 @@
-"""Faults that the readings show without a model: stuck, slipping or swinging joints, their noise, vibrations."""
+"""Faults that the readings show without a model: stuck or swinging joints, their noise, vibrations."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import groupby
 from operator import itemgetter
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.noise import white_noise
-
-
-@dataclass(frozen=True)
-class SpoiltReading:
-    """A joint's reading that may be wrong in some of the windows."""
-
-    text: str  # the mistake and its remedy
-    windows: list[Window]  # the others, as they would be without it
-    as_read: Sequence[Window] = ()  # the others with a jump left in, where it is one
 
 
 def without(windows: Sequence[Window], spoilt: Flags) -> list[Window]:
@@ -35,67 +25,28 @@ def without(windows: Sequence[Window], spoilt: Flags) -> list[Window]:
     ]
 
 
-# A step among the middle ones of eight knots, less what those beside them go by: of a quadratic motion there is none.
-_STEP = np.array([0.75, 0.0, -1.75, 0.0, 0.0, 1.75, 0.0, -0.75])
-_MIDDLE = 3.5  # knots, from the first of them: where a step between knots lies
-# Times the usual second difference of the joint's motion: acceleration and noise seldom reach it.
-_LARGE_STEP = 8.0
-
-
-def slipped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[SpoiltReading]:
-    """Return the joints, by name, whose readings may have jumped, the clearest first; a pass has to confirm it."""
-    parts = [_steps(window) for window in windows]
-    times, steps = (np.concatenate(each) for each in zip(*parts, strict=True))
-    size = np.abs(steps)
-    usual = np.median(size, axis=0)
-    found = []
-    for joint, place in enumerate(np.argmax(size, axis=0).tolist()):
-        if size[place, joint] > _LARGE_STEP * usual[joint]:
-            clear = size[place, joint] / max(usual[joint], np.finfo(float).tiny)
-            found.append((clear, joint, float(times[place]), float(steps[place, joint])))
-    found.sort(reverse=True)
-    return [_slipped(windows, joints[joint], joint, time, step) for _, joint, time, step in found]
-
-
-def _steps(window: Window) -> tuple[Array, Array]:
-    """Return the times, s, and the steps between knots there, (J - 7, n); zero where a knot is empty."""
-    steps = sliding_window_view(window.knots.joint_position, len(_STEP), axis=0) @ _STEP
-    places = np.arange(len(steps)) + _MIDDLE - window.inside.start
-    return window.start + window.spacing * places, np.nan_to_num(steps)
-
-
-def _slipped(windows: Sequence[Window], name: str, joint: int, time: float, step: float) -> SpoiltReading:
-    spoilt = np.array([window.start <= time < window.start + window.length for window in windows])
-    back = [_shifted(window, joint, -step) if window.start > time else window for window in windows]
-    text = f'the reading of {name} jumps by {1e3 * step:+.3g} mrad (mm) at {time:.1f} s: look at its encoder'
-    return SpoiltReading(text, without(back, spoilt), without(windows, spoilt))
-
-
-def _shifted(window: Window, joint: int, step: float) -> Window:
-    positions = window.knots.joint_position.copy()
-    positions[:, joint] += step
-    return replace(window, knots=replace(window.knots, joint_position=positions))
-
-
 _SAME = 1e-12  # rad or m, by which means of equal numbers differ: rounding
 _LISTED = 3  # times that are listed: a line holds no more
 
 
-def stopped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[SpoiltReading]:
-    """Return the joints, by name, that stand still to the bit in some windows while others move; the longest first."""
+def stopped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[tuple[str, list[Window]]]:
+    """Return which joint stands still to the bit in some windows while others move, and the other windows.
+
+    The joint that stands still longest comes first.
+    """
     still = np.array([np.ptp(window.knots.joint_position, axis=0) <= _SAME for window in windows])  # False of NaN
     still[still.all(axis=1)] = False  # the robot may be at rest
     found = [place for place in np.argsort(-still.sum(axis=0), kind='stable') if still[:, place].any()]
     return [_stopped(windows, still[:, place], joints[place]) for place in found]
 
 
-def _stopped(windows: Sequence[Window], still: Flags, joint: str) -> SpoiltReading:
+def _stopped(windows: Sequence[Window], still: Flags, joint: str) -> tuple[str, list[Window]]:
     groups = groupby(enumerate(still.tolist()), key=itemgetter(1))
     stretches = [[place for place, _ in group] for stands, group in groups if stands]
     times = [f'{windows[each[0]].start:.1f} to {windows[each[-1]].start + windows[0].length:.1f}' for each in stretches]
     listed = ', '.join(times[:_LISTED]) + (' and more' if len(times) > _LISTED else '')
     text = f'the reading of {joint} repeats from {listed} s: check its encoder or driver'
-    return SpoiltReading(text, without(windows, still))  # the windows beside them may have a part of it
+    return text, without(windows, still)  # the windows beside them may have a part of it
 
 
 # The declared noise, so many times: all joints are tried with the first, the likeliest with the others. Where little is

@@ -137,13 +137,14 @@ def update_hypothesis(
     """Return a hypothesis updated by a window, with a jump of the momentum where the window is too unlikely without."""
     before = entered(filtered.gaussian, window, white, variables)
     after = update(before, white)
-    unlikely = after.last_nis > _limit(after.last_measured) and after.measured > after.last_measured
+    limit = chi_square.limit(_FALSE_ALARM, after.last_measured)
+    unlikely = after.last_nis > limit and after.measured > after.last_measured
     if not unlikely or filtered.jumped == filtered.longest:
         return replace(filtered, gaussian=after, jumped=0, previous=before)
     likelihood = as_usual(after)
     loose = momentum_inflation(before, white, variables, _JUMP * variables.typical_momentum)
     gaussian = update(loose, white)
-    if gaussian.last_nis > _limit(gaussian.last_measured):
+    if gaussian.last_nis > limit:
         # More than a jump: the chain is broken.
         gaussian = update(pose_reset(loose, variables), white)
     jumps = filtered.jumps
@@ -184,7 +185,3 @@ def clamped(bank: Bank) -> Bank:
         )
         for filtered in bank
     )
-
-
-def _limit(measured: int) -> float:
-    return chi_square.limit(_FALSE_ALARM, measured)

@@ -23,6 +23,7 @@ from mbaid_ros.core.unknowns.flexible import SpringErrors, resolved
 # Growth of the windows until the next search, so that all searches together cost three times the last; where the target
 # has a prior, at which it is linear until the data move it, five times.
 _GROWTH, _GROWTH_DESCRIBED = 1.5, 1.25
+FIRST = 10  # windows before the first search: 5 s of motion, from which a batch start converges
 _AT_REST = 4  # windows before the first motion that are kept: noise alone is in their rows
 # Windows after which a search that has not converged is repeated, and the least part of all that is: so the work of a
 # window stays about the same.
@@ -98,7 +99,7 @@ class Initialisation:
     ----------
     batch : iterates over the windows
     hypotheses : the first is the one to beat
-    first, kept : windows before the first search, and how many are kept at most
+    kept : windows that are kept at most
 
     Attributes
     ----------
@@ -107,15 +108,15 @@ class Initialisation:
     linearised_until : s, start of the last window of that search
     """
 
-    def __init__(self, batch: BatchIteration, hypotheses: tuple[Hypothesis, ...], first: int, kept: int) -> None:
+    def __init__(self, batch: BatchIteration, hypotheses: tuple[Hypothesis, ...], kept: int) -> None:
         self._batch = batch
         self._multi_start = MultiStart(batch, hypotheses)
-        self._first, self._kept = first, kept
+        self._kept = kept
         self.windows: list[Window] = []
         self.accepted = self._confirmed = False  # confirmed by the search after it
         self.linearised_until = -np.inf
         self._explained = True  # whether the latest search explains its windows
-        self._due = first  # number of windows at which the next search begins
+        self._due = FIRST  # number of windows at which the next search begins
         self._searched = 0  # windows in the latest search
         self._search = BackgroundTask[Start](batch.layout.size)
         self._curvature_task = BackgroundTask[Curvature](batch.layout.size)
@@ -247,7 +248,7 @@ class Initialisation:
         if self.windows:
             self._search_soon()
         else:
-            self._due = self._first
+            self._due = FIRST
 
     def _search_soon(self) -> None:
         self._due = min(self._due, len(self.windows))

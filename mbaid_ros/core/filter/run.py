@@ -116,7 +116,7 @@ class FilterRun:
     layout : of the state
     variables : of the filter
     hypotheses : the first is the one to beat
-    pace : windows before the first search, and how many are kept at most to be relinearised
+    kept : windows that are kept at most to be relinearised
 
     Attributes
     ----------
@@ -124,14 +124,12 @@ class FilterRun:
     planar : whether it takes the motion for planar
     """
 
-    def __init__(
-        self, layout: Layout, variables: Variables, hypotheses: tuple[Hypothesis, ...], pace: tuple[int, int]
-    ) -> None:
+    def __init__(self, layout: Layout, variables: Variables, hypotheses: tuple[Hypothesis, ...], kept: int) -> None:
         self._layout = layout
         self._variables = variables
         self._linearised = LinearisationCache(layout, variables)
         batch = BatchIteration(layout, variables, self._linearised)
-        self._initialisation = Initialisation(batch, hypotheses, *pace)
+        self._initialisation = Initialisation(batch, hypotheses, kept)
         self._point = LinearisationPoint(layout, variables)
         self._bank: Bank = ()  # after the latest window that has all its neighbours
         self._latest: HypothesisFilter | None = None  # the best hypothesis, with the window that is still open

@@ -26,7 +26,7 @@ BESIDE = 2  # intervals on either side of a window that its steps are interpolat
 _SWEEPS = 8  # of Newton's iteration along the windows, at most: each squares the error
 # rad or m, change of deflection, and of its rate over the natural one, by the last sweep: the prediction follows it to
 # first order.
-_CONVERGED = 1e-4
+_CONVERGED = 1e-6
 _LARGEST = 30.0  # rad or m, of such a change: no appendage swings as far
 _POINTS, _WINDOWS = 8, 1_000  # linearisation points, and windows, that are remembered
 

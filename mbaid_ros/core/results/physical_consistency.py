@@ -24,7 +24,6 @@ _FLOOR = 1e-9
 # no weight, towards a ball of the same mass.
 _OPEN = 1e-2
 _DRAW = 1e-3  # standard deviations that a typical size is worth where the data leave a direction open: next to none
-_EVALUATIONS = 50  # at most, of least squares in four coordinates
 _SMALLEST = 1e-24  # variance, in units of `scale` squared, that stands for none: a quotient by it stays finite
 # Of the weight of the boundary: at the last, an estimate is within a hundredth of a standard deviation of the nearest.
 _LEAST_WEIGHT = 1e-6
@@ -56,62 +55,61 @@ def project(standard_parameters: Array, covariance: Array, scale: Array) -> tupl
     """
     if is_physical(standard_parameters):
         return standard_parameters, 0.0
-    ball = _ball(standard_parameters, scale)
-    metric = _metric(covariance, scale)
-    rows = np.concatenate((metric, np.diag(_DRAW / scale)))
-    offset = np.concatenate((metric @ standard_parameters, _DRAW / scale * ball))
-    # Lengths in the unit that makes mass and second moment of the same size.
-    length = np.sqrt(scale[4] / scale[0])
-    unit = np.sqrt(scale[0]) * np.array([length, length, length, 1.0])
-    units = _PSEUDO_INERTIAS * scale[:, None, None] / (unit * unit[:, None])
-    nearest = scale * _nearest(rows * scale, offset, units, ball / scale)
-    return nearest, float(np.linalg.norm(metric @ (nearest - standard_parameters)))
+    return _projected(
+        standard_parameters, covariance, scale, _PSEUDO_INERTIAS, _units(scale, 3), _ball(standard_parameters, scale)
+    )
 
 
 def project_planar(standard_parameters: Array, covariance: Array, scale: Array, plane: Plane) -> tuple[Array, float]:
     """Return the same as `project` for planar motion, in a plane in the link's frame, which leaves six directions open.
 
-    The parameters of a planar motion, (m, h in the plane, the moment about its normal), belong to a real body exactly
-    when mass and the moment about the CoM are positive. The open directions are filled in like a ball's.
+    The parameters of a planar motion, (m, h in the plane, the moment I about its normal), belong to a real body exactly
+    when its planar pseudo-inertia [[I 1, h], [h^T, m]] is positive definite: mass and the moment about the CoM are
+    positive. The open directions are filled in like a ball's.
     """
     basis, across = plane.basis, plane.across.T
     about = float(np.linalg.norm(vec(plane.normal[:, None] * plane.normal)))
-
-    def positive(coordinates: Array) -> tuple[float, float]:
-        """Return mass and moment about the CoM of (ln mass, CoM in the plane, ln moment), both off their limit."""
-        mass, moment = np.exp(np.clip(coordinates[[0, 3]], -50.0, 50.0)) + _FLOOR * scale[[0, 4]]
-        return float(mass), float(moment)
-
-    def planar(coordinates: Array) -> Array:
-        """Return the (4,) parameters."""
-        mass, moment = positive(coordinates)
-        com = coordinates[1:3]
-        return np.concatenate(([mass], mass * com, [(moment + mass * float(com @ com)) * about]))
-
-    estimate = basis.T @ standard_parameters
-    mass, com = estimate[0], estimate[1:3] / estimate[0]
-    moment = estimate[3] / about - mass * float(com @ com)
+    found: Array = basis.T @ standard_parameters
     distance = 0.0
-    if not (mass > 0.0 and moment > 0.0):
-        from scipy.optimize import least_squares  # noqa: PLC0415 - takes a while, and few runs need it
-
-        size = np.abs(basis.T) @ scale
-        metric = _metric(basis.T @ covariance @ basis, size)
-        mass = max(mass, 1e-3 * scale[0])
-        com = np.clip(estimate[1:3] / mass, -scale[1] / scale[0], scale[1] / scale[0])
-        start = np.concatenate(([np.log(mass)], com, [np.log(1e-3 * mass * scale[4] / scale[0])]))
-        found = least_squares(
-            lambda coordinates: metric @ (planar(coordinates) - estimate),
-            start,
-            method='trf',
-            x_scale='jac',
-            max_nfev=_EVALUATIONS,
-        ).x
-        distance = float(np.linalg.norm(metric @ (planar(found) - estimate)))
-        com = found[1:3]
-        mass, moment = positive(found)
+    if not _moment(found, about) > 0.0:
+        matrices = np.zeros((4, 3, 3))
+        matrices[0, 2, 2] = matrices[1, 0, 2] = matrices[1, 2, 0] = matrices[2, 1, 2] = matrices[2, 2, 1] = 1.0
+        matrices[3, :2, :2] = np.eye(2) / about
+        planar, size = basis.T @ covariance @ basis, np.abs(basis.T) @ scale
+        start = basis.T @ _ball(standard_parameters, scale)
+        found, distance = _projected(found, planar, size, matrices, _units(scale, 2), start)
+    moment = _moment(found, about)
     ball = np.array([moment, 0.0, 0.0, moment, 0.0, moment])
-    return standard(np.concatenate(([mass], across @ com, ball))), distance
+    return standard(np.concatenate((found[:1], across @ found[1:3] / found[0], ball))), distance
+
+
+def _moment(planar: Array, about: float) -> float:
+    """Return the moment about the CoM of (4,) planar parameters, negative for a mass that is none."""
+    mass, moment, first = planar[0], planar[3] / about, planar[1:3]
+    return float(moment - first @ first / mass) if mass > 0.0 else -1.0
+
+
+def _units(scale: Array, dimensions: int) -> Array:
+    """Return the units of the rows of a pseudo-inertia, in which mass and second moment are of the same size."""
+    return np.sqrt(scale[0]) * np.array([np.sqrt(scale[4] / scale[0])] * dimensions + [1.0])
+
+
+def _projected(
+    parameters: Array, covariance: Array, size: Array, matrices: Array, unit: Array, start: Array
+) -> tuple[Array, float]:
+    """Return the nearest (k,) parameters of a positive definite pseudo-inertia, and their distance.
+
+    Parameters
+    ----------
+    parameters, covariance, size, start : (k,), (k, k), typical sizes (k,), a body (k,)
+    matrices : (k, d, d) pseudo-inertias of unit parameters
+    unit : (d,) of their rows
+    """
+    metric, draw = _metric(covariance, size), _DRAW / size
+    rows, offset = np.concatenate((metric, np.diag(draw))), np.concatenate((metric @ parameters, draw * start))
+    units = matrices * size[:, None, None] / (unit * unit[:, None])
+    nearest = size * _nearest(rows * size, offset, units, start / size)
+    return nearest, float(np.linalg.norm(metric @ (nearest - parameters)))
 
 
 def _nearest(rows: Array, offset: Array, units: Array, start: Array) -> Array:
@@ -119,7 +117,7 @@ def _nearest(rows: Array, offset: Array, units: Array, start: Array) -> Array:
 
     Newton's steps on 1/2 |A x - b|^2 - w ln det(pseudo-inertia - floor), with w falling to next to nothing (Boyd,
     Vandenberghe, Convex Optimization, 2004, chapter 11). There is one minimum only, mostly on the boundary, where
-    coordinates that cannot leave the cone would never arrive. (k, 10) rows A of full rank, (k,) offset b, (10, 4, 4)
+    coordinates that cannot leave the cone would never arrive. (r, k) rows A of full rank, (r,) offset b, (k, d, d)
     pseudo-inertias of unit x, a start inside the cone.
     """
     orthonormal, triangle = np.linalg.qr(rows)
@@ -127,19 +125,20 @@ def _nearest(rows: Array, offset: Array, units: Array, start: Array) -> Array:
     target = orthonormal.T @ offset
     inside = x = start
     weight = max(0.25 * float(np.sum((target - triangle @ x) ** 2)), _LEAST_WEIGHT)
-    identity, floor, flat = np.eye(len(x)), _FLOOR * np.eye(4), units.reshape(-1, 16)
+    side = units.shape[-1]
+    identity, floor, flat = np.eye(len(x)), _FLOOR * np.eye(side), units.reshape(len(x), -1)
     for _ in range(_STEPS):
-        whiten = inverse_factor((x @ flat).reshape(4, 4) - floor)
+        whiten = inverse_factor((x @ flat).reshape(side, side) - floor)
         if whiten is None:  # the boundary is nearer than rounding
             return inside
         inside = x
-        barrier = back.T @ (whiten @ units @ whiten.T).reshape(-1, 16)
-        slope = target - triangle @ x + weight * barrier[:, ::5].sum(axis=1)
+        barrier = back.T @ (whiten @ units @ whiten.T).reshape(len(x), -1)
+        slope = target - triangle @ x + weight * barrier[:, :: side + 1].sum(axis=1)
         step = solve_definite(identity + weight * (barrier @ barrier.T), slope)
         change = step @ barrier
         size = float(change @ change)
         # No eigenvalue of the change is larger than its norm.
-        shrinking = 0.0 if size <= _INTERIOR**2 else -float(np.linalg.eigvalsh(change.reshape(4, 4))[0])
+        shrinking = 0.0 if size <= _INTERIOR**2 else -float(np.linalg.eigvalsh(change.reshape(side, side))[0])
         x = x + min(1.0, _INTERIOR / max(shrinking, 1e-300)) * (back @ step)
         if float(step @ step) / weight + size < 1.0:  # close to this weight's minimum
             if weight == _LEAST_WEIGHT:

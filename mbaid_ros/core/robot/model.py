@@ -12,7 +12,7 @@ import pinocchio
 
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array, exp, rotate, skew, unvec, vec
-from mbaid_ros.core.robot.urdf import Description, Inertial, Limit, Transmission, read_description, transmission
+from mbaid_ros.core.robot.urdf import Inertial, Limit, Transmission, read_description, transmission
 from mbaid_ros.core.robot.urdf_document import kept_words, on_one_line, tree_of
 
 
@@ -55,6 +55,7 @@ class RobotModel:
 
     name: str  # the URDF's robot name
     urdf: str  # the document
+    document: str  # the part of it that floats, without massless <inertial>s
     joint_names: tuple[str, ...]  # names of the n movable joints, in the order of every joint array
     parents: tuple[int, ...]  # (n,) index of the body that carries joint j
     # rotations, positions: (n, 3, 3), (n, 3) m, frame of joint j in its parent body's frame
@@ -145,23 +146,21 @@ def load_model(urdf: str, base_link: str = '') -> RobotModel:
     Raises ModelError: The document cannot be used; the message names the link, joint or value.
     """
     description = read_description(urdf, base_link)
-    model = _built(description)
+    model = _built(description.text)
     names = tuple(model.names[2:])
     count = model.njoints - 2  # without pinocchio's universe and the free-flyer
     placements = [model.jointPlacements[index + 2] for index in range(count)]
-    subspaces = [_motion_subspace(model.joints[index + 2]) for index in range(count)]
-    prismatic = tuple(bool(np.any(subspace[:3] != 0.0)) for subspace in subspaces)
+    axes = np.array([description.axes[name] for name in names], dtype=float).reshape(count, 3)
     return RobotModel(
         name=model.name,
         urdf=urdf,
+        document=description.text,
         joint_names=names,
         parents=tuple(model.parents[index + 2] - 1 for index in range(count)),
         rotations=np.array([placement.rotation for placement in placements]).reshape(count, 3, 3),
         positions=np.array([placement.translation for placement in placements]).reshape(count, 3),
-        axes=np.array([s[:3] if slides else s[3:] for s, slides in zip(subspaces, prismatic, strict=True)]).reshape(
-            count, 3
-        ),
-        prismatic=prismatic,
+        axes=axes / np.linalg.norm(axes, axis=1, keepdims=True),
+        prismatic=tuple(model.joints[index + 2].shortname().startswith('JointModelP') for index in range(count)),
         continuous=tuple(model.joints[index + 2].nq == 2 for index in range(count)),
         limits=tuple(description.limits[name] for name in names),
         transmission=transmission(names, description.mimics),
@@ -171,18 +170,16 @@ def load_model(urdf: str, base_link: str = '') -> RobotModel:
     )
 
 
-def parse(urdf: str, base_link: str = '') -> pinocchio.Model:
-    """Return pinocchio's free-flying model of a URDF, without gravity; mimic joints are independent. Or ModelError."""
-    return _built(read_description(urdf, base_link))
+def parse(model: RobotModel) -> pinocchio.Model:
+    """Return pinocchio's free-flying model of a robot, without gravity; mimic joints are independent."""
+    return _built(model.document)
 
 
-def _built(description: Description) -> pinocchio.Model:
+def _built(document: str) -> pinocchio.Model:
     complaints: list[str] = []
     try:
         with kept_words(complaints):
-            model = pinocchio.buildModelFromXML(
-                _with_own_joint_names(description.text), pinocchio.JointModelFreeFlyer()
-            )
+            model = pinocchio.buildModelFromXML(_with_own_joint_names(document), pinocchio.JointModelFreeFlyer())
     except (ValueError, RuntimeError) as error:
         reason = (
             ' '.join(('; '.join(complaints[:_COMPLAINTS]) or str(error)).replace(_JOINT, '').split())
@@ -204,18 +201,6 @@ def _with_own_joint_names(text: str) -> str:
         if mimic is not None:
             mimic.set('joint', _JOINT + mimic.get('joint', ''))
     return on_one_line(ET.tostring(robot, encoding='unicode'))
-
-
-def _motion_subspace(joint: pinocchio.JointModel) -> Array:
-    """Return the (6,) column (linear, angular) of a one-degree-of-freedom joint."""
-    data = joint.createData()
-    position = np.zeros(joint.nq)
-    position[0] = joint.nq - 1.0  # 0, or (cos, sin) = (1, 0) of a continuous joint
-    # The joint cuts its own segments out of model-wide vectors: let a copy of it start at 0.
-    joint = pinocchio.JointModel(joint)
-    joint.setIndexes(0, 0, 0)
-    joint.calc(data, position, np.zeros(joint.nv))
-    return np.asarray(data.S, dtype=float).reshape(6)
 
 
 def _links(model: pinocchio.Model, inertials: dict[str, Inertial]) -> tuple[Link, ...]:

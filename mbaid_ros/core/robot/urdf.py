@@ -125,7 +125,8 @@ class Description:
     inertials: dict[str, Inertial]  # by link, of those with mass
     joints: tuple[str, ...]  # names of all joints of the document, fixed and dropped ones included
     mimics: dict[str, Mimic]  # by joint, of those that have one
-    limits: dict[str, Limit]  # by joint, of those that have one
+    limits: dict[str, Limit]  # by joint, of those that move
+    axes: dict[str, tuple[float, ...]]  # by joint, of those that move: directions of any length
     dropped: tuple[str, ...]  # a line, with the reason, for everything that is left out
 
 
@@ -156,7 +157,7 @@ def read_description(text: str, base_link: str = '') -> Description:
     base = floating_link(links, branches, massive, base_link)
     dropped = _cut_off(robot, base, branches)
     inertials, massless = _inertials(robot, problems)
-    mimics, bounds = _joints(robot, problems)
+    mimics, bounds, axes = _joints(robot, problems)
     _refuse_all(problems)
     changed = bool(dropped) or massless
     return Description(
@@ -166,6 +167,7 @@ def read_description(text: str, base_link: str = '') -> Description:
         joints=tuple(joints),
         mimics=mimics,
         limits=bounds,
+        axes=axes,
         dropped=dropped,
     )
 
@@ -241,23 +243,26 @@ def _inertial(name: str, inertial: ET.Element) -> Inertial | None:
     )
 
 
-def _joints(robot: ET.Element, problems: list[str]) -> tuple[dict[str, Mimic], dict[str, Limit]]:
-    """Return the mimics and limits of the joints."""
-    mimics, bounds = {}, {}
+def _joints(
+    robot: ET.Element, problems: list[str]
+) -> tuple[dict[str, Mimic], dict[str, Limit], dict[str, tuple[float, ...]]]:
+    """Return the mimics, limits and axes of the joints."""
+    mimics, bounds, axes = {}, {}, {}
     for joint in robot.findall('joint'):
         name, kind = joint.get('name', ''), joint.get('type', '')
         with _noted(problems):
             _check_kind(joint, name, kind)
-            _check_placement(joint, f"joint '{name}' has", kind)
+            _check_origin(joint, f"joint '{name}' has")
             if kind == 'fixed':
                 continue
+            axes[name] = _axis(joint, f"joint '{name}' has")
             bounds[name] = _limit(joint, f"joint '{name}' has limit", kind)
             mimic = joint.find('mimic')
             if mimic is not None:
                 what = f"joint '{name}' has mimic"
                 gain, offset = number_or(1.0, what, mimic, 'multiplier'), number_or(0.0, what, mimic, 'offset')
                 mimics[name] = Mimic(mimic.get('joint', ''), gain, offset)
-    return mimics, bounds
+    return mimics, bounds, axes
 
 
 def _check_kind(joint: ET.Element, name: str, kind: str) -> None:
@@ -272,12 +277,17 @@ def _check_kind(joint: ET.Element, name: str, kind: str) -> None:
     refuse(f"joint '{name}' is of type '{kind}'; accepted are {listing(SUPPORTED_JOINTS)}{advice}")
 
 
-def _check_placement(joint: ET.Element, what: str, kind: str) -> None:
+def _check_origin(joint: ET.Element, what: str) -> None:
     """Check the numbers that pinocchio's parser would refuse without naming the joint."""
     for key in ('xyz', 'rpy'):
         triple(f'{what} origin', joint.find('origin'), key)
-    if kind != 'fixed' and not any(triple(f'{what} axis', joint.find('axis'), 'xyz', '1 0 0')):
+
+
+def _axis(joint: ET.Element, what: str) -> tuple[float, ...]:
+    axis = triple(f'{what} axis', joint.find('axis'), 'xyz', '1 0 0')
+    if not any(axis):
         refuse(f'{what} an axis of length zero')
+    return axis
 
 
 def _limit(joint: ET.Element, what: str, kind: str) -> Limit:

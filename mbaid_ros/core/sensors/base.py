@@ -164,6 +164,12 @@ def measured_orientation(imu: ImuStream | None) -> BaseStream | None:
     return replace(base, declared=declared)
 
 
+def block_std(covariance: Array) -> Array:
+    """Return the mean standard deviations (N, 2) of the linear and the angular block of covariances (N, 6, 6)."""
+    variance = np.diagonal(covariance, axis1=1, axis2=2).reshape(-1, 2, 3)
+    return np.asarray(np.sqrt(np.mean(variance, axis=2)))
+
+
 # Variances that a sensor may declare, SI units: none is as small or large, and products keep their digits.
 _SMALLEST, _LARGEST = 1e-24, 1e12
 

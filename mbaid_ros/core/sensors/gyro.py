@@ -14,7 +14,6 @@ from mbaid_ros.core.geometry import Array, Flags, cross, exp
 from mbaid_ros.core.samples import BaseStream, ImuStream, Stamps
 from mbaid_ros.core.sensors.base import orientation_only
 
-IMU_OUT_OF_ORDER = 'IMU: stamp not after the one before'
 SATURATED = 'IMU: angular velocity at the end of its range, or stuck'
 
 LARGEST_BACKLOG = 1_000_000  # measurements that wait for joints: more are memory without an end
@@ -57,17 +56,11 @@ class Gyro:
         """Add measurements in the order of their stamps."""
         if stream is None or not len(stream.stamp):
             return
-        first = np.iinfo(np.int64).min if self.newest is None else self.newest
-        before = np.maximum.accumulate(np.concatenate(([first], stream.stamp[:-1])))
-        later = stream.stamp > before
-        self.newest = max(int(before[-1]), int(stream.stamp[-1]))
-        self.dropped[IMU_OUT_OF_ORDER] += int(np.sum(~later))
-        stream = stream[later]
+        self.newest = int(stream.stamp[-1])
         lost = self._at_the_end(stream.angular_velocity)
         self.dropped[SATURATED] += int(np.sum(lost))
-        if len(stream.stamp):
-            self._add_up(stream, lost)
-            self.forget_before(np.iinfo(np.int64).min)
+        self._add_up(stream, lost)
+        self.forget_before(np.iinfo(np.int64).min)
 
     def sampled(self, stamps: Stamps) -> Array:
         """Return the integral at samples, in order, (N, 3) rad: NaN in a gap, or else at the first sample after it."""

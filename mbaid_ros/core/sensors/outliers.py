@@ -18,6 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from mbaid_ros.core.geometry import Array, Flags, log
 from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, JointStream
+from mbaid_ros.core.sensors.base import block_std
 
 OUTLIER = 'pose far from those before and after'
 JOINT_OUTLIER = 'joint position far from those before and after'
@@ -46,24 +47,18 @@ class Channels(NamedTuple):
     quartile: float = _QUARTILE_OF_THREE  # lower quartile of a channel's error, in its standard deviations
 
 
-def _pose_std(base: BaseStream, block: int) -> Array:
-    """Return the (N, 1) mean standard deviation of a block of the poses' covariance."""
-    variance = np.diagonal(base.pose_covariance, axis1=1, axis2=2).reshape(-1, 2, 3)
-    return np.asarray(np.sqrt(np.mean(variance, axis=2))[:, block, None])
-
-
 POSE = (
     Channels(
         lambda base: base.position[:, None],
         1.0,
-        lambda base: _pose_std(base, 0),
+        lambda base: block_std(base.pose_covariance)[:, :1],
         lambda base: (base.position - base.position[0])[:, None],
     ),
     # A turn's length is that of the change of the matrix over the square root of two.
     Channels(
         lambda base: base.rotation.reshape(-1, 1, 9),
         np.sqrt(2.0),
-        lambda base: _pose_std(base, 1),
+        lambda base: block_std(base.pose_covariance)[:, 1:],
         lambda base: log(base.rotation[0].T @ base.rotation)[:, None],
     ),
 )

@@ -9,6 +9,7 @@ import numpy as np
 
 from mbaid_ros.core.diagnosis.fault_isolation import with_undeclared_orbit
 from mbaid_ros.core.filter.averaging import Averaged, KnotAveraging
+from mbaid_ros.core.filter.initialisation import FIRST
 from mbaid_ros.core.filter.run import FilterRun
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout, Point
 from mbaid_ros.core.geometry import Array, cross
@@ -173,7 +174,7 @@ class TrajectoryEstimator:
             reason = 'no convergent solution yet: more motion is needed'
         elif moved:
             doing = 'looking for a start in' if run.searching else 'collecting'
-            reason = f'{doing} the first {self._settings.start} windows'
+            reason = f'{doing} the first {FIRST} windows'
         elif len(window) < _FEWEST:
             reason = _SPARSE.format(self._settings.window, _FEWEST * self._settings.window)
         else:

@@ -38,7 +38,6 @@ class TrajectorySettings:
 
     noise: SensorNoise  # of the joint sensors, and of the base where the samples carry none
     window: float  # s
-    start: int  # windows before the first estimate
     kept: int  # windows that are relinearised in the initialisation
     uncertainty: Uncertainty  # of the known side
     # whether to follow hypotheses of constant forces, drifting momentum and drifting odometry, and take the best
@@ -167,7 +166,7 @@ class TargetRuns:
         bank = hypotheses(known_mass, settings.noise.base_position, settings.constant, adapt=adapt)
         candidates = CandidateCauses(self.layout, self._plane, settings.uncertainty, bank)
         self.isolation = FaultIsolation(candidates, settings.noise)
-        run = FilterRun(self.layout, self.variables, bank, (settings.start, settings.kept))
+        run = FilterRun(self.layout, self.variables, bank, settings.kept)
         run.expect(windows)
         for window in windows:
             run.take(window, None, moved=True)

@@ -208,9 +208,8 @@ def _settings(run: Run) -> str:
 
 def _foot(runs: Sequence[Run]) -> str:
     """Return the packages, the command and the files that made the page."""
-    made = dict.fromkeys(run.made_by for run in runs if run.made_by is not None)
     lines = [f'Made by {", ".join(f"{name} {version}" for name, version in provenance.versions())}.']
-    lines += [line for each in made for line in provenance.in_words(each)]
+    lines += dict.fromkeys(line for run in runs if run.made_by for line in provenance.in_words(run.made_by))
     lines += [line for run in runs for line in provenance.files_in_words(run.bag, run.files)]
     return f'<footer>{"".join(paragraph(line, "note") for line in lines)}</footer>'
 

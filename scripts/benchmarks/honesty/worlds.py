@@ -105,7 +105,7 @@ def swing(world: World) -> Truth:
     position, rate = np.zeros((2, len(driven)))
     position[driven], rate[driven] = (part[0] for part in world.path(np.zeros(1)))
     free = np.concatenate((np.ones(6, dtype=bool), ~driven))
-    model = parse(world.urdf)
+    model = parse(robot)
 
     def mass() -> Array:
         upper = np.triu(pinocchio.crba(model, model.createData(), np.concatenate((np.zeros(6), [1.0], position))))

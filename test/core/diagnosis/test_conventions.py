@@ -9,8 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from mbaid_ros.core.diagnosis.base_axes import axis_conventions
-from mbaid_ros.core.diagnosis.conventions import conventions, fitted, inverted_marker
+from mbaid_ros.core.diagnosis.conventions import Convention, axis_conventions, conventions, fitted, inverted_marker
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, averages
 from mbaid_ros.core.filter.window import Window, WindowNoise
 from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion
@@ -42,7 +41,11 @@ def windows_of(samples: Samples) -> list[Window]:
 
 
 def texts(samples: Samples) -> list[str]:
-    return [each.text for each in axis_conventions(kernel('servicer7'), windows_of(samples))]
+    """Return the axes that samples may be in, the likeliest first."""
+    robot, windows = kernel('servicer7'), windows_of(samples)
+    declared, *fits = (fitted(windows, each, 2) for each in (Convention('', robot), *axis_conventions(robot)))
+    likely = [fit for fit in fits if fit.exists and fit.misfit < fit.convention.left * declared.misfit]
+    return [fit.convention.text for fit in sorted(likely, key=lambda fit: fit.misfit)]
 
 
 def test_poses_as_declared_are_in_no_other_axes() -> None:

@@ -17,11 +17,11 @@ COUNT, JOINTS, SPACING = 400, 7, 20_000_000
 ALL = tuple(range(JOINTS))
 
 
-def motion(seed: int) -> Array:
+def motion(seed: int, noise: float = 1e-4) -> Array:
     generator = np.random.default_rng(seed)
     time = np.arange(COUNT)[:, None] * SPACING * 1e-9
     rate, phase = generator.uniform(0.1, 0.6, JOINTS), generator.uniform(0.0, 6.0, JOINTS)
-    return np.asarray(0.5 * np.sin(rate * time + phase) + 1e-4 * generator.standard_normal((COUNT, JOINTS)))
+    return np.asarray(0.5 * np.sin(rate * time + phase) + noise * generator.standard_normal((COUNT, JOINTS)))
 
 
 def found(position: Array, pieces: int, stamp: int = 10**18, stamps: Stamps | None = None) -> Estimate:
@@ -34,8 +34,8 @@ def found(position: Array, pieces: int, stamp: int = 10**18, stamps: Stamps | No
 
 @pytest.mark.parametrize('pieces', [1, 7, COUNT])
 def test_clean_readings_show_nothing(pieces: int) -> None:
-    for seed in range(5):
-        estimate = found(motion(seed), pieces)
+    for seed, noise in enumerate((1e-4, 1e-4, 1e-3, 1e-2)):
+        estimate = found(motion(seed, noise), pieces)
         assert (estimate.status, estimate.warnings, estimate.causes) == ('estimating', (), ())
 
 
@@ -80,6 +80,21 @@ def test_a_joint_that_is_read_more_seldom_is_named(pieces: int) -> None:
     assert found(position, pieces).warnings[0].startswith(text)
     position[:, 3] = np.round(motion(4)[:, 3] / 1e-3) * 1e-3  # a coarse encoder
     assert found(position, pieces).warnings == ()
+
+
+@pytest.mark.parametrize('pieces', [1, 7, COUNT])
+@pytest.mark.parametrize('step', [-0.02, 0.5])
+def test_a_jump_is_named_by_joint_size_and_time(step: float, pieces: int) -> None:
+    position = motion(5)
+    position[200:, 3] += step
+    (text,) = found(position, pieces).warnings
+    assert text.startswith('the reading of joint4 jumps by ')
+    assert float(text.split()[6]) == pytest.approx(abs(step), rel=0.3, abs=0.01)
+    assert float(text.split('at ')[1].split()[0]) == pytest.approx(4.0, abs=0.1)
+    coarse = np.round(motion(5) / 1.5e-3) * 1.5e-3
+    assert found(coarse, pieces).warnings == ()
+    kept = np.r_[0:150, 250:COUNT]  # messages that are lost are no jump
+    assert found(motion(5)[kept], pieces, stamps=SPACING * kept).warnings == ()
 
 
 def test_joints_in_degrees_are_beyond_their_limits_and_no_second_source() -> None:

@@ -12,7 +12,7 @@ from checked import some
 from floating import make
 from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.batch import BatchIteration, Work
-from mbaid_ros.core.filter.initialisation import BackgroundTask, Initialisation
+from mbaid_ros.core.filter.initialisation import FIRST, BackgroundTask, Initialisation
 from mbaid_ros.core.filter.run import Phase
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.start import MultiStart, Start
@@ -86,7 +86,7 @@ def test_a_run_that_is_given_up_is_searched_again_from_as_many_windows_as_the_fi
     following.restart()
     for window in taken:
         following.update([window], 0)
-    assert lengths[0] == following._runs._settings.start
+    assert lengths[0] == FIRST
 
 
 Found = TypeVar('Found')
@@ -157,7 +157,7 @@ def test_it_is_asked_once_the_body_is_better_known_and_kept_until_windows_are_li
     covariance = distribution.covariance(BODY_PLACES)
     asked = []
     for before in (covariance, 3.0 * covariance):  # no better known than where they were linearised, or better
-        initialisation = Initialisation(young.passes, (UNDISTURBED,), len(young.windows), ENOUGH)
+        initialisation = Initialisation(young.passes, (UNDISTURBED,), ENOUGH)
         initialisation.windows = list(young.windows)
         initialisation._searched = len(young.windows)
         taken_over(initialisation, filtered, young.point, before)

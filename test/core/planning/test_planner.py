@@ -110,7 +110,16 @@ def test_the_base_of_a_known_robot_moves_as_the_simulated_one_does(identified: B
     legs = drawn_legs(1, len(rates), np.random.default_rng(2))
     drawn = motions.within(FASTEST * speeds_of(legs, motions.splines.count))
     trajectory = motions.trajectory(drawn[0])
-    truth = follow(robot.kernel, begin, trajectory, trajectory.duration)
+    turning, time = np.flatnonzero(rates), trajectory.time[:, None]
+    turned = begin.joint_position[turning] + time * rates[turning]
+    spun = replace(
+        trajectory,
+        joints=(*trajectory.joints, *np.array(robot.kernel.model.joint_names)[turning].tolist()),
+        position=np.hstack((trajectory.position, turned)),
+        velocity=np.hstack((trajectory.velocity, rates[turning] + 0.0 * time)),
+        acceleration=np.hstack((trajectory.acceleration, 0.0 * turned)),
+    )
+    truth = follow(robot.kernel, begin, spun, trajectory.duration)
     known = robot.knowledge.state
     known[6:12], known[BODY] = total_momentum(robot.kernel.model, truth)[0], robot.kernel.target.parameters
     floating = replace(motions.as_if(robot.knowledge.layout.point(known)), rotation=np.eye(3), position=np.zeros(3))

@@ -35,7 +35,7 @@ def random_tree(seed: int, joints: int = 8) -> RobotModel:
 @pytest.mark.parametrize('seed', SEEDS)
 def test_bodies_are_those_of_pinocchio(seed: int) -> None:
     model = random_tree(seed)
-    expected = [standard_of(inertia) for inertia in parse(model.urdf).inertias[1:]]
+    expected = [standard_of(inertia) for inertia in parse(model).inertias[1:]]
     found = model.body_parameters()
     assert found == pytest.approx(np.array(expected), rel=ROUNDING, abs=ROUNDING * float(np.abs(found).max()))
 
@@ -43,7 +43,7 @@ def test_bodies_are_those_of_pinocchio(seed: int) -> None:
 @pytest.mark.parametrize('seed', SEEDS)
 def test_joints_are_those_of_pinocchio(seed: int) -> None:
     model = random_tree(seed)
-    peer = parse(model.urdf)
+    peer = parse(model)
     assert model.joint_names == tuple(peer.names)[2:]
     for index, joint in enumerate(list(peer.joints)[2:]):
         placement = peer.jointPlacements[joint.id]
@@ -72,7 +72,7 @@ def test_a_link_on_a_fixed_joint_belongs_to_the_body_that_carries_it() -> None:
     debris, tool = model.link('debris'), model.link('tool')
     assert (model.base_link, model.joints, debris.body, tool.body) == ('base', 1, 1, 1)
     assert not tool.parameters.any()
-    frame = parse(urdf).frames[parse(urdf).getFrameId('debris')]
+    frame = parse(model).frames[parse(model).getFrameId('debris')]
     assert np.array_equal(debris.rotation, frame.placement.rotation)
     assert np.array_equal(debris.position, frame.placement.translation)
     # The arm itself stays known when the debris fixed to it is not.

@@ -52,7 +52,7 @@ class Case:
 
     def momenta(self, state: State) -> Array:
         """Return M(q) v by pinocchio: the base's in its own axes, then along each joint."""
-        robot = parse(self.model.urdf, self.model.base_link)
+        robot = parse(self.model)
         mass = np.triu(pinocchio.crba(robot, robot.createData(), Dynamics(self.model)._configuration(state)))
         return np.asarray((mass + np.triu(mass, 1).T) @ state.velocity)
 

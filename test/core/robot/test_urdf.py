@@ -181,7 +181,7 @@ def test_a_link_of_mass_zero_is_a_frame() -> None:
     massless = with_mass('<mass value="0.0"/>')
     assert np.array_equal(load_model(massless).link('arm').parameters, np.zeros(10))
     assert load_model(massless).urdf == massless
-    assert [inertia.mass for inertia in parse(massless).inertias][1:] == [2.0, 0.0]
+    assert [inertia.mass for inertia in parse(load_model(massless)).inertias][1:] == [2.0, 0.0]
 
 
 @pytest.mark.parametrize('kind', ['fixed', 'floating', 'planar'])

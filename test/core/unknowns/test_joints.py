@@ -54,7 +54,7 @@ def test_the_torques_are_those_of_inverse_dynamics(servicer7: MomentumKernel, tu
     here = layout.point(state(servicer7, start, np.zeros(unknown.count)))
     window_model(layout, window_of(observe(tumbling, MID), SPACING), here)
     (motion,) = unknown.told
-    robot = parse(servicer7.model.urdf)
+    robot = parse(servicer7.model)
     robot.gravity.setZero()
     data = robot.createData()
     velocity = np.column_stack((tumbling.base_linear_velocity, tumbling.base_angular_velocity, tumbling.joint_velocity))

@@ -15,7 +15,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.peers.recording import Answer, Known, Recording, least_squares, read
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotate_back
-from mbaid_ros.core.robot.model import express, parse
+from mbaid_ros.core.robot.model import express, load_model, parse
 
 NEEDS = 'joint torques'
 TUNED = 'cut-off of the filter: .5 Hz, the best of .2 to 2 Hz by the truth of four runs'
@@ -41,7 +41,7 @@ def identify(bag: Path, urdf: str, known: Known) -> Answer:
 
 def _equations(recording: Recording, urdf: str) -> tuple[Array, Array]:
     """Return the inverse dynamics (K, 6 + n, 10), (K, 6 + n) of the target's standard parameters."""
-    kernel, model = recording.kernel, parse(urdf)
+    kernel, model = recording.kernel, parse(load_model(urdf))
     data, body = model.createData(), kernel.target.body
     configuration, velocity, acceleration = _motion(recording, model)
     known = kernel.known[:, _ORDER_OF_PINOCCHIO].ravel()
