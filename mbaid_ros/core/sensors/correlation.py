@@ -55,7 +55,7 @@ def correlation(variance: Array, counts: Integers, apart: Array, time: float, de
     declared : whether levels are: 'no', 'yes', or 'trusted', of which the data contradict none
     """
     weight = 0.5 * _INDEPENDENT * np.maximum(counts, 1)  # inverse of the variance of the logarithms
-    if np.any(counts[:, 0] < FEWEST) or np.any(variance[:, 0] <= 0.0):
+    if np.any(counts[:, 0] < FEWEST) or np.any(variance[:, 0] <= 0.0) or np.any(apart <= 0.0):
         return _UNCLEAR
     logarithm = np.log(np.maximum(variance, 1e-300))
     used = _without_motion(logarithm, counts, 1.0 / np.sqrt(weight))
