@@ -13,6 +13,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, Integers
 
+_STAMP = 1e-9  # s, the unit of stamps: readings that are closer have one stamp
 FEWEST = 60  # differences for a level, which is then known to a sixth
 _SOME = 12  # of readings further apart, for its growth
 _INDEPENDENT = 0.3  # share of the differences that counts as independent, as neighbours share readings
@@ -55,7 +56,7 @@ def correlation(variance: Array, counts: Integers, apart: Array, time: float, de
     declared : whether levels are: 'no', 'yes', or 'trusted', of which the data contradict none
     """
     weight = 0.5 * _INDEPENDENT * np.maximum(counts, 1)  # inverse of the variance of the logarithms
-    if np.any(counts[:, 0] < FEWEST) or np.any(variance[:, 0] <= 0.0) or np.any(apart <= 0.0):
+    if np.any(counts[:, 0] < FEWEST) or np.any(variance[:, 0] <= 0.0) or np.any(apart < _STAMP):
         return _UNCLEAR
     logarithm = np.log(np.maximum(variance, 1e-300))
     used = _without_motion(logarithm, counts, 1.0 / np.sqrt(weight))
