@@ -190,7 +190,8 @@ class StampPattern:
         around = np.delete(around, _AROUND - 1)
         if np.any(around > _LONGEST) or np.any(np.abs(around - usual) > _EVEN * usual):
             return
-        at, since = 1e-9 * (int(self._stamp[place]) - self._first), int(self._stamp[place + _AROUND])
+        at = 1e-9 * (int(self._stamp[place]) - self._first)
+        since = int(max(self._stamp[place], self._stamp[place + _AROUND]))  # windows before a step back are out already
         if step < 0.0:
             back = 1e-9 * (float(np.mean(around)) - step)
             text = (
