@@ -13,10 +13,10 @@ from math import comb
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Flags, Integers
+from mbaid_ros.core.geometry import Array, Flags, Integers, log
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise, Stamps
 from mbaid_ros.core.sensors.base import block_std
-from mbaid_ros.core.sensors.correlation import FEWEST, correlation
+from mbaid_ros.core.sensors.correlation import FEWEST, Variances, candidates, chosen
 
 # Of the differences: they cancel polynomials of fifth degree, which motion resembles over seven readings.
 ORDER = 6
@@ -39,6 +39,7 @@ _OF_NORMAL_SIZE = 0.6745  # median of a normal number's size over its standard d
 _ROUNDS = 8  # of clipping and taking the mean again: each removes a part of the remaining bias
 # Readings from one that is taken to the next: by octaves, up to where motion shows at a hundred hertz.
 _STRIDES = (1, 2, 4, 8, 16, 32)
+_LONG_STRIDES = (16, 32, 64, 128, 256, 512)  # of the poses less the integrated twist: no motion shows at any
 _GROWS = 1.4  # times the variance grows from one stride to the next, halfway to what errors do that last
 _ANEW = 1.25  # times as many differences, at which levels are worked out again: nothing changes before
 
@@ -50,16 +51,18 @@ class Differences:
     ----------
     columns : of each kind of reading
     strides : readings from one in a difference to the next
+    order : of the differences
 
     Attributes
     ----------
     counts : (rows, bins) up to the stamp of the latest `count`; the rows of a kind are next to each other, by stride
     """
 
-    def __init__(self, columns: tuple[slice, ...], strides: tuple[int, ...]) -> None:
+    def __init__(self, columns: tuple[slice, ...], strides: tuple[int, ...], order: int = ORDER) -> None:
         self._columns = columns
         self._strides = strides
-        self._kept = ORDER * max(strides)
+        self._order = order
+        self._kept = order * max(strides)
         self._stamp: Stamps = np.zeros(0, dtype=np.int64)
         self._values: Array = np.zeros((0, max(each.stop for each in columns)))
         self._sizes: Array = np.zeros((0, len(columns)))
@@ -112,18 +115,18 @@ class Differences:
 
         `row` is that of the first kind.
         """
-        last = np.arange(new, len(self._stamp))
+        last, order = np.arange(new, len(self._stamp)), self._order
         # Differences closer than their stride repeat each other; later on, a quarter is enough.
         number = self._seen + last
-        last = last[(last >= ORDER * stride) & (number % stride == 0) & ((number < _ALL) | (number // 16 % 4 == 0))]
-        places = last[:, None] - stride * np.arange(ORDER, -1, -1)
+        last = last[(last >= order * stride) & (number % stride == 0) & ((number < _ALL) | (number // 16 % 4 == 0))]
+        places = last[:, None] - stride * np.arange(order, -1, -1)
         stamp = self._stamp[places]
         near = np.all(np.diff(stamp, axis=1) <= _LONGEST * stride, axis=1)
         places, stamp = places[near], stamp[near]
-        weight, middle = _weights(stamp), places[:, ORDER // 2]
+        weight, middle = _weights(stamp), places[:, order // 2]
         # One product after the other: in the same order for few as for many.
         difference = weight[:, :1] * self._values[places[:, 0]]
-        for place in range(1, ORDER + 1):
+        for place in range(1, order + 1):
             difference += weight[:, place, None] * self._values[places[:, place]]
         errors, rows = [], []
         for kind, columns in enumerate(self._columns):
@@ -164,7 +167,9 @@ def variances(counts: Integers) -> Array:
 
 
 def _weights(stamp: Stamps) -> Array:
-    """Return the (M, 7) weights of readings at stamps (M, 7), ns."""
+    """Return the (M, 7) weights of readings at stamps (M, 7), ns; (M, 2) of two."""
+    if stamp.shape[1] == 2:
+        return np.repeat(np.sqrt([[0.5, 0.5]]) * [-1.0, 1.0], len(stamp), axis=0)
     weight = np.repeat(BINOMIAL[None], len(stamp), axis=0)
     step = np.diff(stamp, axis=1)
     uneven = np.any(step != step[:, :1], axis=1)
@@ -227,6 +232,9 @@ class NoiseLevels:
         self._joints = Differences((slice(0, joints), slice(joints, 2 * joints)), (1,))
         columns = slice(0, 3), slice(3, 12), slice(12, 15), slice(15, 18)
         self._base = Differences(columns, _STRIDES)
+        self._drift = Differences((slice(0, 3), slice(3, 6)), _LONG_STRIDES, order=1)
+        self._latest: tuple[BaseStream, Array] | None = None  # of the base, and the drift (1, 6) until then
+        self._ratio = np.ones(2)  # 1/s, of the noise that the first message declares of twist and pose
         self._counted, self._free = 0, (False, False)
         self._levels = Levels(np.full(6, np.nan), np.zeros(6, dtype=bool), np.zeros(6, dtype=bool), np.zeros(2))
 
@@ -239,7 +247,22 @@ class NoiseLevels:
         if base is not None and len(base.stamp):
             parts = base.position, base.rotation.reshape(-1, 9), base.linear_velocity, base.angular_velocity
             sizes = np.concatenate((block_std(base.pose_covariance), block_std(base.twist_covariance)), axis=1)
+            if self._latest is None:
+                self._ratio = sizes[0, 2:] / sizes[0, :2]
             self._base.add(base.stamp, np.concatenate(parts, axis=1), sizes)
+            self._drift.add(base.stamp, self._drifted(base), sizes[:, :2])
+
+    def _drifted(self, base: BaseStream) -> Array:
+        """Return the change (N, 6) of position and orientation less the integrated twist, since the first reading."""
+        both = base if self._latest is None else base.concatenate((self._latest[0], base))
+        step = (np.diff(both.stamp) * 1e-9)[:, None]
+        turn = log(both.rotation[1:] @ np.swapaxes(both.rotation[:-1], 1, 2))
+        twist = np.concatenate((both.linear_velocity, both.angular_velocity), axis=1)
+        change = np.concatenate((np.diff(both.position, axis=0), turn), axis=1) - 0.5 * step * (twist[1:] + twist[:-1])
+        start = np.zeros((1, 6)) if self._latest is None else self._latest[1]
+        drift = np.cumsum(np.concatenate((start, change)), axis=0)
+        self._latest = base[-1:], drift[-1:]
+        return drift if len(drift) == len(base.stamp) else drift[1:]
 
     def until(self, stamp: int, spacing: float, *, free: tuple[bool, bool]) -> Levels:
         """Return the levels of the readings until a stamp, no earlier than that of the call before.
@@ -250,7 +273,7 @@ class NoiseLevels:
         spacing : s, between poses
         free : whether nothing is declared of the levels of poses, and of twists
         """
-        for each in (self._joints, self._base):
+        for each in (self._joints, self._base, self._drift):
             each.count(stamp)
         total = int(self._joints.counts.sum() + self._base.counts.sum())
         if total > _ANEW * self._counted or free != self._free:
@@ -260,16 +283,20 @@ class NoiseLevels:
 
     def _estimated(self, spacing: float, free: tuple[bool, bool]) -> Levels:
         """Return the levels by the present counts."""
-        joints, base = (variances(each.counts) for each in (self._joints, self._base))
+        joints, base, drift = (variances(each.counts) for each in (self._joints, self._base, self._drift))
         counts = self._base.counts.sum(axis=1).reshape(2, 2, len(_STRIDES))
         base = base.reshape(counts.shape)
-        pose, twist = (
-            correlation(
-                *(base[place], counts[place], np.array(_STRIDES) * spacing, time),
+        poses, twists = (
+            candidates(
+                Variances(base[place], counts[place], np.array(_STRIDES) * spacing),
+                time,
                 'no' if free[place] else 'trusted' if self._trusted else 'yes',
             )
             for place, time in enumerate((self._time, 0.0))
         )
+        numbers = self._drift.counts.sum(axis=1).reshape(2, -1)
+        long = Variances(drift.reshape(numbers.shape), numbers, np.array(_LONG_STRIDES) * spacing)
+        pose, twist = chosen(poses, twists, long, self._ratio)
         enough = np.concatenate((self._joints.counts.sum(axis=1), counts[..., 0].ravel())) >= FEWEST
         factor = np.sqrt(np.where(enough, np.concatenate((joints, pose.variance, twist.variance)), np.nan))
         joints_as_declared = np.zeros(2, dtype=bool)
