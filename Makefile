@@ -33,7 +33,7 @@ help:
 	@echo "make docs    set-up, then the pages of docs/ as a site in build/docs (installs Sphinx for itself; Python 3.11 or later)"
 	@echo "make clean   remove what the others made"
 	@echo "make benchmark-NAME  set-up, then measure, and write the tables of a page in docs/ (ARGS=\"--seeds 10\", ARGS=--help)"
-	@echo "             NAME: accuracy, model-errors, disturbances, speed, orbit (an hour each on two cores), starts,"
+	@echo "             NAME: accuracy, model-errors, disturbances, speed, planning, orbit (an hour each on two cores), starts,"
 	@echo "             honesty, benches, peers (half an hour), calibration (minutes); make paper-table likewise (seconds)"
 	@echo "HASHES=1     with setup: only packages whose SHA-256 is in requirements.lock"
 	@echo "PYTHON=...   the Python to build with, 3.10 to 3.13 (for the first set-up, or after make clean)"

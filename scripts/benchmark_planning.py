@@ -1,0 +1,207 @@
+"""Write measured/planning.md: planned motions against random sinusoids within the same limits, and their outcome."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from benchmarks.data import NOISE, RATE, kernel, sampled
+from benchmarks.frame import Frame, Runs, declared, number, provenance, table
+from benchmarks.random_sinusoids import SINUSOIDS, best_of_sinusoids
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.model_errors import EXACT
+from mbaid_ros.config.parameters import build
+from mbaid_ros.core.geometry import Array, rotation_from_quaternion
+from mbaid_ros.core.identifier import Estimator, knowledge_of
+from mbaid_ros.core.joint_trajectory import JointTrajectory
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.parameters import BAND
+from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.sensors.streams import Windows
+from mbaid_ros.planning.goal import BaseLimits, Wanted, joint_limits
+from mbaid_ros.planning.plan import Plan
+from mbaid_ros.planning.planner import Planner, PlanSettings
+from mbaid_ros.planning.splines import Splines
+from mbaid_ros.session.methods import make_estimator, make_reporting
+from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.simulation import Simulation, Truth
+from mbaid_ros.simulation.steered import made_to_follow
+
+ROBOTS, SPEEDS = ('servicer7', 'ets7', 'table1'), (1.0, 5.0)  # deg/s
+WANTED = 0.01
+TURN = np.radians(2.0)  # rad, limit of the base's turn
+WINDOW, KNOTS = 0.5, 10  # s, of the estimator
+FIRST, FIRST_SPEED, REST = 6.0, 0.035, 0.5  # s, rad/s, s: the motion before the plan
+SPIN = 0.002  # rad/s, standard deviation of the base's rates
+CLOSE = 0.2  # relative difference of reached and predicted deviations that counts as close
+
+
+@dataclass(frozen=True)
+class Case:
+    """A row of the table."""
+
+    robot: str
+    speed: float  # deg/s, of the fastest joint
+    limited: bool  # whether the base's turn is
+
+    @property
+    def name(self) -> str:
+        """For the table."""
+        return f'{self.robot}, {self.speed:g} deg/s, {"2 deg" if self.limited else "free"}'
+
+
+@dataclass(frozen=True)
+class Outcome(Runs):
+    """Outcomes of plans."""
+
+    planned: Array  # s, of the motion; NaN if the wanted accuracy was out of reach
+    sinusoids: Array  # s, of the best of the sinusoids; infinite if none reached it in the longest of LENGTHS
+    searched: Array  # s, processor time of the search
+    turned: Array  # rad, of the base
+    reached: Array  # (..., 10) relative standard deviations after the motion over the predicted ones; NaN for none
+    normalised: Array  # (..., 10) errors in the estimator's standard deviations; NaN for none
+
+
+def run(work: tuple[Case, int]) -> Outcome:
+    """Identify for some seconds, plan, compare with sinusoids, and make the motion: case, seed."""
+    case, seed = work
+    generator = np.random.default_rng([seed, 11])
+    own = kernel(case.robot)
+    model = own.model
+    state = _begin(own, generator)
+    truth = _follow(model, state, _first(own, state, generator), FIRST + REST)
+    method = _method(own)
+    samples = _seen(truth, seed)[:-1]
+    _updated(method, samples)
+    knowledge = knowledge_of(method)
+    if knowledge is None:
+        raise RuntimeError(f'{case}: no solution after {FIRST:g} s')
+    reporting = make_reporting(EstimatorConfig(), own)
+    base = BaseLimits(rotation=TURN) if case.limited else BaseLimits()
+    speed = float(np.radians(case.speed))
+    settings = PlanSettings(np.full(10, WANTED), joint_velocity=speed, base=base, seed=seed)
+    planner = Planner(knowledge, reporting, settings)
+    begin = time.process_time()
+    plan = planner.plan()
+    searched = time.process_time() - begin
+    best = best_of_sinusoids(planner.motions, Wanted(settings.relative, planner.information.asked), base, generator)
+    moved = _follow(model, _last(truth), plan.trajectory, plan.trajectory.duration + REST)
+    seen = _seen(moved, seed + 1000)
+    final = _updated(method, replace(seen, time=seen.time + samples.time[-1] + 1.0 / RATE))
+    reached, normalised = _compared(final, plan, reporting.sizes(final.parameters[None])[0], own)
+    turned = _turned(model, _last(truth), moved, plan.trajectory.duration)
+    length = plan.trajectory.duration if plan.reached else np.nan
+    numbers = np.asarray(length), np.asarray(best), np.asarray(searched), np.asarray(turned)
+    return Outcome(*numbers, reached, normalised)
+
+
+def _begin(kernel: MomentumKernel, generator: np.random.Generator) -> State:
+    model = kernel.model
+    lower, upper = (np.array([getattr(limit, end) for limit in model.limits]) for end in ('lower', 'upper'))
+    place = generator.uniform(np.maximum(0.5 * lower, -1.0), np.minimum(0.5 * upper, 1.0))
+    spin = SPIN * generator.standard_normal(3) * ([0.0, 0.0, 1.0] if model.name == 'table1' else [1.0, 1.0, 1.0])
+    velocity = np.concatenate((np.zeros(3), spin, np.zeros(model.joints)))
+    return State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), place, velocity)
+
+
+def _first(kernel: MomentumKernel, state: State, generator: np.random.Generator) -> JointTrajectory:
+    limits = joint_limits(kernel.model, state.joint_position, FIRST_SPEED, 0.1, ())
+    splines = Splines(4, FIRST)
+    drawn = splines.filling(generator.standard_normal((4, kernel.model.joints)), state.joint_position, limits)
+    return splines.trajectory(drawn, state.joint_position, kernel.model.joint_names)
+
+
+def _follow(model: RobotModel, state: State, trajectory: JointTrajectory, seconds: float) -> Truth:
+    motion = made_to_follow(trajectory, model, state.joint_position, 0.0)
+    return Simulation(model, motion, state).advance(np.arange(round(seconds * RATE) + 1) / RATE)
+
+
+def _last(truth: Truth) -> State:
+    last = truth[-1:]
+    velocity = (last.base_linear_velocity[0], last.base_angular_velocity[0], last.joint_velocity[0])
+    return State(last.base_position[0], last.base_orientation[0], last.joint_position[0], np.concatenate(velocity))
+
+
+def _method(kernel: MomentumKernel) -> Estimator:
+    return make_estimator(build(EstimatorConfig, {**EXACT, **declared(NOISE)}), kernel)
+
+
+def _updated(method: Estimator, samples: Samples) -> Estimate:
+    cutter = Windows(WINDOW)
+    return method.update([*cutter.push(samples), *cutter.flush()], 0)[-1]
+
+
+def _seen(truth: Truth, seed: int) -> Samples:
+    return sampled(truth, Sensors(NOISE, seed), NOISE)
+
+
+def _turned(model: RobotModel, begin: State, moved: Truth, seconds: float) -> float:
+    """Return the largest turn of the base, rad, from its orientation with the joints at rest."""
+    nothing = np.zeros((0, 0))
+    stay = JointTrajectory(model.joint_names, np.zeros(1), begin.joint_position[None], nothing, nothing)
+    rest = _follow(model, begin, stay, seconds)
+    rotation, coasting = (rotation_from_quaternion(each.base_orientation[: len(rest)]) for each in (moved, rest))
+    cosine = (np.trace(rotation @ np.swapaxes(coasting, 1, 2), axis1=1, axis2=2) - 1.0) / 2.0
+    return float(np.arccos(np.clip(cosine, -1.0, 1.0)).max())
+
+
+def _compared(final: Estimate, plan: Plan, sizes: Array, kernel: MomentumKernel) -> tuple[Array, Array]:
+    """Return reached over predicted standard deviations, and normalised errors, (10,) each; NaN for none."""
+    determined = plan.asked & final.identifiable
+    error = final.parameters - physical(kernel.target.parameters)
+    return np.where(determined, final.std / sizes / plan.after, np.nan), np.where(determined, error / final.std, np.nan)
+
+
+def main() -> None:
+    """Run the benchmark."""
+    frame = Frame(__doc__, 'measured/planning.md', seeds=20)
+    cases = frame.chosen((Case(*each) for each in product(ROBOTS, SPEEDS, (True, False))), lambda case: case.name)
+    work = {case: (case.name, [(case, seed) for seed in frame.seeds]) for case in cases}
+    rows = []
+    for case, outcome in frame.outcomes(Outcome, run, work):
+        rows.append(_row(case, outcome))
+        print(' | '.join(rows[-1]), flush=True)
+    frame.write(table=f'{table(_HEADER, rows)}\n\n{provenance()}')
+
+
+def _row(case: Case, found: Outcome) -> list[str]:
+    ratio = found.planned / found.sinusoids
+    known = ratio[np.isfinite(ratio)]
+    missing = int(np.isnan(found.planned).sum())
+    errors = found.normalised[np.isfinite(found.normalised)]
+    beyond = f', {np.sum(found.turned > TURN)} beyond' if case.limited else ''
+    return [
+        case.name,
+        str(len(found)),
+        f'{number(float(np.nanmedian(found.planned)), 1)} s' + (f' ({missing} out of reach)' if missing else ''),
+        f'{number(float(np.median(found.sinusoids)), 1)} s',
+        f'{np.median(known):.2f} ({known.min():.2f} to {known.max():.2f})' if len(known) else '-',
+        _predicted(found.reached),
+        f'{np.sum(np.abs(errors) < BAND)} of {errors.size}',
+        f'{np.degrees(found.turned.max()):.2f} deg{beyond}',
+        f'{np.median(found.searched):.1f} s',
+    ]
+
+
+def _predicted(ratio: Array) -> str:
+    """Return median and range of reached over predicted deviations, and the share close to 1."""
+    known = ratio[np.isfinite(ratio)]
+    within = 100.0 * np.mean(np.abs(known - 1.0) <= CLOSE)
+    return f'{np.median(known):.2f} ({known.min():.2f} to {known.max():.2f}), {within:.0f} %'
+
+
+_HEADER = (
+    *('robot, joints, base', 'states', 'planned', f'best of {SINUSOIDS}', 'planned / best'),
+    *('reached / predicted', 'in 95 %', 'turned, most', 'search'),
+)
+
+
+if __name__ == '__main__':
+    main()
