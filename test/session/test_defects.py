@@ -33,6 +33,7 @@ from mbaid_ros.messages.fields import (
     POSE_COVARIANCE,
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
+    stamp_of,
 )
 from mbaid_ros.nodes.reports import remarks
 from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles
@@ -165,6 +166,15 @@ def test_odometry_of_a_navigation_filter_is_as_uncertain_as_reported(constant: f
         within.append(np.abs(last.parameters - truth) / last.std)
     assert np.all(np.concatenate(within) < 5.0)
     assert np.mean(np.square(within)) < 1.64
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(('delay', 'how'), [(-0.1, '100 ms early'), (-0.32, '300 ms early')])
+def test_joints_that_are_stamped_far_off_are_named_first(delay: float, how: str) -> None:
+    messages = changed(JOINTS, shifted(delay))(arrivals(ROBOT, 24.0, 1))
+    last = estimates(ROBOT, sorted(messages, key=lambda each: (stamp_of(each.message), each.topic)))[0][-1]
+    assert last.status in {'inconsistent', 'not_identifiable'}
+    assert f'the joints are stamped some {how}' in last.causes[0][0]
 
 
 @pytest.mark.parametrize('factor', [0.2, 5.0])

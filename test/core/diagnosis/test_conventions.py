@@ -117,18 +117,10 @@ def test_a_joint_with_the_wrong_sign_fits_best(joint: int) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ('late', 'how'),
-    [
-        (20, '200 ms late'),
-        *(pytest.param(*each, marks=pytest.mark.long) for each in ((-10, '100 ms early'), (-32, '300 ms early'))),
-    ],
-)
-def test_joints_that_are_stamped_far_off_fit_best(late: int, how: str) -> None:
+def test_joints_that_are_stamped_far_off_fit_best() -> None:
     samples = measured()
-    read = np.clip(np.arange(len(samples)) - late, 0, len(samples) - 1)
-    off = replace(samples, joint_position=samples.joint_position[read])
-    assert likeliest(kernel('servicer7'), off).startswith(f'the joints are stamped some {how}')
+    off = replace(samples, joint_position=samples.joint_position[np.maximum(np.arange(len(samples)) - 20, 0)])
+    assert likeliest(kernel('servicer7'), off).startswith('the joints are stamped some 200 ms late')
 
 
 @pytest.mark.parametrize('declared', ['link6', 'base_link'])
