@@ -175,6 +175,10 @@ class SwingCourse:
         self._ends.move_to_end(point)
         deflections = columns[part.inside, :, : self._layout.kernel.springs.count, 0]
         extremes = np.stack((deflections.min(axis=0), deflections.max(axis=0)), axis=1)
+        within = part.inside.stop - part.inside.start
+        for end in part.ends:  # a part of the same window, linearised while it was open
+            for open_end in range(end - within + 1, end):
+                self._deflections.pop(open_end, None)
         self._deflections.update(zip(part.ends, extremes, strict=True))
         for window, end in enumerate(part.ends):
             own = columns[:, window].copy()
