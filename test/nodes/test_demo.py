@@ -47,7 +47,7 @@ def processes_of(group: int) -> list[int]:
 
 
 def test_the_demo_shows_the_estimate_converging_to_the_truth(tmp_path: Path) -> None:
-    demo = start('--duration', 15, '--speed', 6, '--output', tmp_path)
+    demo = start('--duration', 15, '--speed', 3, '--output', tmp_path)
     out, err = demo.communicate(timeout=3 * PATIENCE)
     assert (demo.returncode, err) == (0, '')
     assert not processes_of(demo.pid)
