@@ -46,7 +46,6 @@ def estimate_message(
     warnings : those of the run, which come after the estimate's own
     stale : whether it is published again because no data come
     """
-    seconds, nanoseconds = divmod(max(0, round(estimate.time * 1e9)), 1_000_000_000)
     budget = estimate.budget
     return types.find('mbaid_msgs/msg/InertiaEstimate')(
         header=_header(estimate, types, frames),
@@ -71,7 +70,7 @@ def estimate_message(
         consistency_correction=float(estimate.consistency_correction),
         events=[_event(event, estimate, types) for event in estimate.events],
         samples=int(estimate.samples),
-        span=types.find('builtin_interfaces/msg/Duration')(sec=seconds, nanosec=nanoseconds),
+        span=_duration(max(0.0, estimate.time), types),
         warnings=[*estimate.warnings, *warnings, *map(str, estimate.flexible)],
     )
 

@@ -70,7 +70,7 @@ def arrivals(
     seconds : length
     seed : of the noise
     joint_times, odometry_times : s, multiples of 2 ms: when each is measured; every 10 ms where not given
-    read : what is wrong with the readings
+    read : the defect of the readings
     """
     truth, model, sensors = fine_motion(name, seconds), robot(name), Sensors(MID, seed)
     every = np.arange(0.0, seconds - 1e-9, 0.01)

@@ -60,7 +60,7 @@ def float_freely(
     push: Push = still,
     pulse: tuple[float, Array] = (np.inf, np.zeros(6)),
 ) -> Truth:
-    """Integrate the base of a robot whose joints move as told, as the benchmarks do (errors below 1e-9).
+    """Integrate the base of a robot whose joints move as given, as the benchmarks do (errors below 1e-9).
 
     Parameters
     ----------

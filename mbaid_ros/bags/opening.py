@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path, PurePath
+from tempfile import TemporaryDirectory
 
 from backports.zstd import ZstdError
 from rosbags.rosbag2 import ReaderError
@@ -65,18 +67,19 @@ def _declared(path: Path) -> list[Path]:
     return files
 
 
-def open_file(file: Path, scratch: Path) -> Source:
+def open_file(file: Path, scratch: ExitStack) -> Source:
     """Return a file's messages; a DataError has the reason if there are none.
 
-    A file that was compressed as a whole (``.zstd``) is unpacked into the folder `scratch`.
+    A file that was compressed as a whole (``.zstd``) is unpacked into a folder that lasts as long as `scratch`.
     """
     require_regular(file, 'bag')
     if file.suffix in {'.zst', '.zstd'}:
+        inner = Path(scratch.enter_context(TemporaryDirectory())) / file.stem
         try:
-            unpack_file(file, scratch / file.stem)
+            unpack_file(file, inner)
         except (ZstdError, EOFError) as error:
             raise DataError(f"bag '{file}' cannot be decompressed: {error}") from error
-        return open_file(scratch / file.stem, scratch)
+        return open_file(inner, scratch)
     try:
         return IndexedSource(file)
     except OSError as error:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from itertools import compress
 from math import inf
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Any
 
@@ -52,11 +51,11 @@ class BagReader:
         self._slice = start, end
         self._first: int | None = None  # ns, when the bag's first message was recorded
         self.warnings: list[str] = []
-        self._scratch = TemporaryDirectory()  # for files that were compressed as a whole
+        self._scratch = ExitStack()  # folders of files that were compressed as a whole
         try:
             self._sources = self._open()
         except BaseException:
-            self._scratch.cleanup()
+            self._scratch.close()
             raise
         self.topics, left_out = by_name(topic for source in self._sources for topic in source.topics.values())
         self.messages = sum(topic.count for topic in self.topics.values())
@@ -176,7 +175,7 @@ class BagReader:
 
     def close(self) -> None:
         """Remove the files that were unpacked; no other is open but while it is read."""
-        self._scratch.cleanup()
+        self._scratch.close()
         self._sources = []
 
     def __enter__(self) -> BagReader:
@@ -253,9 +252,9 @@ class BagReader:
         if not self.path.exists():
             raise DataError(f"bag '{self.path}' does not exist")
         if not self.path.is_dir():
-            return [open_file(self.path, Path(self._scratch.name))]
+            return [open_file(self.path, self._scratch)]
         files, reason = files_of(self.path)
-        sources = [open_file(file, Path(self._scratch.name)) for file in files]
+        sources = [open_file(file, self._scratch) for file in files]
         if reason and all(source.complete for source in sources):
             self.warnings.append(
                 f"metadata.yaml of bag '{self.path}' cannot be used ({reason}): its files are read in the order of "

@@ -19,6 +19,7 @@ from mbaid_ros.config.sensors import ImuConfig, NoiseConfig, PoseConfig
 REFERENCES = ('previous', 'first')
 TWIST_FRAMES = ('child', 'inertial')
 CONSTANT_FORCES = ('none', 'inertial', 'body')
+PUSH_AXES = ('body', 'inertial', 'orbit')
 PHASES = ('post_capture', 'pre_capture')
 
 
@@ -96,16 +97,18 @@ class DisturbanceConfig:
     """Constant external force and torque that trajectory estimates: body (axes of the base link), inertial (on the base
     or at the common centre of mass, as the data show), or none (only if the data show one)."""
     torque_std: float = parameter(0.0, 'N m', minimum=0.0)
-    """Standard deviation of an external torque about each axis of the base, different in every motion, as from air on a
-    thrown body; 0: none."""
+    """Standard deviation of an external torque about each axis, different in every motion, as from air on a thrown
+    body; 0: none."""
     torque_time: float = parameter(0.0, 's', minimum=0.0)
     """Time constant of the external torque within a motion, a Gauss-Markov process: drag and venting vary in minutes;
     0: constant."""
     force_std: float = parameter(0.0, 'N', minimum=0.0)
-    """Standard deviation of an external force along each axis of the base, through the common centre of mass, different
-    in every motion; 0: none."""
+    """Standard deviation of an external force along each axis, through the common centre of mass, different in every
+    motion; 0: none."""
     force_time: float = parameter(0.0, 's', minimum=0.0)
     """Time constant of the external force within a motion; 0: constant."""
+    axes: str = parameter('body', choices=PUSH_AXES)
+    """Axes of the external torque and force: body (the base), inertial, or orbit (LVLH of the declared orbit)."""
 
 
 @dataclass(frozen=True)

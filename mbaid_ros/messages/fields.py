@@ -94,17 +94,16 @@ class PoseReader:
             pose, covariance = message.pose, _NOT_SET
             if hasattr(pose, 'pose'):
                 pose, covariance = pose.pose, pose.covariance
-            yield _pose(message.header, self._frame, pose.position, pose.orientation, covariance)
+            yield _pose(message, self._frame, pose.position, pose.orientation, covariance)
 
     def _transform(self, message: Any) -> BasePose:
         transform, frame = message.transform, self._of_transforms or message.child_frame_id
-        return _pose(message.header, frame, transform.translation, transform.rotation, _NOT_SET)
+        return _pose(message, frame, transform.translation, transform.rotation, _NOT_SET)
 
 
-def _pose(header: Any, frame: str, position: Any, turn: Any, covariance: Any) -> BasePose:
-    stamp = int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+def _pose(message: Any, frame: str, position: Any, turn: Any, covariance: Any) -> BasePose:
     numbers = (position.x, position.y, position.z, turn.x, turn.y, turn.z, turn.w)
-    return BasePose(stamp, header.frame_id, frame, numbers, covariance)
+    return BasePose(stamp_of(message), message.header.frame_id, frame, numbers, covariance)
 
 
 def stamp_of(message: Any) -> int:

@@ -6,6 +6,7 @@ import gc
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from time import monotonic
 from typing import Any
 
@@ -62,12 +63,16 @@ class EstimatorNode(Node):
         # Refusals come first: nothing is on the graph then.
         self._read_robot()
         self._inputs = {
-            'joint_states': Subscriptions(self, JointState, 'joint_states', self._on_joint_state),
+            'joint_states': Subscriptions(
+                self, JointState, 'joint_states', partial(self._take, Session.add_joint_state)
+            ),
             **self._base_subscriptions(),
         }
         self._thrust = Subscriptions(self, WrenchStamped, 'thrust', self._on_thrust)
-        self._imu = self._inputs.get('imu') or Subscriptions(self, Imu, 'imu', self._on_imu)
-        self._stored_momentum = Subscriptions(self, Vector3Stamped, 'stored_momentum', self._on_stored_momentum)
+        self._imu = self._inputs.get('imu') or Subscriptions(self, Imu, 'imu', partial(self._take, Session.add_imu))
+        self._stored_momentum = Subscriptions(
+            self, Vector3Stamped, 'stored_momentum', partial(self._take, Session.add_stored_momentum)
+        )
         description = None if self._state.session else DescriptionSubscription(self, self._on_description)
         self._diagnostics = Diagnostics(self._inputs, self._thrust, description.topic if description else '')
         self._diagnostics_publisher = quiet_publisher(self, DiagnosticArray, '/diagnostics', qos(10))
@@ -87,13 +92,13 @@ class EstimatorNode(Node):
     def _base_subscriptions(self) -> dict[str, Subscriptions]:
         """Return the subscriptions that may locate the base, or replace that."""
         if self._config.imu.alone:
-            return {'imu': Subscriptions(self, Imu, 'imu', self._on_imu)}
+            return {'imu': Subscriptions(self, Imu, 'imu', partial(self._take, Session.add_imu))}
         if self._config.pose.tf_child_frame:
-            return {'tf': Subscriptions(self, tf_message(), '/tf', self._on_odometry)}
+            return {'tf': Subscriptions(self, tf_message(), '/tf', partial(self._take, Session.add_odometry))}
         others = (PoseWithCovarianceStamped, TransformStamped)
         return {
-            'odom': Subscriptions(self, Odometry, 'odom', self._on_odometry),
-            'pose': Subscriptions(self, PoseStamped, 'pose', self._on_odometry, others),
+            'odom': Subscriptions(self, Odometry, 'odom', partial(self._take, Session.add_odometry)),
+            'pose': Subscriptions(self, PoseStamped, 'pose', partial(self._take, Session.add_odometry), others),
         }
 
     def _all_subscriptions(self) -> set[Subscriptions]:
@@ -133,25 +138,11 @@ class EstimatorNode(Node):
 
     # Messages
 
-    def _on_joint_state(self, message: Any) -> None:
+    def _take(self, add: Callable[[Session, Any], bool | None], message: Any) -> None:
+        """Add a message to the session if that takes messages now, and process if it is time to."""
         session = self._open_session()
-        if session is not None:
-            self._add(session.add_joint_state, message)
-
-    def _on_odometry(self, message: Any) -> None:
-        session = self._open_session()
-        if session is not None:
-            self._add(session.add_odometry, message)
-
-    def _on_imu(self, message: Imu) -> None:
-        session = self._open_session()
-        if session is not None:
-            self._add(session.add_imu, message)
-
-    def _on_stored_momentum(self, message: Vector3Stamped) -> None:
-        session = self._open_session()
-        if session is not None:
-            session.add_stored_momentum(message)
+        if session is not None and add(session, message):
+            self._process()
 
     def _on_thrust(self, message: WrenchStamped) -> None:
         # Also while paused: it changes the momentum of the next samples.
@@ -168,10 +159,6 @@ class EstimatorNode(Node):
         else:
             return state.session
         return None
-
-    def _add(self, add: Callable[[Any], bool], message: Any) -> None:
-        if add(message):
-            self._process()
 
     def _process(self) -> None:
         """Process the queued messages and publish their estimates."""

@@ -18,7 +18,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
 from mbaid_ros.nodes.subscriptions import LOST
 from mbaid_ros.nodes.watch import NEXT
-from mbaid_ros.session.explanation import apart, doubts, explain, obstacles
+from mbaid_ros.session.explanation import doubts, explain, obstacles
 from mbaid_ros.session.model_summary import ModelSummary
 from mbaid_ros.session.session import Session
 
@@ -100,7 +100,7 @@ class SampleReport:
         ]
         if state.halted:
             return WARN, state.halted, values
-        self.reasons = '; '.join([*explain(session, dropped), *obstacles(session)])
+        self.reasons = '; '.join([*explain(session, dropped), *obstacles(session, stuck=not used)])
         lost = dropped.total()
         if not used and self.reasons and heard:
             return ERROR, f'nothing used, {lost} messages dropped since the last report: {self.reasons}', values
@@ -128,25 +128,23 @@ class SampleReport:
         return recent
 
 
-def complaints(session: Session) -> list[str]:
-    """Return everything that was or is in the way of using messages, one sentence each."""
-    return [*(f'messages dropped: {reason}' for reason in explain(session, session.dropped)), *obstacles(session)]
+def complaints(session: Session, *, stuck: bool = True) -> list[str]:
+    """Return everything that was or is in the way of using messages, one sentence each; `stuck` as of `obstacles`."""
+    dropped = (f'messages dropped: {reason}' for reason in explain(session, session.dropped))
+    return [*dropped, *obstacles(session, stuck=stuck)]
 
 
 def remarks(session: Session, *, stuck: bool) -> list[str]:
-    """Return the complaints, and the unusable parts of used messages, one sentence each.
-
-    Stamps that are apart count if no sample has been used lately (`stuck`).
-    """
+    """Return the complaints, and the unusable parts of used messages, one sentence each."""
     partly = (f'messages partly used: {reason}' for reason in explain(session, session.replaced))
-    return [*(each for each in complaints(session) if stuck or each not in apart(session)), *partly]
+    return [*complaints(session, stuck=stuck), *partly]
 
 
 def estimate_report(state: RunState) -> Report:
     """Return the report on the last estimate."""
     estimate, robot = state.estimate, state.session.robot if state.session else None
     if estimate is None:
-        return WARN, f'waiting: {state.halted.partition(":")[0]}' if state.halted else 'waiting', []
+        return WARN, 'waiting: paused' if state.paused else 'waiting', []
     causes = [cause for cause, _ in estimate.likely_causes[:_CAUSES]]
     noise = estimate.noise.shown() if estimate.noise else []
     values: Values = [

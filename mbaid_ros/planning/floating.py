@@ -16,6 +16,7 @@ from mbaid_ros.core.filter.passive_prediction import started
 from mbaid_ros.core.filter.state import Layout, Point, in_plane
 from mbaid_ros.core.filter.twist_prediction import predict
 from mbaid_ros.core.geometry import Array, cross, log, rotate, rotate_back
+from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from mbaid_ros.core.samples import ArrayRecord
 
@@ -64,8 +65,7 @@ class Floating:
         """
         parts = self.bodies(joint_position, joint_velocity)
         momentum = np.tile(self.point.parameters[:6], (joint_position.shape[1], 1))
-        base = _integrated(*parts, momentum, (self.rotation, self.position), step)
-        return self.swinging(base, joint_position[::2], joint_velocity[::2], step)
+        return _integrated(*parts, momentum, (self.rotation, self.position), step)
 
     def swinging(self, base: BaseMotion, joint_position: Array, joint_velocity: Array, step: float) -> BaseMotion:
         """Return motions with the deflections of passive joints from rest; of joints (T, B, n) at their instants."""
@@ -95,7 +95,8 @@ class Floating:
         placed = kernel.kinematics.configure(upright, position)
         still = np.zeros((len(position), 6))
         twists = kernel.kinematics.body_twists(placed, joint_velocity.reshape(position.shape), still)
-        mobility, moving = mobility_and_momentum(kernel.with_target(self.point.body), placed, twists)
+        bodies = express(kernel.with_target(self.point.body), placed.rotation, placed.position)
+        mobility, moving = mobility_and_momentum(bodies, twists)
         if kernel.storage.count:
             readings = np.broadcast_to(self.stored, (len(position), len(self.stored)))
             moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, readings), axis=1)

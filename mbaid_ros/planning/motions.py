@@ -123,7 +123,7 @@ class Motions:
         return self.information.after(grid, (position[::2], rate[::2]), base, every)
 
     def excursions(self, speeds: Array) -> Array:
-        """Return how far motions move the base at most from where it would coast, (B, 3): rad, m, rad/s."""
+        """Return how far motions move the robot from coasting at most, (B, 4) as of `BaseMotion.away_from`."""
         return np.asarray(self.course(speeds)[2].max(axis=0))
 
     def beside_holding(self, effort: Array) -> Array:
@@ -151,7 +151,7 @@ class Motions:
         return self.information.as_if(point).after(grid, (position[::2], rate[::2]), base)[0]
 
     def excursions_of(self, robots: Sequence[Floating], speeds: Array) -> Array:
-        """Return how far one motion (K, k) moves the bases of R robots at most, (R, 3): rad, m, rad/s."""
+        """Return how far one motion (K, k) moves R robots from coasting at most, (R, 4) as `excursions`."""
         step, times = self._instants
         moved, still = (
             as_they_may_be(robots, position[:, 0], rate[:, 0], step)
@@ -167,16 +167,21 @@ class Motions:
         return step, np.arange(2 * steps + 1) * 0.5 * step
 
     def course(self, speeds: Array) -> tuple[Array, BaseMotion, Array]:
-        """Return instants (T,) s, the base's motions at them, and (T, B, 3) how far these are from coasting."""
+        """Return instants (T,) s, the base's motions at them, and (T, B, 4) how far these are from coasting."""
         step, times = self._instants
-        base = self.floating.moved(*self.joints(speeds, times), step)
+        base = self._swinging(*self.joints(speeds, times), step)
         return times[::2], base, base.away_from(self._coasting)
 
     @cached_property
     def _coasting(self) -> BaseMotion:
-        """How the base moves while no joint is moved."""
+        """How base and passive joints move while no joint is moved."""
         step, times = self._instants
-        return self.floating.moved(*self.at_rest(times), step)
+        return self._swinging(*self.at_rest(times), step)
+
+    def _swinging(self, position: Array, rate: Array, step: float) -> BaseMotion:
+        """Return how base and passive joints move, as of `Floating.moved`."""
+        base = self.floating.moved(position, rate, step)
+        return self.floating.swinging(base, position[::2], rate[::2], step)
 
     def at_rest(self, times: Array) -> tuple[Array, Array]:
         """Return positions and rates (T, 1, n) of all joints at instants, none of them moved."""

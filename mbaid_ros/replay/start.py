@@ -108,15 +108,15 @@ def _calibrate_parser() -> ArgumentParser:
     parser = ArgumentParser(
         'calibrate',
         'Calibrate bodies, joints and odometry mount of a free-floating robot from motions with an empty hand. The\n'
-        'URDF is the start; the parameters prior.* declare how well its values are known.\n'
-        'Exit code: 0 calibrated, 2 bad input, 3 data and prior do not determine the bodies, 4 the data contradict\n'
-        'the model: no --output is written.',
+        'URDF is the start; known_links.*, known_joints.* and odometry_mount.* declare how well it is known.\n'
+        'Exit code: 0 calibrated, 2 bad input, 3 the data do not determine the bodies, 4 the data contradict the\n'
+        'model: no --output is written.',
         'ros2 run mbaid_ros calibrate before --model robot.urdf --params calibrate.yaml --output calibrated.urdf',
     )
     add = parser.add_argument
     _add_model(parser, 'the robot description, with the CAD values')
     add('--unknown', nargs='+', metavar='LINK', help='links to calibrate (default: every link with an <inertial>)')
-    _add_parameters(parser, "the estimator's parameter file; its section 'calibrate' overrides, and has prior.*")
+    _add_parameters(parser, "the estimator's parameter file; its section 'calibrate' overrides, and has unknown_links")
     _add_bags(parser)
     _add_topics(parser)
     _add_results(parser, 'the result with its covariance')

@@ -77,8 +77,12 @@ def intake_warnings(session: Session) -> list[str]:
     return [*session.restarts, *obstacles(session), *doubts(session), *lines]
 
 
-def obstacles(session: Session) -> list[str]:
-    """Return the reasons that keep received messages from becoming samples."""
+def obstacles(session: Session, *, stuck: bool = True) -> list[str]:
+    """Return the reasons that keep received messages from becoming samples.
+
+    Stamps that are apart count if no sample has been used lately (`stuck`): in a busy node that reads one topic first
+    they are, too.
+    """
     received, intake, newest = session.received, session.intake, session.queue.newest
     found = [f'{JOINT_MISSING}: {_lacking(session)}'] if _never_held(session) else []
     for topic, reader in ((JOINTS, intake.joint_reader), (ODOMETRY, intake.odometry_reader)):
@@ -92,7 +96,7 @@ def obstacles(session: Session) -> list[str]:
             'imu.orientation is true, and no message on imu has one; accepted: a unit quaternion and a covariance '
             'that does not begin with -1 (REP 145)'
         )
-    found += apart(session)
+    found += _apart(session) if stuck else []
     stamps = intake.merge.newest
     if len(stamps) > 1 and not intake.merge.missing:
         slowest = min(stamps, key=lambda key: stamps[key])
@@ -103,8 +107,8 @@ def obstacles(session: Session) -> list[str]:
     return found
 
 
-def apart(session: Session) -> list[str]:
-    """Return that one topic's stamps are ahead of another's; in a busy node that reads one first they are, too."""
+def _apart(session: Session) -> list[str]:
+    """Return that one topic's stamps are ahead of another's."""
     joints, base = session.queue.newest[JOINTS], session.queue.newest[ODOMETRY]
     if joints is None or base is None or abs(joints - base) <= _APART:
         return []

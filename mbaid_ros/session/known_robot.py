@@ -69,7 +69,7 @@ def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot
     uncertainty = declared_uncertainty(config, kernel.model)
     if not config.known_links.calibration:
         given = config.known_links.links.get(kernel.target.name)
-        if given is not None and not config.debris.report:  # otherwise it is of the <inertial>, without what is held
+        if given is not None and not config.debris.report:  # otherwise it is of the <inertial> alone
             uncertainty = replace(uncertainty, target=_described(config, kernel, given))
         return KnownRobot(kernel, replace(uncertainty, weighed=_without_target(config.known_links, kernel)))
     found = _calibration(kernel.model, config.known_links)

@@ -56,7 +56,9 @@ def make_estimator(
         )
     reporting = make_reporting(config, kernel)
     if config.method == 'difference':
-        return _difference(config, known or nominal_model(config, kernel), reporting)
+        known = known or nominal_model(config, kernel)
+        _refuse_unused(config, known)
+        return _difference(config, known, reporting)
     if config.method == 'trajectory':
         known = known or nominal_model(config, kernel)
         second = _trajectory(config, known, reporting, before)
@@ -98,8 +100,8 @@ def _trajectory(
     return TrajectoryEstimator(known.kernel, settings, reporting)
 
 
-def _difference(config: EstimatorConfig, known: KnownRobot, reporting: Reporting) -> DifferenceEstimator:
-    """Return the weighted difference form: a method by itself, and the first stage of trajectory."""
+def _refuse_unused(config: EstimatorConfig, known: KnownRobot) -> None:
+    """Raise a ParameterError if something is declared that the difference form by itself does not use."""
     disturbance, target = config.disturbance, known.uncertainty.target
     unused = {
         f"'disturbance.constant' is '{disturbance.constant}'": disturbance.constant != 'none',
@@ -111,11 +113,15 @@ def _difference(config: EstimatorConfig, known: KnownRobot, reporting: Reporting
         f"'target_prior.mass_std' is {config.target_prior.mass_std:g} kg": config.target_prior.mass_std > 0.0,
     }
     for given, present in unused.items():
-        if present and config.method == 'difference':
+        if present:
             raise ParameterError(
                 f'parameter {given} with method difference, which assumes constant momentum and has no prior of the '
                 'target; accepted: none, or method trajectory'
             )
+
+
+def _difference(config: EstimatorConfig, known: KnownRobot, reporting: Reporting) -> DifferenceEstimator:
+    """Return the weighted difference form: a method by itself, and the first stage of trajectory."""
     settings = DifferenceSettings(
         noise=config.noise.declared,
         kept_windows=_SOLVED_WINDOWS,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig, make_orbit, make_storage
@@ -17,7 +19,7 @@ from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.sensors.falling_frame import FallingFrame
 from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.environment import Circle, Pushing
+from mbaid_ros.core.unknowns.environment import Circle, PushAxes, Pushing
 from mbaid_ros.core.unknowns.sensors import GyroErrors
 from mbaid_ros.messages.imu import ImuReader
 
@@ -190,13 +192,20 @@ def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertai
 
 
 def _pushing(config: EstimatorConfig, kind: str) -> Pushing:
-    """Return how a force or torque from outside varies; a time that windows cannot show is refused."""
-    deviation, time = (getattr(config.disturbance, f'{kind}_{part}') for part in ('std', 'time'))
+    """Return how a force or torque from outside varies; a time that windows cannot show, or no orbit, is refused."""
+    disturbance = config.disturbance
+    deviation, time = getattr(disturbance, f'{kind}_std'), getattr(disturbance, f'{kind}_time')
     if 0.0 < time < config.window:
         raise ParameterError(
             f"parameter 'disturbance.{kind}_time' is {time:g} s; accepted: 0, or at least window, {config.window:g} s"
         )
-    return Pushing(deviation, time)
+    axes = cast('PushAxes', disturbance.axes)
+    orbit = make_orbit(config.orbit) if axes == 'orbit' else None
+    if axes == 'orbit' and (orbit is None or config.orbit.epoch > 0.0):
+        raise ParameterError(
+            "parameter 'disturbance.axes' is 'orbit'; accepted with orbit.mean_motion above 0 and orbit.epoch 0"
+        )
+    return Pushing(deviation, time, axes, orbit)
 
 
 def _uncertain_circle(config: OrbitConfig) -> Circle | None:

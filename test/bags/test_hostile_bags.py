@@ -38,7 +38,7 @@ def metadata(files: list[str], mode: str = '') -> dict[str, Any]:
         {'message_count': MESSAGES // 2, 'topic_metadata': {'name': name, 'type': kind, 'serialization_format': 'cdr'}}
         for name, kind in TYPES.items()
     ]
-    told = {
+    metadata = {
         'version': 9,
         'storage_identifier': 'sqlite3',
         'relative_file_paths': files,
@@ -49,12 +49,12 @@ def metadata(files: list[str], mode: str = '') -> dict[str, Any]:
         'compression_format': 'zstd' if mode else '',
         'compression_mode': mode,
     }
-    return {'rosbag2_bagfile_information': told}
+    return {'rosbag2_bagfile_information': metadata}
 
 
-def folder_of(folder: Path, told: dict[str, Any] | str) -> Path:
+def folder_of(folder: Path, metadata: dict[str, Any] | str) -> Path:
     """Write metadata, as data or as text."""
-    (folder / 'metadata.yaml').write_text(told if isinstance(told, str) else yaml.safe_dump(told))
+    (folder / 'metadata.yaml').write_text(metadata if isinstance(metadata, str) else yaml.safe_dump(metadata))
     return folder
 
 
@@ -227,10 +227,10 @@ def test_a_bag_that_a_full_disk_ends_can_be_read_up_to_the_last_flush(
     path = tmp_path / 'run'
     with files_of_at_most(size), pytest.raises(DataError) as error:
         write(path, 3000, at_once)
-    told = str(error.value)
-    assert told.startswith(f"bag '{path}' cannot be written: File too large; it holds ")
+    said = str(error.value)
+    assert said.startswith(f"bag '{path}' cannot be written: File too large; it holds ")
     with BagReader(path) as bag:
-        assert f'it holds {bag.messages} of ' in told
+        assert f'it holds {bag.messages} of ' in said
         assert 'was cut off' in bag.warnings[0]
         read = [message.header.stamp.nanosec // 10_000_000 for _, message, _ in bag.read([TOPIC])]
     assert read == [index % 100 for index in range(bag.messages)]

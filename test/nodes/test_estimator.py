@@ -221,6 +221,10 @@ def test_a_pause_takes_nothing_and_no_parameter_can_be_set_while_it_runs(graph: 
     assert int(reported[2]) == estimates[-1].samples < int(reported[3]) <= (half - 200) / 2
     assert made(estimates)[-1].status != 'converged'
 
+    before = estimates[-1].samples
+    pause(graph, paused=False)
+    publish(graph, messages[half:])
+    graph.wait(lambda: estimates[-1].samples > before and not estimates[-1].stale, 'an estimate after the pause')
     fixed = set_parameter(graph, 'window', 2.0)
     assert (fixed.successful, 'read-only' in fixed.reason) == (False, True)
 

@@ -98,7 +98,7 @@ def test_the_json_has_links_covariance_and_what_is_identifiable(result: Any) -> 
     joint = result['joints']['joint3']
     assert [joint['zero_std'], *joint['origin_std'], *joint['axis_std']] == pytest.approx(std[92:98])
     assert result['odometry_mount']['position_std'] == pytest.approx(std[-3:])
-    # Of a zero the motion tells something, of the position of a joint along its axis next to nothing.
+    # The motion determines a zero in part, of the position of a joint along its axis next to nothing.
     assert joint['zero_std'] < 0.9e-3 < joint['origin_std'][2] <= 1e-3
     assert np.linalg.eigvalsh(matrix / np.sqrt(np.outer(np.diag(matrix), np.diag(matrix))))[0] > -1e-9
     # Each of seven revolute joints exchanges mass, first moment and a rod's inertia between two of eight bodies.
@@ -206,8 +206,8 @@ def test_a_model_that_would_be_overwritten_or_has_an_unphysical_prior_is_refused
     values[4] *= 9.0
     model = tmp_path / 'odd.urdf'
     model.write_text(replace_inertial(urdf, 'link3', values), encoding='utf-8')
-    told = answer(main, capsys, str(place / 'before'), '--model', str(model), code=2)
-    assert "link 'link3' has an inertia that no body has" in told
+    said = answer(main, capsys, str(place / 'before'), '--model', str(model), code=2)
+    assert "link 'link3' has an inertia that no body has" in said
 
 
 def test_one_moving_joint_is_flagged_and_none_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -216,9 +216,9 @@ def test_one_moving_joint_is_flagged_and_none_is_refused(tmp_path: Path, capsys:
     found = {name: str(tmp_path / f'found.{name}') for name in ('urdf', 'json')}
     outputs = ['--output', found['urdf'], '--json', found['json']]
     assert main([str(tmp_path / 'one'), '--model', str(tmp_path / 'free.urdf'), *outputs]) == 0
-    told = capsys.readouterr().out
-    assert 'only joint4 moves: bodies on both sides of a joint at rest count as one' in told
-    assert f'{found["urdf"]}, with known_links.calibration {found["json"]}' in told.splitlines()[-1]
+    said = capsys.readouterr().out
+    assert 'only joint4 moves: bodies on both sides of a joint at rest count as one' in said
+    assert f'{found["urdf"]}, with known_links.calibration {found["json"]}' in said.splitlines()[-1]
     still = free_motion(3, 20.0, joints=(3,))[np.zeros(400, dtype=int)]
     motions = {name: 0.0 * value for name, value in vars(still).items() if 'velocity' in name}
     motions['time'] = np.arange(400) / 20.0

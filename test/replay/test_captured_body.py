@@ -58,8 +58,8 @@ def test_it_is_exported_from_json_and_bag_alike(capsys: pytest.CaptureFixture[st
     together = json.loads(exported(capsys, str(folder / 'estimates'), '--format', 'json'))
     assert together['target_link'] == 'link7'
     assert together['mass'] - from_json['mass'] == pytest.approx(BARE_LINK7[0])
-    told = exported(capsys, str(folder / 'result.json'), '--debris', '--output', str(folder / 'body.urdf'))
-    assert "body.urdf: the body that 'link7' holds as " in told
+    text = exported(capsys, str(folder / 'result.json'), '--debris', '--output', str(folder / 'body.urdf'))
+    assert "body.urdf: the body that 'link7' holds as " in text
 
 
 def test_a_capture_in_a_bag(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -67,8 +67,8 @@ def test_a_capture_in_a_bag(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
     bag = recorded.write(tmp_path / 'bag', free_model(), sensed(run.truth, 2))
     urdf, parameters, report = (tmp_path / name for name in ('robot.urdf', 'estimator.yaml', 'report.html'))
     urdf.write_text(free_urdf(), encoding='utf-8')
-    told = 'estimator: {ros__parameters: {capture.time: 4.0, debris.report: true}}'
-    parameters.write_text(told)
+    given = 'estimator: {ros__parameters: {capture.time: 4.0, debris.report: true}}'
+    parameters.write_text(given)
     arguments = [str(bag), '--model', str(urdf), '--target', 'link7', '--params', str(parameters), '--json', '-']
     assert replay([*arguments, '--report', str(report)]) == 0
     result = json.loads(capsys.readouterr().out)
@@ -83,8 +83,8 @@ def test_a_capture_in_a_bag(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
     text = report.read_text()
     assert 'Captured at 4 s.' in text
     assert 'spin z' in text
-    # A capture that nobody told of is momentum that is not conserved.
-    parameters.write_text(told.replace('4.0', '400.0'))
+    # A capture that is not announced is momentum that is not conserved.
+    parameters.write_text(given.replace('4.0', '400.0'))
     assert replay(arguments) == 4
     result = json.loads(capsys.readouterr().out)
     assert (result['status'], result['capture']) == ('inconsistent', None)

@@ -122,8 +122,8 @@ def test_a_hand_whose_fingers_follow_each_other_is_identified(
     moving = {f'motion.{name}': value for name, value in motion.items()} | {'joint_rate': 50, 'odometry_rate': 50}
     made = ['--model', str(urdf), '--duration', '12', *assigned({**moving, 'target_link': 'hand'})]
     assert simulate([*made, '--output', str(bag)]) == 0
-    told = assigned({**EXACT, 'target_link': 'hand'})
-    assert replay([str(bag), '--model', str(urdf), *told, '--json', str(result)]) == 0
+    options = assigned({**EXACT, 'target_link': 'hand'})
+    assert replay([str(bag), '--model', str(urdf), *options, '--json', str(result)]) == 0
     found = json.loads(result.read_text())
     assert found['model']['without_inertia'] == ['camera']
     assert (found['model']['foreign'], found['model']['unheard'], found['model']['chosen']) == ([], [], True)

@@ -34,11 +34,11 @@ LONG = pytest.mark.long
                 ('joints in degrees', 24.0),
                 ('joints 200 ms late', 24.0),
                 ('positions in millimetres', 24.0),
-                ('quaternions with w first', 24.0),
+                ('quaternions with w first', 60.0),
                 ("a joint's reading frozen for 15 s", 36.0),
                 ('an encoder that slips by 10 mrad', 56.0),
                 ('a prismatic joint in millimetres', 24.0),
-                ('noise of the joints declared 10 x too small', 32.0),
+                ('noise of the joints declared 10 x too small', 60.0),
                 ('a flexible joint of 2 Hz', 20.0),
                 ('a flexible joint of 1 Hz', 24.0),
             )
@@ -50,14 +50,11 @@ def test_the_true_cause_is_named_first(condition: str, seconds: float, monkeypat
     told = run((condition, 'trajectory', 0))
     assert told.status in {'inconsistent', 'not_identifiable'}
     causes = told.causes.split('\n')
-    # Two are second: behind axes of the twist that the same quaternions turn, and behind what noise looks like.
-    second = {'quaternions with w first', 'noise of the joints declared 10 x too small'}
-    assert rank(condition, causes) == (2 if condition in second else 1)
+    assert rank(condition, causes) == 1
     assert len(set(causes)) == len(causes)
 
 
-@LONG
-@pytest.mark.parametrize('seed', [0, 3, 5])
+@pytest.mark.parametrize('seed', [0, *(pytest.param(seed, marks=LONG) for seed in (3, 5))])
 def test_intervals_hold_with_one_link_ten_times_further_off_than_declared(seed: int) -> None:
     told = run(("a link's mass 10 % off", 'trajectory', seed))
     assert told.status == 'estimating'

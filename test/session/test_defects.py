@@ -168,8 +168,13 @@ def test_odometry_of_a_navigation_filter_is_as_uncertain_as_reported(constant: f
     assert np.mean(np.square(within)) < 1.64
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(('delay', 'how'), [(-0.1, '100 ms early'), (-0.32, '300 ms early')])
+@pytest.mark.parametrize(
+    ('delay', 'how'),
+    [
+        (0.2, '200 ms late'),
+        *(pytest.param(*each, marks=pytest.mark.long) for each in ((-0.1, '100 ms early'), (-0.32, '300 ms early'))),
+    ],
+)
 def test_joints_that_are_stamped_far_off_are_named_first(delay: float, how: str) -> None:
     messages = changed(JOINTS, shifted(delay))(arrivals(ROBOT, 24.0, 1))
     last = estimates(ROBOT, sorted(messages, key=lambda each: (stamp_of(each.message), each.topic)))[0][-1]

@@ -64,6 +64,16 @@ def test_what_is_missing_costs_only_what_it_would_have_told(
     assert any(cause.startswith(dropped) for cause in session.dropped) == bool(dropped)
 
 
+def test_gyro_messages_that_come_twice_or_late_are_dropped() -> None:
+    given = messages('ets7', 6.0, 1)
+    again = tuple(each for each in given if each.topic == 'imu')[-3:]
+    session, found = taken((*given, *again), 'ets7')
+    assert session.dropped.total() == 3
+    _, plain = taken(given, 'ets7')
+    assert found[-1].parameters.tobytes() == plain[-1].parameters.tobytes()
+    assert found[-1].covariance.tobytes() == plain[-1].covariance.tobytes()
+
+
 @pytest.mark.parametrize(
     ('spoil', 'seconds', 'told'),
     [

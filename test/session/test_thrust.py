@@ -61,9 +61,11 @@ def test_a_known_pulse_costs_nothing(method: str) -> None:
     assert np.sqrt(np.mean(np.square(known))) < 1.1 * np.sqrt(np.mean(np.square(quiet)))
 
 
-def test_the_wrong_command_is_a_disturbance() -> None:
-    last = identify(make(), messages(0, *pulse(), thrust=False))[-1]
+@pytest.mark.parametrize('method', METHODS)
+def test_the_wrong_command_is_a_disturbance(method: str) -> None:
+    last = identify(make(method), messages(0, *pulse(), thrust=False))[-1]
     assert [event.kind for event in last.events] == ['step']
+    assert last.events[0].time == pytest.approx(ON, abs=1.0)
     rotation = observe(pushed(), MID)[230:231].base_rotation[0]
     assert last.events[0].linear == pytest.approx(-(OFF - ON) * rotation @ FORCE_TORQUE[:3], abs=0.7)
 

@@ -44,7 +44,7 @@ def passive_columns(
     by_inertia = springs.rate**2 * deflection + 2.0 * springs.ratio * springs.rate * motion.rates
     for place, bodies, factor in _carried(layout, kernel):
         columns = regressor(placed.rotation[:, bodies], placed.position[:, bodies], states.body_twist[:, bodies])
-        carried = kinematics.ancestors[bodies][:, joints].T[..., None]  # (f, b, 1): of what each joint moves
+        carried = kinematics.ancestors[bodies][:, joints].T[..., None]  # (f, b, 1): whether each joint moves it
         loads, turned = (
             (np.einsum('nia,nbak->nibk', vectors, columns) * carried).reshape(len(right), len(joints), -1) @ factor
             for vectors in (inertias.axes, motion.turned)

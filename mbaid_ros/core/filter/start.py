@@ -17,6 +17,7 @@ from mbaid_ros.core.filter.window import STACK, Stack, Window, in_stacks, stacke
 from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.flexible import SpringErrors, StartingSwing, SwingNoise
@@ -42,7 +43,7 @@ def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Wi
             continue
         placed = kernel.kinematics.configure(middle.base_rotation, middle.joint_position)
         joints = kernel.kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
-        mobility, moving = mobility_and_momentum(known, placed, joints)
+        mobility, moving = mobility_and_momentum(express(known, placed.rotation, placed.position), joints)
         if kernel.storage.count:
             moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, middle.stored), axis=1)
         # V = M^-1 (h - b), no linear momentum: solve with the angular part of M^-1 alone.

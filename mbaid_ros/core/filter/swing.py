@@ -45,7 +45,7 @@ class _Part:
 
     @property
     def begin(self) -> int:
-        """The interval before the own ones, or the first where a window is fresh."""
+        """The interval before the own ones, or the first where there is none before."""
         return max(self.inside.start - 1, 0)
 
     def divided(self, flat: Array) -> Array:
@@ -72,8 +72,8 @@ class SwingCourse:
         self._ends: OrderedDict[Point, OrderedDict[int, Array]] = OrderedDict()
         # By the interval after a window: these in all of it, (m, 2 f, 1 + u), where it was linearised last.
         self._guesses: OrderedDict[int, tuple[Array, Point]] = OrderedDict()
-        # By the interval after a window: the least and the highest deflections, (2, f).
-        self._deflections: OrderedDict[int, Array] = OrderedDict()
+        # By the interval after a window: the least and the highest deflections, (2, f), and whether it was closed.
+        self._deflections: OrderedDict[int, tuple[Array, bool]] = OrderedDict()
 
     def predict(
         self, stacks: Sequence[Stack], motions: Motions, point: Point
@@ -116,9 +116,13 @@ class SwingCourse:
         return moved, prediction, bodies, np.concatenate(ends)
 
     def deflections(self, window: Window) -> Array:
-        """Return the largest deflections in all windows, and the least and the highest in one, (3, f) rad or m."""
-        end = round((window.start + window.length) / window.spacing)
-        return np.vstack((np.abs(list(self._deflections.values())).max(axis=(0, 1)), self._deflections[end]))
+        """Return the largest deflections in all windows, and the least and the highest in one, (3, f) rad or m.
+
+        A window that is still open is linearised once, maybe far from the solution: only its latest state counts.
+        """
+        own, _ = self._deflections[_end(window)]
+        closed = [each for each, whole in self._deflections.values() if whole]
+        return np.vstack((np.abs([own, *closed]).max(axis=(0, 1)), own))
 
     def _guessed(self, part: _Part, point: Point) -> Array:
         """Return the states (m B, 2 f) near those of the point before, or else zero."""
@@ -142,9 +146,12 @@ class SwingCourse:
             onward = steps_of(mean, part.divided(by_state), part.divided(driven), part.stack.windows[0].spacing)
             steps.append(composed(*(step[part.begin :] for step in onward)))
         ends: dict[int, Array] = {}
-        places = [(place, *pair) for pair in enumerate(parts) for place in pair[1].stack.places]
-        for place, number, part in sorted(places, key=lambda each: each[0]):
-            index, begin, stop = part.stack.places.index(place), part.begin, part.inside.stop
+        places = [
+            (place, number, index) for number, part in enumerate(parts) for index, place in enumerate(part.stack.places)
+        ]
+        for _, number, index in sorted(places):
+            part = parts[number]
+            begin, stop = part.begin, part.inside.stop
             window, step, result = part.stack.windows[index], steps[number][:, index], part.divided(results)[:, index]
             before = None if window.fresh else self._before(window, ends, point)
             if before is None:
@@ -175,18 +182,15 @@ class SwingCourse:
         self._ends.move_to_end(point)
         deflections = columns[part.inside, :, : self._layout.kernel.springs.count, 0]
         extremes = np.stack((deflections.min(axis=0), deflections.max(axis=0)), axis=1)
-        within = part.inside.stop - part.inside.start
-        for end in part.ends:  # a part of the same window, linearised while it was open
-            for open_end in range(end - within + 1, end):
-                self._deflections.pop(open_end, None)
-        self._deflections.update(zip(part.ends, extremes, strict=True))
+        closed = part.inside.stop < part.intervals  # there are knots after it
+        self._deflections.update((end, (each, closed)) for end, each in zip(part.ends, extremes, strict=True))
         for window, end in enumerate(part.ends):
             own = columns[:, window].copy()
             ends[end], self._guesses[end] = own[part.inside.stop - 2 : part.inside.stop], (own, point)
         for kept, most in (
             (ends, _WINDOWS),
             (self._guesses, _WINDOWS),
-            (self._deflections, _WINDOWS),
+            (self._deflections, 2 * _WINDOWS),  # open and closed
             (self._ends, _POINTS),
         ):
             while len(kept) > most:
@@ -200,10 +204,15 @@ def _parts(stacks: Sequence[Stack], motions: Motions) -> list[_Part]:
     return [
         _Part(
             *(stack, inside, slice(*own), shape[0]),
-            tuple(round((window.start + window.length) / window.spacing) for window in stack.windows),
+            tuple(map(_end, stack.windows)),
         )
         for stack, (_, inside), shape, own in zip(stacks, motions, shapes, pairwise(bounds), strict=True)
     ]
+
+
+def _end(window: Window) -> int:
+    """Return the number of the interval after a window."""
+    return round((window.start + window.length) / window.spacing)
 
 
 def _moved(columns: Array, before: Point, point: Point) -> Array:

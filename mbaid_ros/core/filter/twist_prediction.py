@@ -115,12 +115,12 @@ def predict(layout: Layout, middle: Midpoints, point: Point, along: Array | None
     known = kernel.with_target(parameters[6:16])
     placed = kinematics.configure(middle.base_rotation, middle.joint_position)
     body_twist = kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
-    mobility, moving = mobility_and_joint_momentum(layout, point, middle, known, placed, body_twist)
+    expressed = express(known, placed.rotation, placed.position)
+    mobility, moving = mobility_and_joint_momentum(layout, point, middle, expressed, placed, body_twist)
     tide = about(middle.tide, middle.base_position)
     thrust = about(middle.thrust, middle.base_position, OF_A_THRUSTER)
     linear, about_base = total_momentum(middle, point, known, (tide, thrust))
     total = np.concatenate((linear, about_base), axis=1) - moving
-    expressed = express(known, placed.rotation, placed.position)
     motion: PassiveMotion | None = None
     if along is None:
         twist: Array = (mobility @ total[..., None])[..., 0]

@@ -96,9 +96,9 @@ class Solution:
     reasons: tuple[Reason, ...] = ()  # further ones of the run, in order
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Reporting:
-    """The thresholds of publication; they may change between two windows."""
+    """The thresholds of publication."""
 
     scale: Array  # (10,) typical sizes of the standard parameters
     identifiable_std: float  # relative standard deviation, as the next one

@@ -12,8 +12,6 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
-from mbaid_ros.core.robot.kinematics import Configuration
-from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
 
 
@@ -128,17 +126,15 @@ def _base_twists(rotation: Array) -> Array:
     return twists
 
 
-def mobility_and_momentum(parameters: Array, configuration: Configuration, body_twist: Array) -> tuple[Array, Array]:
+def mobility_and_momentum(bodies: Array, body_twist: Array) -> tuple[Array, Array]:
     """Return the inverse of the locked inertia (N, 6, 6) and the momentum (N, 6) of all bodies about the base's origin.
 
     Raises LinAlgError: All mass lies on a line, and the locked inertia has no inverse.
 
     Parameters
     ----------
-    parameters : (b, 10) standard parameters of the bodies, each in its own frame
-    configuration : of N instants
+    bodies : (N, b, 10) standard parameters of the bodies at N instants, about the base's origin in common axes
     body_twist : (N, b, 6) (u, w) at the base's origin
     """
-    bodies = express(parameters, configuration.rotation, configuration.position)
     mobility = np.linalg.inv(inertia_matrix(np.sum(bodies, axis=1)))
     return mobility, np.sum(momentum(bodies, body_twist), axis=1)

@@ -194,10 +194,8 @@ class JointMerge:
         """
         early: Flags = np.zeros(len(stamps), dtype=bool)
         apart, widest = early, 0
-        ends, moves = (
-            [],
-            [],
-        )  # of the parts with joints: the message that ends the interval, and whether they move by it
+        ends: list[Stamps] = []  # of the parts with joints: the messages that end the intervals
+        moves: list[Flags] = []  # and whether the joints move by them
         for part in others:
             known = part.waiting.stamp
             right = np.searchsorted(known, stamps, side='left')

@@ -101,8 +101,7 @@ def momentum(run: Run, truth: Truth | None, name: str) -> str:
         _mark_events(axis, run)
     if with_residual:
         _residual(axes[-1], time, residual, run)
-    axes[-1].set_xlim(0.0, max(time[-1], _SHORTEST))
-    axes[-1].set_xlabel(TIME, color=Colour.INK, fontsize=8)
+    _time_axis(axes[-1], time)
     return svg(chart, f'{name} momentum', 'Total momentum and residual over time')
 
 
@@ -119,9 +118,13 @@ def swing(run: Run, name: str) -> str:
         scale(axis, least, highest, always=(0.0,))
         entitle(axis, f'Deflection of {joint} [rad or m]')
         _mark_events(axis, run)
-    axes[-1].set_xlim(0.0, max(time[-1], _SHORTEST))
-    axes[-1].set_xlabel(TIME, color=Colour.INK, fontsize=8)
+    _time_axis(axes[-1], time)
     return svg(chart, f'{name} swing', 'Deflection of each passive joint over time')
+
+
+def _time_axis(axis: Axes, time: Array) -> None:
+    axis.set_xlim(0.0, max(time[-1], _SHORTEST))
+    axis.set_xlabel(TIME, color=Colour.INK, fontsize=8)
 
 
 def _vector(axis: Axes, time: Array, values: Array, stds: Array) -> None:

@@ -90,7 +90,7 @@ def test_links_joints_and_mount_are_found_within_their_covariance() -> None:
     numbers = 3 * len(error)
     assert chi2.ppf(1e-4, numbers) < squares < chi2.isf(1e-4, numbers)
     assert np.abs(deviations).max() < 4.7  # one of 384 once in 1000
-    # Of every block the data tell something: of one number at least, a fifth of the prior's variance.
+    # The data determine something of every block: of one number at least, a fifth of the prior's variance.
     before = np.sqrt(np.diag(found.prior.covariance))
     ratios = found.stds / np.concatenate((before, np.tile([1e-3] * 6, 7), [2e-3] * 6))
     placed = ratios[80:-6].reshape(7, 6)

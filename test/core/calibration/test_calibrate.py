@@ -80,7 +80,7 @@ def test_without_a_weighed_body_the_common_factor_stays_open() -> None:
     cad = perturbed(servicer, priors, 3)
     found = calibrated(cad, free_motion(1, 60.0), 3, priors)
     theta = standard_parameters(servicer)
-    # Eight bodies, each to 5 %, tell the common factor together; one of them alone, far less.
+    # Eight bodies, each to 5 %, determine the common factor together; one of them alone, far less.
     assert 0.01 < found.scale_std < 0.03
     rows = momentum_rows(servicer, free_motion(2, 30.0))
     factor = np.sum(found.theta[::10]) / np.sum(theta[::10])
@@ -120,7 +120,7 @@ def test_the_known_momentum_of_a_wheel_fixes_the_scale() -> None:
         )
         settings = CalibrationSettings(MID, factors(unknown, priors))
         found = calibrate(unknown, [windows(observe(truth, MID, seed))], settings)
-        # A fifth of what masses and inertias known to 5 % tell together.
+        # A fifth of what masses and inertias known to 5 % determine together.
         assert found.scale_std < 0.003
         factor = np.sum(found.theta[::10]) / np.sum(standard_parameters(free_model())[::10])
         squares.append(((factor - 1.0) / found.scale_std) ** 2)
@@ -144,7 +144,7 @@ def test_one_unknown_link_is_the_single_link_method(spatial: Truth, monkeypatch:
 
 def test_in_a_plane_what_lies_out_of_it_stays_at_cad(planar: Truth) -> None:
     model = robot('table1')
-    # All weighed: where the data tell the mass, they tell what of the moments goes with it.
+    # All weighed: where the data determine a mass, the moments change with it.
     priors = (BodyDeviations(0.001, 0.05, 0.05),) * 5
     cad = perturbed(model, priors, 8)
     found = calibrated(cad, planar, 8, priors)

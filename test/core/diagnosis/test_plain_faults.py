@@ -83,18 +83,24 @@ def test_a_joint_that_is_read_more_seldom_is_named(pieces: int) -> None:
 
 
 @pytest.mark.parametrize('pieces', [1, 7, COUNT])
-@pytest.mark.parametrize('step', [-0.02, 0.5])
+@pytest.mark.parametrize('step', [-0.02, -0.01, 0.01, 0.5])
 def test_a_jump_is_named_by_joint_size_and_time(step: float, pieces: int) -> None:
     position = motion(5)
     position[200:, 3] += step
     (text,) = found(position, pieces).warnings
     assert text.startswith('the reading of joint4 jumps by ')
-    assert float(text.split()[6]) == pytest.approx(abs(step), rel=0.3, abs=0.01)
+    assert float(text.split()[6]) == pytest.approx(abs(step), rel=0.02, abs=1.5e-3)
     assert float(text.split('at ')[1].split()[0]) == pytest.approx(4.0, abs=0.1)
     coarse = np.round(motion(5) / 1.5e-3) * 1.5e-3
     assert found(coarse, pieces).warnings == ()
     kept = np.r_[0:150, 250:COUNT]  # messages that are lost are no jump
     assert found(motion(5)[kept], pieces, stamps=SPACING * kept).warnings == ()
+
+
+def test_a_slip_of_a_few_milliradians_is_not_named() -> None:
+    position = motion(5)
+    position[200:, 3] += 3e-3
+    assert found(position, 1).warnings == ()
 
 
 def test_joints_in_degrees_are_beyond_their_limits_and_no_second_source() -> None:

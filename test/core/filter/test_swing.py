@@ -11,7 +11,7 @@ from mbaid_ros.core.filter.averaging import KnotAveraging
 from mbaid_ros.core.filter.exponential import steps_of
 from mbaid_ros.core.filter.state import BODY, LINEAR, Layout, Point
 from mbaid_ros.core.filter.swing import BESIDE, SwingCourse
-from mbaid_ros.core.filter.window import in_stacks
+from mbaid_ros.core.filter.window import in_stacks, stacked
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Springs
@@ -71,8 +71,9 @@ class Case:
             ),
         )
         self.layout = Layout.of(kernel, unknowns)
-        averaging = KnotAveraging(MID, 0.5)
-        self.windows = [each.ready for each in averaging.take(windows(samples)) if each.ready is not None]
+        averaged = KnotAveraging(MID, 0.5).take(windows(samples))
+        self.windows = [each.ready for each in averaged if each.ready is not None]
+        self.still_open = [each.still_open for each in averaged if each.still_open is not None]
         self.state: Array = np.zeros(self.layout.size)
         momentum = total_momentum(self.model, truth[:1])[0]
         self.state[LINEAR.start : LINEAR.start + 6] = momentum
@@ -119,6 +120,23 @@ def test_derivatives_by_the_parameters(name: str) -> None:
         expected = (ahead - behind) / (2.0 * steps[index])
         size = float(np.abs(expected).max())
         assert derivatives[..., index] == pytest.approx(expected, abs=4e-3 * size + 1e-9), index
+
+
+@pytest.mark.parametrize('first', ['closed', 'open'])
+def test_windows_that_were_linearised_while_they_were_open_do_not_count(first: str) -> None:
+    case = Case('panels')
+    closed, still_open = case.windows[:4], case.still_open[:4]
+    pairs = zip(closed, still_open, strict=True) if first == 'closed' else zip(still_open, closed, strict=True)
+    together = [window for pair in pairs for window in pair]
+    point, alone, beside = case.point(case.state[case.layout.parameters]), *(SwingCourse(case.layout) for _ in range(2))
+    for course, some in ((alone, closed), (beside, together)):
+        stacks = stacked(some)
+        course.predict(stacks, [stack.motion(point.side, None, BESIDE) for stack in stacks], point)
+    expected = alone.deflections(closed[-1])
+    assert beside.deflections(closed[-1]) == pytest.approx(expected, rel=1e-9)
+    for window in still_open:
+        largest, *own = beside.deflections(window)
+        assert largest == pytest.approx(np.maximum(expected[0], np.abs(own).max(axis=0)), rel=1e-9)
 
 
 @pytest.mark.parametrize('name', ['panels', 'propellant'])

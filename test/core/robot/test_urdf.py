@@ -213,7 +213,7 @@ def test_what_is_above_the_base_link_goes() -> None:
         load_model(urdf, 'trolley')
 
 
-# -- Beyond what is accepted: one line each, before anything large is made.
+# -- Beyond the accepted limits: one line each, before anything large is made.
 
 SERVICER = (CONFIG / 'servicer7.urdf').read_text()
 BODY = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'

@@ -40,7 +40,7 @@ def read(samples: Samples, reading: Callable[[Array, Array, Array], tuple[Array,
 
 
 def findings(samples: Samples, declared: float = 1.0) -> list[str]:
-    """Return what the check finds by each window, the noise of the base in which is so many times what is declared."""
+    """Return the finding of the check after each window; the noise of the base is so many times the declared one."""
     check = twist_check()
     found = []
     for window in windows(samples):
@@ -50,16 +50,16 @@ def findings(samples: Samples, declared: float = 1.0) -> list[str]:
     return found
 
 
-def told(samples: Samples) -> str:
+def last_finding(samples: Samples) -> str:
     return findings(samples)[-1]
 
 
 @pytest.mark.parametrize('robot', ['servicer7', 'table1'])
 @pytest.mark.parametrize('other', ['child', 'inertial'])
 @pytest.mark.parametrize('seed', range(3))
-def test_a_wrong_declaration_is_told(robot: str, other: str, seed: int) -> None:
+def test_a_wrong_declaration_is_found(robot: str, other: str, seed: int) -> None:
     samples = observe(moved(robot), MID, seed + 1)
-    assert told(read(samples, READINGS[f'set twist_frame: {other}'])).endswith(f'set twist_frame: {other}')
+    assert last_finding(read(samples, READINGS[f'set twist_frame: {other}'])).endswith(f'set twist_frame: {other}')
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -81,29 +81,29 @@ def test_a_resting_base_decides_nothing(seed: int) -> None:
 
 @pytest.mark.parametrize('name', READINGS)
 @pytest.mark.parametrize('seed', range(3))
-def test_a_twist_that_is_read_otherwise_is_told(name: str, seed: int) -> None:
-    assert name in told(read(seen(seed=seed), READINGS[name]))
+def test_a_twist_that_is_read_otherwise_is_found(name: str, seed: int) -> None:
+    assert name in last_finding(read(seen(seed=seed), READINGS[name]))
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_a_twist_of_another_point_tells_which(seed: int) -> None:
+def test_a_twist_of_another_point_is_found_with_the_point(seed: int) -> None:
     def reading(rotation: Array, linear: Array, angular: Array) -> tuple[Array, Array]:
         return linear + cross(angular, rotation @ np.array([0.3, -0.2, 0.1])), angular
 
-    found = told(read(seen(seed=seed), reading))
+    found = last_finding(read(seen(seed=seed), reading))
     assert 'that of a point' in found
     place = [float(each) for each in found.partition('(')[2].partition(')')[0].split(',')]
     np.testing.assert_allclose(place, [300.0, -200.0, 100.0], atol=20.0)
 
 
 @pytest.mark.parametrize('degrees', [20.0, 90.0, 170.0])
-def test_a_twist_in_turned_axes_tells_how_they_are_turned(degrees: float) -> None:
+def test_a_twist_in_turned_axes_is_found_with_the_turn(degrees: float) -> None:
     def reading(rotation: Array, linear: Array, angular: Array) -> tuple[Array, Array]:
         linear, angular = (rotate(rotation, rotate_back(rotation, each) @ turn) for each in (linear, angular))
         return linear, angular
 
     turn = exp(np.deg2rad(degrees) * np.array([0.0, 1.0, 0.0]))
-    found = told(read(seen(), reading))
+    found = last_finding(read(seen(), reading))
     assert f'turned by {degrees:.0f} degrees about (' in found
     axis = [float(each) for each in found.partition('(')[2].partition(')')[0].split(',')]
     np.testing.assert_allclose(axis, [0.0, 1.0, 0.0], atol=0.05)
@@ -118,5 +118,5 @@ def test_the_rate_of_the_poses_is_no_other_however_noisy(robot: str, declared: f
 
 def test_poses_alone_are_no_twist() -> None:
     wrong = read(seen(), READINGS['wrong sign'])
-    assert told(replace(wrong, base_linear_velocity=np.full_like(wrong.base_linear_velocity, np.nan))) == ''
-    assert told(wrong[:350]) == ''  # seven windows
+    assert last_finding(replace(wrong, base_linear_velocity=np.full_like(wrong.base_linear_velocity, np.nan))) == ''
+    assert last_finding(wrong[:350]) == ''  # seven windows

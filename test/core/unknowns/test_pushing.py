@@ -60,6 +60,7 @@ def test_axes_of_the_orbit_turn_with_it() -> None:
     [
         ({'disturbance.torque_std': 0.1, 'disturbance.torque_time': 0.1}, 'at least window'),
         ({'disturbance.force_std': 0.1, 'disturbance.force_time': 9.0, 'method': 'difference'}, 'method trajectory'),
+        ({'disturbance.force_std': 0.1, 'disturbance.axes': 'orbit'}, 'orbit.mean_motion'),
     ],
 )
 def test_what_cannot_be_is_refused(values: dict[str, object], words: str) -> None:
