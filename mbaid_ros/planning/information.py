@@ -71,10 +71,10 @@ class Information:
         self._known, self._reporting = knowledge, reporting
         self._point = point or knowledge.point
         body = self._point.body
-        self.parameters = physical(body[None])[0]
-        self._jacobian = physical_jacobian(body[None])[0]
+        self.parameters = physical(body)
+        self._jacobian = physical_jacobian(body)
         self._scale = reporting.scale
-        self._sizes = reporting.sizes(self.parameters[None])[0]
+        self._sizes = reporting.sizes(self.parameters)
         self._start = self._belief()
 
     def as_if(self, point: Point) -> Information:

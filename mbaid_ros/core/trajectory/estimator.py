@@ -80,13 +80,17 @@ class TrajectoryEstimator:
         self._runs.expect(
             [window for each in averaged for window in (each.ready, each.still_open) if window is not None]
         )
-        outcomes = [self._filter(window, each, origin) for window, each in zip(windows, averaged, strict=True)]
+        estimates = [self._estimate(window, each, origin) for window, each in zip(windows, averaged, strict=True)]
         self._last = windows[-1] if windows else self._last
-        solved = [each for each in outcomes if isinstance(each, Solved)]
-        found = [each.solution for each in solved], [each.history for each in solved]
-        made = iter(self._reporting.estimates(*found) if solved else [])  # of all solutions together
-        located = self._settings.located
-        return [each.completed(next(made), located=located) if isinstance(each, Solved) else each for each in outcomes]
+        return estimates
+
+    def _estimate(self, window: Samples, knots: Averaged, origin: int) -> Estimate:
+        """Filter one window, and report the solution by then, or why there is none."""
+        outcome = self._filter(window, knots, origin)
+        if isinstance(outcome, Estimate):
+            return outcome
+        estimate = self._reporting.estimate(outcome.solution, outcome.history)
+        return outcome.completed(estimate, located=self._settings.located)
 
     def _filter(self, window: Samples, knots: Averaged, origin: int) -> Solved | Estimate:
         """Filter one window, and return the solution by then, or why there is none."""

@@ -55,7 +55,7 @@ def solution(relative: float | Array, body: Array = BODY, **changes: object) -> 
 
 
 def report(made: Solution) -> Estimate:
-    return REPORTING.estimates([made], [Estimate('difference', 'waiting', time=3.0, stamp=4, samples=500)])[0]
+    return REPORTING.estimate(made, Estimate('difference', 'waiting', time=3.0, stamp=4, samples=500))
 
 
 def test_what_is_well_determined_is_published_with_its_covariance() -> None:
