@@ -66,7 +66,8 @@ class FaultIsolation:
     def take(self, window: Window | None, samples: Samples) -> None:
         """Take the next window into those that an inquiry is over, and the samples of the one after it."""
         self._samples.append(samples)
-        self._twist.add(samples)
+        if self.suspicious or self._seen < _FIRST:  # only an inquiry asks for it
+            self._twist.add(samples)
         if window is not None:
             self._windows.append(window)
             self._seen += 1
