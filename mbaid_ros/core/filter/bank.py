@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mbaid_ros.core import chi_square
 from mbaid_ros.core.filter.square_root import SquareRootInformation, update
 from mbaid_ros.core.filter.state import MOMENTUM
 from mbaid_ros.core.filter.time_update import (
@@ -21,6 +20,7 @@ from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import Axes, WhitenedWindow
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.linear_algebra import chi_square_limit
 
 # N s / sqrt(s) / kg of the known bodies: random walk of the momentum that stands for a force which is not constant.
 _CHANGING_FORCE = 5e-5
@@ -137,7 +137,7 @@ def update_hypothesis(
     """Return a hypothesis updated by a window, with a jump of the momentum where the window is too unlikely without."""
     before = entered(filtered.gaussian, window, white, variables)
     after = update(before, white)
-    limit = chi_square.limit(_FALSE_ALARM, after.last_measured)
+    limit = chi_square_limit(_FALSE_ALARM, after.last_measured)
     unlikely = after.last_nis > limit and after.measured > after.last_measured
     if not unlikely or filtered.jumped == filtered.longest:
         return replace(filtered, gaussian=after, jumped=0, previous=before)
