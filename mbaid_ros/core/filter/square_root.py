@@ -41,7 +41,7 @@ class SquareRootInformation:
     def of(
         triangle: Array, value: Array, forces: Sequence[Axes], variables: Variables, likelihood: float = 0.0
     ) -> list[SquareRootInformation]:
-        """Return R x = z, (v, v) and (v,), before the first window, with a force of unit variance in each of some axes."""
+        """Return R x = z, (v, v) and (v,), at first, with a force of unit variance in each of some axes."""
         acting, count = tuple(axes for axes in forces if axes != 'none'), variables.force.shape[1]
         right = np.zeros((len(value), 2 + len(acting) * count), order='F')
         right[:, 1] = value
@@ -121,7 +121,8 @@ def update_together(gaussians: Sequence[SquareRootInformation], window: Whitened
     after, moved, left = gaussians[0].conditional.updated(window)
     updated, count = [], len(left)
     for gaussian in gaussians:
-        force, residual, diagonal = gaussian.force, left[:, count + 1], np.ones(count)
+        force, residual = gaussian.force, np.asarray(left[:, count + 1])
+        diagonal: Array = np.ones(count)
         if len(force):
             own = after.columns(gaussian.axes)
             force, residual, diagonal = _with_force(force, left[:, count:], own)
