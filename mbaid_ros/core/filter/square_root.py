@@ -21,6 +21,7 @@ from mbaid_ros.core.filter.whitened import Axes, WhitenedWindow
 from mbaid_ros.core.geometry import Array, Integers
 from mbaid_ros.core.results.status import Innovations
 
+
 @dataclass(frozen=True, eq=False)
 class SquareRootInformation:
     """A Gaussian of the scaled variables: those of `Variables`, then those of a constant force where there is one."""
@@ -53,9 +54,7 @@ class SquareRootInformation:
         ]
 
     @staticmethod
-    def priors(
-        variables: Variables, forces: Sequence[Axes], mass: float | None = None
-    ) -> list[SquareRootInformation]:
+    def priors(variables: Variables, forces: Sequence[Axes], mass: float | None = None) -> list[SquareRootInformation]:
         """Return the prior for a force in each of some axes, near a mass in kg if given."""
         mean, triangle, likelihood = variables.prior(mass)
         return SquareRootInformation.of(triangle, triangle @ mean, forces, variables, likelihood)
