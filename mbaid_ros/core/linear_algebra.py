@@ -98,3 +98,19 @@ def inverse(reference: Array, matrix: Array) -> Array:
     values, vectors = np.linalg.eigh(matrix * size * size[:, None])
     inverted = (vectors / np.maximum(values, _LEAST)) @ vectors.T
     return np.asarray(0.5 * (inverted + inverted.T) * size * size[:, None])
+
+
+def composed(transition: Array, gain: Array) -> Array:
+    """Return x at all m + 1 instants, (m + 1, B, s, s + c), by the first x and c numbers: x' = transition x + gain.
+
+    Parameters
+    ----------
+    transition, gain : (m, B, s, s), (m, B, s, c)
+    """
+    count, windows, size, _ = transition.shape
+    steps: Array = np.zeros((count + 1, windows, size, size + gain.shape[-1]))
+    steps[0, ..., :size] = np.eye(size)
+    for index in range(count):
+        np.matmul(transition[index], steps[index], out=steps[index + 1])
+        steps[index + 1, ..., size:] += gain[index]
+    return steps

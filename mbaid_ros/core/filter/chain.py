@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.filter.exponential import composed
 from mbaid_ros.core.filter.joint_noise import JointNoise, joint_noise
 from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.measured_window import (
@@ -29,6 +28,7 @@ from mbaid_ros.core.filter.swing import BESIDE, Motions, SwingCourse
 from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, by_deflections, predict
 from mbaid_ros.core.filter.window import Stack
 from mbaid_ros.core.geometry import Array, cross, exp
+from mbaid_ros.core.linear_algebra import composed
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.samples import ArrayRecord
 
