@@ -191,9 +191,6 @@ class EstimatorConfig:
     """Longest gap between two Odometry messages that is interpolated; joint states in longer gaps are dropped."""
     twist_frame: str = parameter('child', choices=TWIST_FRAMES)
     """Frame of the twist in the Odometry: child (child_frame_id, the ROS convention) or inertial (header.frame_id)."""
-    continue_from: str = parameter('')
-    """JSON file of replay, of a run of the same robot and target with the same parameters: this run goes on from what
-    that one has taught, but for the momentum."""
     frame_prefix: str = parameter('')
     """Prefix of link names in frame names, in received and published messages, as for robot_state_publisher:
     servicer/."""

@@ -24,7 +24,6 @@ from mbaid_ros.core.two_stage import FIRST_STAGE
 from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.messages.fields import JOINT_MISSING
 from mbaid_ros.replay.results import Run
-from mbaid_ros.session.continuation import continuation_as_json
 
 STDOUT = '-'
 _EVENTS = 5  # that a terminal shows
@@ -126,9 +125,6 @@ def as_json(run: Run) -> dict[str, Any]:
         'model': None if run.survey is None else asdict(run.survey),
         'made_by': run.made_by and {**run.made_by, 'parameters': dict(run.settings), 'bag_sha256': dict(run.files)},
         'advice': run.advice or None,
-        'continuation': None
-        if run.posterior is None or run.contradicted
-        else continuation_as_json(run.posterior.continuation, run.urdf),
         'history': [
             {
                 't': estimate.time,

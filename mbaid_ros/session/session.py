@@ -22,7 +22,6 @@ from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from mbaid_ros.core.trajectory.posterior import Continuation, Posterior
 from mbaid_ros.core.window_checks import Check, HeldBase, WindowChecks
 from mbaid_ros.messages.fields import number_of, stamp_of, vector_of, wrench_of
-from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact
 from mbaid_ros.session.methods import make_capture, make_estimator
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
@@ -53,7 +52,7 @@ class Session:
     urdf : text of the robot description
     make : makes the method of each segment, of the parameters, the robot's kernel and, from a calibration, the nominal
         model (None without one); `make_estimator` where not given
-    before : the run that this one continues; where not given, that in the file that the parameters name
+    before : the run that this one continues, of the same robot and parameters
 
     Attributes
     ----------
@@ -75,7 +74,7 @@ class Session:
     ) -> None:
         self.config = config
         self._make = make
-        self._before = before or read_continuation(config, urdf)
+        self._before = before
         self.robot = Robot(config, urdf)
         self.reset()
 

@@ -110,17 +110,11 @@ def test_many_bags_lead_to_what_each_leads_to_alone(
 
 
 def test_runs_of_one_robot_add_up(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    """With --continue the second run begins from the first; so does a run that is given the first one's JSON."""
+    """With --continue the second run begins from the first."""
     begun, after = (str(recorded.papers_case(tmp_path / f'{length:g}_s', length, 20.0)) for length in (14.0, 12.0))
-    result = tmp_path / 'first.json'
     replay([begun, after, '--model', MODEL, '--continue', '--json', '-'])
     first, second = json.loads(capsys.readouterr().out)
-    assert first['continuation']
     assert second['std']['mass'] < first['std']['mass']
-    replay([begun, '--model', MODEL, '--json', str(result)])
-    capsys.readouterr()
-    replay([after, '--model', MODEL, '-p', f'continue_from:={result}', '--json', '-'])
-    assert json.loads(capsys.readouterr().out)['estimate'] == second['estimate']
 
 
 def without_origin(text: str) -> str:

@@ -93,7 +93,7 @@ def test_the_json_has_what_scripts_rely_on(output: Path, bag: str) -> None:
             'causes',
             'capture',
         ),
-        *('debris', 'samples', 'span_s', 'warnings', 'model', 'made_by', 'advice', 'continuation', 'history'),
+        *('debris', 'samples', 'span_s', 'warnings', 'model', 'made_by', 'advice', 'history'),
     ]
     assert result['bag'] == bag
     assert result['target_link'] == 'link4'
