@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from mbaid_ros import outgoing
+from mbaid_ros import sensor_messages
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
@@ -16,7 +16,8 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.outgoing import Frames, MessageTypes, SensorMessages, inertia_message
+from mbaid_ros.outgoing import Frames, MessageTypes, inertia_message, time_message
+from mbaid_ros.sensor_messages import SENSOR_TYPES, SensorMessages
 from mbaid_ros.simulated_robot import (
     make_imu,
     make_model_errors,
@@ -108,7 +109,7 @@ class SimulatedRun:
             'thrust': self.pulse is not None and self.config.thrust.publish,
             'stored_momentum': self.wheels is not None and self.config.wheels.publish == 'stored_momentum',
         }
-        return {topic: kind for topic, kind in outgoing.SENSOR_TYPES.items() if wanted.get(topic, True)}
+        return {topic: kind for topic, kind in SENSOR_TYPES.items() if wanted.get(topic, True)}
 
     @property
     def target_inertia(self) -> Array:
@@ -126,7 +127,7 @@ class SimulatedRun:
 
     def clock(self, time: float) -> Any:
         """Return a rosgraph_msgs/Clock of a time (s) since the start of the run."""
-        return self._types.find('rosgraph_msgs/msg/Clock')(clock=outgoing.time_message(self.stamp(time), self._types))
+        return self._types.find('rosgraph_msgs/msg/Clock')(clock=time_message(self.stamp(time), self._types))
 
     def stamp(self, time: float) -> int:
         """Return the stamp in ns of a time (s) since the start of the run."""
@@ -160,9 +161,9 @@ class SimulatedRun:
         messages: list[TimedMessage] = []
         add = messages.append
         for t, wrench in due:
-            add(TimedMessage(t, 'thrust', outgoing.wrench_message(types, stamp(t), frame, wrench)))
+            add(TimedMessage(t, 'thrust', sensor_messages.wrench_message(types, stamp(t), frame, wrench)))
         for t, momentum in zip(joints.time.tolist(), momenta, strict=False):
-            message = outgoing.vector_message(types, stamp(t), self.model.base_link, momentum)
+            message = sensor_messages.vector_message(types, stamp(t), self.model.base_link, momentum)
             add(TimedMessage(t, 'stored_momentum', message))
         for i, t in enumerate(base.time.tolist()):
             add(TimedMessage(t, 'odom', made.odometry(base, i, stamp(t))))

@@ -13,15 +13,15 @@ import numpy as np
 from benchmarks.data import CONFIG, NOISE, RATE, START, history, model, simulator_config
 from benchmarks.frame import Frame, Runs, declared, number, percent, provenance, table
 from benchmarks.precapture import free_urdf
+from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.outgoing import SensorMessages, wrench_message
 from mbaid_ros.replay.campaigns.statistics import coverage
-from mbaid_ros.replay.run import BAG_TYPES
+from mbaid_ros.sensor_messages import SensorMessages, wrench_message
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_motion, make_simulation
 from mbaid_ros.simulated_run import commands

@@ -11,9 +11,9 @@ import recorded
 from benchmarks.honesty.paths import servicer
 from captured import sensed
 from floating import float_freely, still
+from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.outgoing import wrench_message
-from mbaid_ros.replay.run import BAG_TYPES
+from mbaid_ros.sensor_messages import wrench_message
 from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import configured_motion, kernel
 from simulated import robot

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from mbaid_ros import outgoing
-from mbaid_ros.bags import BagWriter, message_class
+from mbaid_ros import sensor_messages
+from mbaid_ros.bags import BAG_TYPES, BagWriter, message_class
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import load_model
@@ -25,8 +25,6 @@ DESCRIPTION = '/robot_description'
 MODEL_FILE, PARAMETER_FILE, TRUTH_FILE = 'robot.urdf', 'estimator.yaml', 'truth.json'
 ODOMETRY_FRAME = 'odom'
 _LATEST = 4e9  # s, about the largest stamp
-
-_CLASSES = outgoing.MessageTypes(find=message_class, flags=np.asarray)
 
 
 @dataclass(frozen=True)
@@ -123,7 +121,7 @@ def write_recording(recording: Recording, path: Path) -> int:
             bag.add_topic(DESCRIPTION, 'std_msgs/msg/String', latched=True)
             bag.write(DESCRIPTION, message_class('std_msgs/msg/String')(data=recording.robot), messages[0][0])
         for topic in dict.fromkeys(own for _, own, _ in messages):
-            bag.add_topic(topic, outgoing.SENSOR_TYPES[topic[1:]])
+            bag.add_topic(topic, sensor_messages.SENSOR_TYPES[topic[1:]])
         for stamp, topic, message in messages:
             bag.write(topic, message, stamp)
     texts = {
@@ -183,23 +181,25 @@ def _stamps(time: Array) -> list[int]:
 def _joint_state(joints: Joints, index: int, stamp: int) -> Any:
     none = np.zeros(0)
     velocity = none if joints.velocity is None else joints.velocity[index]
-    return outgoing.joint_state_message(_CLASSES, stamp, joints.names, joints.position[index], velocity, none)
+    return sensor_messages.joint_state_message(BAG_TYPES, stamp, joints.names, joints.position[index], velocity, none)
 
 
 def _odometry(poses: Poses, index: int, stamp: int) -> Any:
     pose, twist = (poses.position[index], poses.orientation[index]), poses.twist[index]
-    return outgoing.odometry_message(_CLASSES, stamp, (ODOMETRY_FRAME, poses.frame), pose, (twist[:3], twist[3:]))
+    return sensor_messages.odometry_message(
+        BAG_TYPES, stamp, (ODOMETRY_FRAME, poses.frame), pose, (twist[:3], twist[3:])
+    )
 
 
 def _imu(imu: Imu, index: int, stamp: int) -> Any:
     orientation = None if imu.orientation is None else (imu.orientation[index], np.zeros(9))
     rate, acceleration = imu.angular_velocity[index], imu.linear_acceleration[index]
-    return outgoing.imu_message(_CLASSES, stamp, imu.frame, rate, acceleration, orientation)
+    return sensor_messages.imu_message(BAG_TYPES, stamp, imu.frame, rate, acceleration, orientation)
 
 
 def _vector(stored: StoredMomentum, index: int, stamp: int) -> Any:
-    return outgoing.vector_message(_CLASSES, stamp, stored.frame, stored.momentum[index])
+    return sensor_messages.vector_message(BAG_TYPES, stamp, stored.frame, stored.momentum[index])
 
 
 def _wrench(thrust: Thrust, index: int, stamp: int) -> Any:
-    return outgoing.wrench_message(_CLASSES, stamp, thrust.frame, thrust.wrench[index])
+    return sensor_messages.wrench_message(BAG_TYPES, stamp, thrust.frame, thrust.wrench[index])

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from benchmarks.data import DURATION, NOISE, RATE, START, endless_motion, model
-from mbaid_ros.bags import BagWriter
-from mbaid_ros.outgoing import SensorMessages
-from mbaid_ros.replay.run import BAG_TYPES
+from mbaid_ros.bags import BAG_TYPES, BagWriter
+from mbaid_ros.sensor_messages import SensorMessages
 from mbaid_ros.simulation.sensors import Sensors
 
 ROBOT = 'servicer7'

@@ -14,7 +14,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformS
 from rclpy.serialization import serialize_message
 from tf2_msgs.msg import TFMessage
 
-from mbaid_ros.bags import BagWriter
+from mbaid_ros.bags import BAG_TYPES, BagWriter
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError, ParameterError
@@ -22,7 +22,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.messages.fields import WRONG_CHILD_FRAME
 from mbaid_ros.outgoing import Frames, estimate_message
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.run import BAG_TYPES, replay_bag
+from mbaid_ros.replay.run import replay_bag
 from mbaid_ros.session.explanation import explain, intake_warnings
 from mbaid_ros.session.reading import OTHER_SOURCE
 from mbaid_ros.session.session import Session

@@ -17,6 +17,7 @@ from benchmarks.frame import Runs, declared
 from benchmarks.honesty.disturbed import CATALOGUE
 from benchmarks.honesty.readings import Readings, read
 from benchmarks.honesty.worlds import World, float_freely, swing
+from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import MbaidError
@@ -26,9 +27,8 @@ from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.two_stage import YOUNG
-from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.campaigns.statistics import QUANTILE, nees
-from mbaid_ros.replay.run import BAG_TYPES
+from mbaid_ros.sensor_messages import SensorMessages
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.simulation import Truth
 

@@ -15,13 +15,12 @@ import numpy as np
 from benchmarks.data import START, model
 from benchmarks.peers.conditions import KNOWN_PANEL, OTHER_ENGINE, Condition, Moved, declared, moved
 from benchmarks.peers.recording import JOINTS, ODOMETRY
-from mbaid_ros.bags import BagWriter
+from mbaid_ros.bags import BAG_TYPES, BagWriter
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
-from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.output import shaped
-from mbaid_ros.replay.run import BAG_TYPES
+from mbaid_ros.sensor_messages import SensorMessages
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Truth, total_momentum
 
