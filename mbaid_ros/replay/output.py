@@ -123,7 +123,7 @@ def as_json(run: Run) -> dict[str, Any]:
         'span_s': final.time,
         'warnings': run.all_warnings,
         'model': None if run.survey is None else asdict(run.survey),
-        'made_by': run.made_by and {**run.made_by, 'parameters': dict(run.settings), 'bag_sha256': dict(run.files)},
+        'made_by': run.made_by and {**run.made_by, 'parameters': dict(run.settings)},
         'advice': run.advice or None,
         'history': [
             {

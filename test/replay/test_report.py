@@ -103,7 +103,6 @@ def test_a_good_run_has_every_part() -> None:
         assert part in text
     assert cells(text, '/joint_states') == ['sensor_msgs/msg/JointState', '1000', '100']
     assert 'NaN or infinite value' in text
-    assert re.search(r'NumPy \d', text)
     assert len(svgs(text)) == 4
 
 
@@ -168,10 +167,10 @@ def test_several_bags_are_compared() -> None:
     assert 'Side by side' in text
     assert 'The runs agree' in text
     assert text.count('<section class="run">') == 2
-    assert comparison([brief(), other], [truth(), truth()]) in text
+    assert comparison([brief(), other]) in text
 
     def compared(one: Run) -> str:
-        return comparison([brief(), one], [None, None])
+        return comparison([brief(), one])
 
     assert 'The runs contradict each other' in compared(brief(final=estimate(parameters=BODY + 10.0 * STD)))
     assert 'different links' in compared(brief(target_link='link6'))

@@ -12,8 +12,8 @@ from mbaid_ros.core.errors import MbaidError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import determined
 from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.replay import provenance
 from mbaid_ros.replay.output import events, likely_causes, method, verdict, with_band
+from mbaid_ros.replay.provenance import in_words
 from mbaid_ros.replay.report import figures
 from mbaid_ros.replay.report.markup import (
     NO_NUMBER,
@@ -52,7 +52,7 @@ def html(runs: Sequence[Run], truths: Sequence[Truth | None] = ()) -> str:
         f'<section class="run">{_section(run, truth, f"run {place}")}</section>'
         for place, (run, truth) in enumerate(zip(runs, known, strict=True))
     ]
-    side_by_side = comparison(runs, known) if len(runs) > 1 else ''
+    side_by_side = comparison(runs) if len(runs) > 1 else ''
     return page('Inertia identification', [side_by_side, *sections, _foot(runs)])
 
 
@@ -207,14 +207,12 @@ def _settings(run: Run) -> str:
 
 
 def _foot(runs: Sequence[Run]) -> str:
-    """Return the packages, the command and the files that made the page."""
-    lines = [f'Made by {", ".join(f"{name} {version}" for name, version in provenance.versions())}.']
-    lines += dict.fromkeys(line for run in runs if run.made_by for line in provenance.in_words(run.made_by))
-    lines += [line for run in runs for line in provenance.files_in_words(run.bag, run.files)]
+    """Return the command that made the page, and the robot description."""
+    lines = dict.fromkeys(line for run in runs if run.made_by for line in in_words(run.made_by))
     return f'<footer>{"".join(paragraph(line, "note") for line in lines)}</footer>'
 
 
-def comparison(runs: Sequence[Run], truths: Sequence[Truth | None]) -> str:
+def comparison(runs: Sequence[Run]) -> str:
     """Return the section that compares several runs."""
     names = [f'({place})' for place in range(1, len(runs) + 1)]
     values = np.array([run.final.parameters for run in runs])
@@ -232,11 +230,9 @@ def comparison(runs: Sequence[Run], truths: Sequence[Truth | None]) -> str:
         listed([f'{name} {run.bag}: {verdict(run)}' for name, run in zip(names, runs, strict=True)]),
         paragraph(sentence, f'verdict {look}'),
         table(['parameter', 'unit', *names, 'apart [std]'], rows),
+        '</section>',
     ]
-    if np.any(np.isfinite(values)):
-        drawn = figures.comparison(runs, _common(truths))
-        parts.append(figure(drawn, 'Bars: 95 %. Dotted: truth, where all bags share it.'))
-    return '\n'.join([*parts, '</section>'])
+    return '\n'.join(parts)
 
 
 def _apart(values: Array, stds: Array) -> Array:
@@ -263,11 +259,3 @@ def _agreement(apart: Array, runs: Sequence[Run]) -> tuple[str, str]:
     if apart[worst] > _DISAGREEMENT:
         return 'bad', f'The runs contradict each other: {words}.'
     return 'good', f'The runs agree: {words}.'
-
-
-def _common(truths: Sequence[Truth | None]) -> Array | None:
-    first = truths[0]
-    if first is None:
-        return None
-    same = all(truth is not None and np.array_equal(truth.parameters, first.parameters) for truth in truths)
-    return first.parameters if same else None
