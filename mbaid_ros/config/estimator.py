@@ -166,9 +166,6 @@ class PlanConfig:
     """Smallest distance between collision shapes of the URDF; 0: they may touch, but not overlap."""
     stuck: tuple[str, ...] = parameter(())
     """Joints that are not moved."""
-    held: tuple[str, ...] = parameter(())
-    """Joints that keep the speed they have at the end of the run, as wheels do; empty: continuous joints without a
-    velocity limit, if plan.joint_velocity is not given or they are faster."""
     effort: int = parameter(1200, minimum=10, maximum=1_000_000)
     """Motions that are compared before the best is taken."""
 

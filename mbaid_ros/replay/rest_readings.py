@@ -57,7 +57,7 @@ def read_recording(bag: str, joint_states: str, base: str, between: tuple[float,
         joint_states, odom = Inputs(joint_states, base).topics(recording)[:2]
         joints = [message for _, message, _ in recording.read([joint_states])]
         located = [message for _, message, _ in recording.read([odom])]
-        poses = PoseReader('', '', '')
+        poses = PoseReader('', '')
         bases = [pose for each in located for pose in ([each] if source_of(each) == 'odom' else poses.read(each))]
         warnings = list(dict.fromkeys(recording.warnings))
     for topic, messages in ((joint_states, joints), (odom, bases)):

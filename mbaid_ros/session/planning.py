@@ -49,7 +49,6 @@ def plan_settings(config: EstimatorConfig) -> PlanSettings:
         base=BaseLimits(*(each or np.inf for each in limits)),
         clearance=plan.clearance,
         stuck=plan.stuck,
-        held=plan.held,
         effort=plan.effort,
         window=config.window,
     )
