@@ -18,9 +18,8 @@ from rosbags.typesys.store import Typestore
 from mbaid_ros import limits
 from mbaid_ros.bags.chunks import Block, Raw, Recorded, Timed, in_blocks, of_length
 from mbaid_ros.bags.compression import is_compressed, unpacked
-from mbaid_ros.bags.opening import files_of, open_file, reason_of
+from mbaid_ros.bags.opening import files_of, open_file, reason_of, unread_log
 from mbaid_ros.bags.sources import DAMAGE, Source, Topic, by_name
-from mbaid_ros.bags.sqlite import unread_log
 from mbaid_ros.bags.types import ADDED, defined, is_standard, message_types
 from mbaid_ros.cdr import packer
 from mbaid_ros.core.errors import DataError, listing
