@@ -12,7 +12,7 @@ from mbaid_ros.core.errors import MbaidError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import determined
 from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.replay.output import events, likely_causes, method, verdict, with_band
+from mbaid_ros.replay.output import events
 from mbaid_ros.replay.provenance import in_words
 from mbaid_ros.replay.report import figures
 from mbaid_ros.replay.report.markup import (
@@ -40,6 +40,7 @@ from mbaid_ros.replay.report.sections import (
 )
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.saved import Truth
+from mbaid_ros.replay.text import likely_causes, method, verdict, with_band
 
 _GOOD = {'converged', 'estimating'}
 _DISAGREEMENT = 3.0  # standard deviations
