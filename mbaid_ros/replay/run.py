@@ -137,7 +137,6 @@ def replay_bag(
         survey=survey,
         warnings=warnings,
         urdf=robot.urdf,
-        last=session.last,
         settings=values_of(config),
         debris=robot.debris(history.last) if history.last else None,
         phase=robot.phase,

@@ -10,7 +10,6 @@ import numpy as np
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, SHARED_THRUST
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from mbaid_ros.core.trajectory.posterior import Continuation, Posterior
@@ -197,11 +196,6 @@ class Session:
     def taken(self) -> int:
         """Number of samples since the segment began, with those of the open window."""
         return self._segment.identifier.used
-
-    @property
-    def last(self) -> Samples | None:
-        """The last sample of the segment; None before the first."""
-        return self._segment.identifier.last
 
     @property
     def dropped(self) -> Counter[str]:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import recorded
-from made_runs import BODY, HOSTILE, STD, estimate, event, hostile_urdf, last_sample, planar, run
+from made_runs import BODY, HOSTILE, STD, estimate, event, hostile_urdf, planar, run
 from mbaid_ros.core.results.estimate import Estimate, PassiveJoint
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.replay.report.page import comparison, html
@@ -65,7 +65,7 @@ def brief(**changes: Any) -> Run:
 
 def nothing() -> Run:
     empty = Estimate(method='difference', status='waiting')
-    return run(empty, history=(), last=None, topics=(), dropped={}, warnings=('no joint of the robot in the bag',))
+    return run(empty, history=(), topics=(), dropped={}, warnings=('no joint of the robot in the bag',))
 
 
 def svgs(text: str) -> list[ET.Element]:
@@ -96,14 +96,13 @@ def test_a_good_run_has_every_part() -> None:
         'Convergence',
         'Total momentum and residual',
         'Identifiability',
-        'last pose',
         'What arrived',
         'Settings',
     ):
         assert part in text
     assert cells(text, '/joint_states') == ['sensor_msgs/msg/JointState', '1000', '100']
     assert 'NaN or infinite value' in text
-    assert len(svgs(text)) == 4
+    assert len(svgs(text)) == 3
 
 
 def test_it_needs_nothing_else_and_has_no_script() -> None:
@@ -140,7 +139,7 @@ def test_a_truth_that_does_not_fit_is_told_and_not_compared(given: Truth, note: 
 def test_a_planar_run_shows_what_it_does_not_determine() -> None:
     text = page_of_a_plane()
     assert cells(text, 'com_z') == ['\N{EN DASH}', '\N{EN DASH}', 'm', 'no']
-    assert len(svgs(text)) == 4
+    assert len(svgs(text)) == 3
 
 
 def test_passive_joints_are_drawn_over_time() -> None:
@@ -193,7 +192,6 @@ def hostile_run() -> Run:
         bag=HOSTILE,
         target_link=HOSTILE.replace('\x1b', '').replace('\x07', ''),
         urdf=table1,
-        last=last_sample(4),
         topics=tuple(replace(topic, topic=f'/{HOSTILE}', type=HOSTILE) for topic in run().topics),
         dropped={HOSTILE: 1},
         warnings=(HOSTILE,),

@@ -1,4 +1,4 @@
-"""The page of runs: verdict first, then the table, the curves, the robot, the data, the settings."""
+"""The page of runs: verdict first, then the table, the curves, the data, the settings."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
-from mbaid_ros.core.errors import MbaidError, listing
+from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import determined
 from mbaid_ros.core.results.parameters import PARAMETERS
@@ -28,7 +28,6 @@ from mbaid_ros.replay.report.markup import (
     table,
     text,
 )
-from mbaid_ros.replay.report.robot import drawing
 from mbaid_ros.replay.report.sections import (
     MOMENTUM,
     MOMENTUM_UNITS,
@@ -78,8 +77,6 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
         captured_body(run),
         before_the_capture(run),
         *_curves(run, matching, name),
-        '<h3>The robot in its last pose</h3>',
-        _robot(run, name),
         '<h3>What arrived</h3>',
         _data(run),
         noise(run.final.noise),
@@ -170,15 +167,6 @@ def _events(run: Run) -> str:
 
 def _triple(values: Sequence[float | None]) -> str:
     return f'({", ".join(NO_NUMBER if value is None else f"{value:.3g}" for value in values)})'
-
-
-def _robot(run: Run, name: str) -> str:
-    if run.last is None or not run.urdf:
-        return paragraph('Not drawn: the bag holds no sample that can be used.', 'note')
-    try:
-        return figure(*drawing(run, name))
-    except MbaidError as error:
-        return paragraph(f'Not drawn: {error}', 'note')
 
 
 def _data(run: Run) -> str:
