@@ -45,11 +45,12 @@ def feed(bag: BagReader, inputs: Inputs, add: Callable[[Recorded], None], progre
     """
     topics = inputs.topics(bag)
     total = sum(bag.topics[topic].count for topic in topics)
-    count = 0
+    count = done = 0
     for part in bag.read_packed(topics, _MESSAGES_AT_ONCE):
         add(part)
         count += len(part)
-        if len(part) == _MESSAGES_AT_ONCE:
+        if count - done >= _MESSAGES_AT_ONCE:
+            done = count
             yield
             if progress:
                 progress(count, total)
