@@ -166,6 +166,9 @@ class PlanConfig:
     """Smallest distance between collision shapes of the URDF; 0: they may touch, but not overlap."""
     stuck: tuple[str, ...] = parameter(())
     """Joints that are not moved."""
+    held: tuple[str, ...] = parameter(())
+    """Joints that keep the speed they have at the end of the run, as wheels do; empty: continuous joints without a
+    velocity limit, if plan.joint_velocity is not given or they are faster."""
     effort: int = parameter(1200, minimum=10, maximum=1_000_000)
     """Motions that are compared before the best is taken."""
 
@@ -188,6 +191,9 @@ class EstimatorConfig:
     """Longest gap between two Odometry messages that is interpolated; joint states in longer gaps are dropped."""
     twist_frame: str = parameter('child', choices=TWIST_FRAMES)
     """Frame of the twist in the Odometry: child (child_frame_id, the ROS convention) or inertial (header.frame_id)."""
+    continue_from: str = parameter('')
+    """JSON file of replay, of a run of the same robot and target with the same parameters: this run goes on from what
+    that one has taught, but for the momentum."""
     frame_prefix: str = parameter('')
     """Prefix of link names in frame names, in received and published messages, as for robot_state_publisher:
     servicer/."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -83,15 +83,14 @@ def joint_limits(
     held : (k,) True for joints that keep their speed; None for none
     """
     names = model.independent_joints
-    if foreign := [name for name in stuck if name not in names]:
-        raise ParameterError(f"parameter 'plan.stuck' names '{foreign[0][:60]}'; accepted: {listing(names)}")
+    _require_joints('stuck', stuck, names)
     kept = np.zeros(len(names), dtype=bool) if held is None else held
     lower, upper, fastest = independent_limits(model)
     speed = np.minimum(fastest, velocity)
     moved = (speed > 0.0) & (upper > lower) & np.array([name not in stuck for name in names]) & ~kept
     if not moved.any():
         raise ParameterError(
-            "no joint can be moved; accepted: one at least that is not in 'plan.stuck', with a "
+            "no joint can be moved; accepted: one at least that is in neither 'plan.stuck' nor 'plan.held', with a "
             "range and a velocity in its URDF limits, or 'plan.joint_velocity'"
         )
     outside = moved & ((position < lower) | (position > upper))
@@ -110,14 +109,26 @@ def joint_limits(
     return JointLimits(lower, upper, speed, np.full(len(names), acceleration), moved, kept)
 
 
-def keeping_speed(model: RobotModel, rate: Array, velocity: float) -> Flags:
-    """Return which joints keep their speed (k,): all that turn without any limit, as wheels do.
+def keeping_speed(model: RobotModel, rate: Array, velocity: float, held: Collection[str]) -> Flags:
+    """Return which joints keep their speed (k,): those named, or all that turn without any limit, as wheels do.
+
+    Raises ParameterError: A name is of no joint.
 
     Parameters
     ----------
     rate : (k,) rad/s or m/s when the motion begins
     velocity : rad/s that moves joints without a limit, if they are not faster when the motion begins
+    held : names
     """
+    names = model.independent_joints
+    _require_joints('held', held, names)
+    if held:
+        return np.array([name in held for name in names])
     lower, upper, fastest = independent_limits(model)
     free = np.isinf(lower) & np.isinf(upper) & np.isinf(fastest)
     return np.asarray(free & (np.isinf(velocity) | (np.abs(rate) > velocity)))
+
+
+def _require_joints(parameter: str, given: Collection[str], names: Sequence[str]) -> None:
+    if foreign := [name for name in given if name not in names]:
+        raise ParameterError(f"parameter 'plan.{parameter}' names '{foreign[0][:60]}'; accepted: {listing(names)}")

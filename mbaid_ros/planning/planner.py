@@ -50,6 +50,7 @@ class PlanSettings:
     base: BaseLimits = field(default_factory=BaseLimits)  # how far the base may be moved
     clearance: float = 0.02  # m, of collision shapes
     stuck: Collection[str] = ()  # joints that are not moved
+    held: Collection[str] = ()  # joints that keep their speed; empty: wheels, as `joint_limits` knows them
     speeds: int = 32  # that each joint goes by, one after the other
     effort: int = 1200  # motions that are compared
     seed: int = 0  # the same gives the same motion
@@ -87,7 +88,7 @@ class Planner:
             settings.joint_velocity,
             settings.joint_acceleration,
             (*settings.stuck, *passive),
-            keeping_speed(model, knowledge.end.joint_velocity[independent], settings.joint_velocity),
+            keeping_speed(model, knowledge.end.joint_velocity[independent], settings.joint_velocity, settings.held),
         )
         length = settings.duration or min(_FIRST, settings.longest)
         self.motions = Motions(

@@ -83,8 +83,8 @@ def measure(bag: str, joint_states: str, base: str, part: tuple[float, float] = 
     Raises DataError: The bag cannot be used, or the joints do not rest for `_SHORTEST`.
     """
     readings, warnings = _read(bag, joint_states, base, part)
-    readings, wheels = _without_wheels(readings)
-    warnings += [f"bag '{bag}': {name} turns: it is left out" for name in wheels]
+    readings, unsteady = _without_wheels(readings)
+    warnings += [f"bag '{bag}': {name} turns, and not at constant speed: it is left out" for name in unsteady]
     time = readings.seconds(readings.joints)
     begin, end, moved = _longest_rest(time, readings.joints.position)
     moving = f'{listing(readings.names[moved])} {"moves" if len(moved) == 1 else "move"}'
@@ -120,9 +120,6 @@ def measure(bag: str, joint_states: str, base: str, part: tuple[float, float] = 
         text = 'no reading of a joint changes: leave noise.joint_position out, or declare the step of the encoder / 3.5'
         warnings.append(f"bag '{bag}': {text}")
     return Measured(stds, tuple(warnings))
-
-
-# Readings
 
 
 def _read(bag: str, joint_states: str, base: str, part: tuple[float, float]) -> tuple[_Readings, list[str]]:
@@ -216,17 +213,24 @@ def _stamps(messages: Sequence[Any], topic: str) -> Stamps:
     return stamps
 
 
-# Rest and noise
-
-
 def _without_wheels(readings: _Readings) -> tuple[_Readings, list[str]]:
-    """Return the readings without joints that turn all along, as wheels do, and the names of these."""
-    position = readings.joints.position
+    """Return the readings without joints that turn all along, and the names of those of changing speed.
+
+    A wheel at constant speed is at rest. Its positions show the jitter of the stamps, and count only without others.
+    """
+    time, position = readings.seconds(readings.joints), readings.joints.position
     if not position.size:
         return readings, []
     wheels = np.abs(position[-1] - position[0]) > 2.0 * np.pi
-    joints = replace(readings.joints, position=position[:, ~wheels], velocity=readings.joints.velocity[:, ~wheels])
-    return replace(readings, names=readings.names[~wheels], joints=joints), readings.names[wheels].tolist()
+    line = np.polynomial.polynomial.polyvander(time, 1)
+    steady = position - line @ np.linalg.lstsq(line, position, rcond=None)[0]
+    unsteady = wheels & np.isin(np.arange(len(wheels)), _longest_rest(time, steady)[2])
+    left = ~wheels if not np.all(wheels) else ~unsteady
+    if not np.any(wheels) or not np.any(left):
+        return readings, []
+    kept = np.where(wheels, steady, position)[:, left]
+    joints = replace(readings.joints, position=kept, velocity=readings.joints.velocity[:, left])
+    return replace(readings, names=readings.names[left], joints=joints), readings.names[unsteady].tolist()
 
 
 def _scatter(values: Array) -> float:

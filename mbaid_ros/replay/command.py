@@ -26,7 +26,7 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import as_json, check_outputs, write_results
-from mbaid_ros.replay.provenance import made_by
+from mbaid_ros.replay.provenance import hashes, made_by
 from mbaid_ros.replay.results import DEFAULT_FRACTION, LONG_ENOUGH, Holdout, Run, holdout_of
 from mbaid_ros.replay.run import EstimateWriter, progress_bar, replay_bag
 from mbaid_ros.replay.saved import Truth, read_truth, truth_beside
@@ -143,7 +143,7 @@ def replay(arguments: argparse.Namespace) -> int:
     runs = [replace(each, holdout=_holdout(each, arguments)) for each in runs]
     if arguments.json or arguments.report:
         made = made_by('replay', arguments.argv, arguments.model, urdf)
-        runs = [replace(each, made_by=made) for each in runs]
+        runs = [replace(each, made_by=made, files=hashes(each.bag)) for each in runs]
     results = [as_json(run) for run in runs]
     content = results[0] if len(results) == 1 else results
     write_results(arguments, content, lambda: texts(runs), lambda: _page(runs, truths))

@@ -20,6 +20,7 @@ from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
 from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.replay.results import Run
+from mbaid_ros.session.continuation import continuation_as_json
 
 STDOUT = '-'
 
@@ -118,8 +119,11 @@ def as_json(run: Run) -> dict[str, Any]:
         'span_s': final.time,
         'warnings': run.all_warnings,
         'model': None if run.survey is None else asdict(run.survey),
-        'made_by': run.made_by and {**run.made_by, 'parameters': dict(run.settings)},
+        'made_by': run.made_by and {**run.made_by, 'parameters': dict(run.settings), 'bag_sha256': dict(run.files)},
         'advice': run.advice or None,
+        'continuation': None
+        if run.posterior is None or run.contradicted
+        else continuation_as_json(run.posterior.continuation, run.urdf),
         'history': [
             {
                 't': estimate.time,

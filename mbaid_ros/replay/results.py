@@ -106,6 +106,8 @@ class Run:
     missing_joints: tuple[str, ...] = ()  # for want of which most of the joint states could not be used
     survey: ModelSummary | None = None  # the model summary, None where there is none
     made_by: dict[str, Any] | None = None  # `provenance.made_by`
+    # SHA-256 of each file of the bag, by its name; None for one that is too large
+    files: Mapping[str, str | None] = field(default_factory=dict)
     posterior: Posterior | None = None  # from which the next motion is planned; None where the method has none
     advice: str = ''  # the motion that would help most, in words; empty where none is needed or known
     holdout: Holdout | None = None  # how well the rest predicts the last part of the run; None where not asked for

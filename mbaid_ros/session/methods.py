@@ -51,8 +51,8 @@ def make_estimator(
         kernel = kernel.with_uncertainty(declared_errors(kernel, config.known_links))
     if before is not None and (config.method != 'trajectory' or _has_capture(config)):
         raise ParameterError(
-            f'--continue goes on with a run; method is {config.method}, capture.phase is {config.capture.phase}; '
-            'accepted: trajectory, and no capture'
+            f"parameter 'continue_from' goes on with a run; method is {config.method}, capture.phase "
+            f'{config.capture.phase}; accepted: trajectory, and no capture'
         )
     reporting = make_reporting(config, kernel)
     if config.method == 'difference':

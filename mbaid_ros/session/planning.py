@@ -49,6 +49,7 @@ def plan_settings(config: EstimatorConfig) -> PlanSettings:
         base=BaseLimits(*(each or np.inf for each in limits)),
         clearance=plan.clearance,
         stuck=plan.stuck,
+        held=plan.held,
         effort=plan.effort,
         window=config.window,
     )

@@ -14,6 +14,7 @@ from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, 
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from mbaid_ros.core.trajectory.posterior import Continuation, Posterior
 from mbaid_ros.messages.fields import number_of, stamp_of, vector_of, wrench_of
+from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.model_summary import ModelSummary, summarise
 from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, BaseSource, MessageQueue
 from mbaid_ros.session.robot import Robot
@@ -37,7 +38,7 @@ class Session:
     urdf : text of the robot description
     make : makes the method of each segment, of the parameters, the robot's kernel and, from a calibration, the nominal
         model (None without one); `make_estimator` where not given
-    before : the run that this one continues, of the same robot and parameters
+    before : the run that this one continues; where not given, that in the file that the parameters name
 
     Attributes
     ----------
@@ -59,7 +60,7 @@ class Session:
     ) -> None:
         self.config = config
         self._make = make
-        self._before = before
+        self._before = before or read_continuation(config, urdf)
         self.robot = Robot(config, urdf)
         self.reset()
 

@@ -106,15 +106,21 @@ def test_many_bags_lead_to_what_each_leads_to_alone(
     runs = [replay_bag(bag, EstimatorConfig(method='difference'), urdf, Inputs()) for bag in bags]
     page, foot = report.read_text().split('<footer>')
     assert page == html(runs, [None] * len(runs)).split('<footer>')[0]
-    assert foot.count('SHA-256') == 1
+    assert foot.count('SHA-256') == 1 + len(bags)
 
 
 def test_runs_of_one_robot_add_up(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    """With --continue the second run begins from the first."""
+    """With --continue the second run begins from the first; so does a run that is given the first one's JSON."""
     begun, after = (str(recorded.papers_case(tmp_path / f'{length:g}_s', length, 20.0)) for length in (14.0, 12.0))
+    result = tmp_path / 'first.json'
     replay([begun, after, '--model', MODEL, '--continue', '--json', '-'])
     first, second = json.loads(capsys.readouterr().out)
+    assert first['continuation']
     assert second['std']['mass'] < first['std']['mass']
+    replay([begun, '--model', MODEL, '--json', str(result)])
+    capsys.readouterr()
+    replay([after, '--model', MODEL, '-p', f'continue_from:={result}', '--json', '-'])
+    assert json.loads(capsys.readouterr().out)['estimate'] == second['estimate']
 
 
 def without_origin(text: str) -> str:

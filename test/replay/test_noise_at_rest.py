@@ -301,11 +301,13 @@ def with_wheel(angle: Callable[[float], float], speed: float = 400.0) -> Change:
     return change
 
 
-def test_a_wheel_is_left_out_and_named(bag: str, tmp_path: Path) -> None:
-    (warning,) = (
-        found := measure(changed(bag, tmp_path / 'wheel', with_wheel(lambda time: 400.0 * time)), *TOPICS)
-    ).warnings
-    assert 'wheel turns: it is left out' in warning
+def test_a_wheel_at_constant_speed_is_at_rest_and_another_one_is_named(bag: str, tmp_path: Path) -> None:
+    steady = measure(changed(bag, tmp_path / 'steady', with_wheel(lambda time: 400.0 * time)), *TOPICS)
+    assert steady.warnings == ()
+    assert steady.stds == pytest.approx(NOISE, rel=0.15)
+    spun_up = with_wheel(lambda time: 400.0 * time + 0.5 * time**2)
+    (warning,) = (found := measure(changed(bag, tmp_path / 'spun up', spun_up), *TOPICS)).warnings
+    assert 'wheel turns, and not at constant speed: it is left out' in warning
     assert found.stds == pytest.approx(NOISE, rel=0.15)
 
 

@@ -93,7 +93,7 @@ def test_the_json_has_what_scripts_rely_on(output: Path, bag: str) -> None:
             'causes',
             'capture',
         ),
-        *('debris', 'samples', 'span_s', 'warnings', 'model', 'made_by', 'advice', 'history'),
+        *('debris', 'samples', 'span_s', 'warnings', 'model', 'made_by', 'advice', 'continuation', 'history'),
     ]
     assert result['bag'] == bag
     assert result['target_link'] == 'link4'
@@ -196,15 +196,16 @@ def test_the_result_says_what_made_it(capsys: pytest.CaptureFixture[str], bag: s
     report = tmp_path / "the operator's.html"
     before = datetime.now(timezone.utc).replace(microsecond=0)
     made = result_of(capsys, bag, '--report', str(report), '--params', str(papers_parameters(tmp_path)))['made_by']
-    assert list(made) == ['version', 'command', 'date', 'robot', 'parameters']
+    assert list(made) == ['version', 'command', 'date', 'robot', 'parameters', 'bag_sha256']
     assert made['version'] == version('mbaid_ros')
     assert shlex.split(made['command'])[:5] == ['ros2', 'run', 'mbaid_ros', 'replay', bag]
     assert str(report) in shlex.split(made['command'])
     assert before <= datetime.fromisoformat(made['date']) <= datetime.now(timezone.utc)
     assert made['robot'] == {'name': 'table1', 'file': MODEL, 'sha256': sha256(Path(MODEL))}
     assert made['parameters'] == jsonable(EstimatorConfig(), {'method': 'paper_main', **PAPERS_MOMENTUM})
+    assert made['bag_sha256'] == {'papers_case.mcap': sha256(Path(bag, 'papers_case.mcap'))}
     foot = html.unescape(report.read_text().partition('<footer>')[2])
-    for text in (made['command'], made['date'], made['robot']['sha256']):
+    for text in (made['command'], made['date'], made['robot']['sha256'], made['bag_sha256']['papers_case.mcap']):
         assert text in foot
 
 

@@ -102,6 +102,7 @@ def test_a_good_run_has_every_part() -> None:
         assert part in text
     assert cells(text, '/joint_states') == ['sensor_msgs/msg/JointState', '1000', '100']
     assert 'NaN or infinite value' in text
+    assert re.search(r'NumPy \d', text)
     assert len(svgs(text)) == 3
 
 

@@ -12,8 +12,8 @@ from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import determined
 from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.replay import provenance
 from mbaid_ros.replay.output import events
-from mbaid_ros.replay.provenance import in_words
 from mbaid_ros.replay.report import figures
 from mbaid_ros.replay.report.markup import (
     NO_NUMBER,
@@ -196,8 +196,10 @@ def _settings(run: Run) -> str:
 
 
 def _foot(runs: Sequence[Run]) -> str:
-    """Return the command that made the page, and the robot description."""
-    lines = dict.fromkeys(line for run in runs if run.made_by for line in in_words(run.made_by))
+    """Return the packages, the command and the files that made the page."""
+    lines = [f'Made by {", ".join(f"{name} {version}" for name, version in provenance.versions())}.']
+    lines += dict.fromkeys(line for run in runs if run.made_by for line in provenance.in_words(run.made_by))
+    lines += [line for run in runs for line in provenance.files_in_words(run.bag, run.files)]
     return f'<footer>{"".join(paragraph(line, "note") for line in lines)}</footer>'
 
 

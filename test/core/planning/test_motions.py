@@ -125,15 +125,18 @@ def test_a_joint_keeps_the_slower_of_its_own_limit_and_the_one_for_all() -> None
 
 
 @pytest.mark.parametrize(
-    ('velocity', 'kept'),
+    ('velocity', 'held', 'kept'),
     [
-        (np.inf, [True, True, True]),  # nothing limits them
-        (5.0, [True, False, False]),  # the first is faster than joints may be
+        (np.inf, (), [True, True, True]),  # nothing limits them
+        (5.0, (), [True, False, False]),  # the first is faster than joints may be
+        (np.inf, ('wheel1_joint',), [False, True, False]),
     ],
 )
-def test_wheels_keep_their_speed(velocity: float, kept: list[bool]) -> None:
+def test_wheels_keep_their_speed(velocity: float, held: tuple[str, ...], kept: list[bool]) -> None:
     model = load_model(wheels.urdf())
     names = ('wheel0_joint', 'wheel1_joint', 'wheel2_joint')
     rate = np.array([90.0 if name == 'wheel0_joint' else 1.0 for name in model.independent_joints])
-    found = keeping_speed(model, rate, velocity)
+    found = keeping_speed(model, rate, velocity, held)
     assert [bool(found[model.independent_joints.index(name)]) for name in names] == kept
+    with pytest.raises(ParameterError, match=r"'plan\.held' names 'rotor'; accepted: "):
+        keeping_speed(model, rate, velocity, ('rotor',))

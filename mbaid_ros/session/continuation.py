@@ -1,0 +1,70 @@
+"""The run that another one continues, in the JSON of `replay`."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import numpy as np
+
+from mbaid_ros import limits
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.parameters import shown, values_of
+from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.trajectory.posterior import Continuation
+from mbaid_ros.files import parse_json, read_text
+
+_ACCEPTED = 'accepted: the JSON of one run of replay that reached an estimate with method trajectory'
+# Parameters that give the unknowns' numbers their meaning: both runs need the same.
+_SHARED = (
+    *('base_link', 'target_', 'known_', 'odometry', 'marker.', 'flexible.', 'wheels.', 'thrust.', 'orbit.'),
+    *('imu.', 'disturbance.', 'time_offset.', 'momentum.'),
+)
+
+
+def continuation_as_json(left: Continuation, urdf: str) -> dict[str, Any]:
+    """Return what a run of a robot description leaves to the next one."""
+    return {
+        'robot': _digest(urdf),
+        'planar': left.planar,
+        'root': [row[place:] for place, row in enumerate(left.root.tolist())],  # the rest of a triangle is zero
+        'bias': left.bias.tolist(),
+    }
+
+
+def read_continuation(config: EstimatorConfig, urdf: str) -> Continuation | None:
+    """Return the run that the parameters name; None where they name none.
+
+    Raises ParameterError: The file cannot be read, holds no such run, or one of another robot or other parameters.
+    """
+    path = config.continue_from
+    if not path:
+        return None
+    try:
+        content = parse_json(read_text(path, 'result', limits.JSON_CHARACTERS, _ACCEPTED))
+        state, given = content['continuation'], content['made_by']['parameters']
+        if state['robot'] != _digest(urdf):
+            raise ParameterError(f"'{path}' is of another robot description; accepted: a result with the same")
+        for name, value in values_of(config).items():
+            if name.startswith(_SHARED) and name in given and given[name] != _plain(value):
+                differ = f'{name} {shown(given[name])}, this run has {shown(value)}'
+                raise ParameterError(f"'{path}' was made with {differ}; accepted: the same")
+        count = len(state['root'])
+        root = np.array([[0.0] * place + list(row) for place, row in enumerate(state['root'])], dtype=float)
+        bias = np.array(state['bias'], dtype=float)
+        if root.shape != (count, count + 1) or not np.all(np.diag(root)) or not np.all(np.abs(root) < limits.QUANTITY):
+            raise ValueError('its root is no triangle')
+        if bias.shape != (len(bias), len(bias) + 1) or not np.all(np.abs(bias) < limits.QUANTITY):
+            raise ValueError('its bias is none')
+        return Continuation(bool(state['planar']), root, bias)
+    except (ValueError, TypeError, KeyError, OverflowError) as error:
+        reason = f'it lacks {error}' if isinstance(error, KeyError) else ' '.join(str(error).split())
+        raise ParameterError(f"'{path}' cannot be continued: {reason}; {_ACCEPTED}") from error
+
+
+def _plain(value: object) -> object:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _digest(urdf: str) -> str:
+    return hashlib.sha256(urdf.encode()).hexdigest()
