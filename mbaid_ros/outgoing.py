@@ -10,8 +10,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.core.results.estimate import Estimate, Event
-from mbaid_ros.core.results.published_inertia import Debris, DebrisPublication, InertiaPublication
+from mbaid_ros.core.results.estimate import Debris, DebrisPublication, Estimate, Event, InertiaPublication
 
 if TYPE_CHECKING:
     from mbaid_ros.core.capture.known_momentum import Capture

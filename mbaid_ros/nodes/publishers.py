@@ -15,8 +15,7 @@ from std_msgs.msg import String
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.capture.known_momentum import Capture
-from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.published_inertia import Debris, is_complete
+from mbaid_ros.core.results.estimate import Debris, Estimate, is_complete
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.nodes.reports import RunLog, RunState
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, quiet_publisher
