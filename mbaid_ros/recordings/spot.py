@@ -10,8 +10,9 @@ import numpy as np
 
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.recordings.recording import Joints, Poses, Recording, Thrust, resource, turned_about_z
+from mbaid_ros.recordings.recording import Recording, resource, turned_about_z
 from mbaid_ros.recordings.tables import read_matlab, read_table
+from mbaid_ros.sensor_messages import Joints, Poses, Thrust
 
 JOINTS = ('shoulder', 'elbow', 'wrist')
 BASE = 'base_link'
