@@ -38,11 +38,14 @@ class Joints:
 
     def message(self, types: MessageTypes, index: int, stamp: int) -> Any:
         """Return one of them as a sensor_msgs/JointState."""
-        velocity, effort = (np.zeros(0) if each is None else each[index] for each in (self.velocity, self.effort))
+        position, velocity, effort = (
+            np.zeros(0) if each is None else np.ascontiguousarray(each[index])  # a serialiser takes no other memory
+            for each in (self.position, self.velocity, self.effort)
+        )
         return types.find(SENSOR_TYPES['joint_states'])(
             header=stamped(stamp, '', types),
             name=list(self.names),
-            position=self.position[index],
+            position=position,
             velocity=velocity,
             effort=effort,
         )
