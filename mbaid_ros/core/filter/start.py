@@ -10,7 +10,7 @@ import numpy as np
 from mbaid_ros.core.filter.bank import LONGEST_AT_A_GUESS, NO_JUMPS, Bank, best, clamped, far_better, joined
 from mbaid_ros.core.filter.batch import MASS, BatchIteration, BatchResult, Work
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
-from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout, Point
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout, Point, mobility_and_joint_momentum
 from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.filter.window import STACK, Stack, Window, in_stacks, stacked
@@ -18,7 +18,6 @@ from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.flexible import SpringErrors, StartingSwing, SwingNoise
 
@@ -43,9 +42,8 @@ def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Wi
             continue
         placed = kernel.kinematics.configure(middle.base_rotation, middle.joint_position)
         joints = kernel.kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
-        mobility, moving = mobility_and_momentum(express(known, placed.rotation, placed.position), joints)
-        if kernel.storage.count:
-            moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, middle.stored), axis=1)
+        bodies = express(known, placed.rotation, placed.position)
+        mobility, moving = mobility_and_joint_momentum(kernel, middle, bodies, placed, joints)
         # V = M^-1 (h - b), no linear momentum: solve with the angular part of M^-1 alone.
         at_rest = (mobility @ moving[..., None])[..., 0]
         rate = rotate(middle.base_rotation, middle.gyro) + at_rest[:, 3:]

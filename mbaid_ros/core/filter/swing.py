@@ -14,13 +14,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from mbaid_ros.core.filter.exponential import composed, steps_of
+from mbaid_ros.core.filter.exponential import steps_of
 from mbaid_ros.core.filter.knots import Midpoints
 from mbaid_ros.core.filter.passive_prediction import PassiveColumns, started, starting_columns
 from mbaid_ros.core.filter.state import Layout, Point
 from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, predict
 from mbaid_ros.core.filter.window import Stack, Window
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.linear_algebra import composed
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
 BESIDE = 2  # intervals on either side of a window that its steps are interpolated from

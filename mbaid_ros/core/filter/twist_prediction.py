@@ -10,7 +10,14 @@ import numpy as np
 
 from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.passive_prediction import PassiveColumns, passive_columns
-from mbaid_ros.core.filter.state import ANGULAR_FIRST, Layout, Point, mobility_and_joint_momentum, total_momentum
+from mbaid_ros.core.filter.state import (
+    ANGULAR_FIRST,
+    Layout,
+    Point,
+    in_plane,
+    mobility_and_joint_momentum,
+    total_momentum,
+)
 from mbaid_ros.core.geometry import Array, Integers, cross, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import express
@@ -116,7 +123,9 @@ def predict(layout: Layout, middle: Midpoints, point: Point, along: Array | None
     placed = kinematics.configure(middle.base_rotation, middle.joint_position)
     body_twist = kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
     expressed = express(known, placed.rotation, placed.position)
-    mobility, moving = mobility_and_joint_momentum(layout, point, middle, expressed, placed, body_twist)
+    mobility, moving = mobility_and_joint_momentum(kernel, middle, expressed, placed, body_twist)
+    if layout.plane is not None:
+        mobility = in_plane(mobility, layout.plane)
     tide = about(middle.tide, middle.base_position)
     thrust = about(middle.thrust, middle.base_position, OF_A_THRUSTER)
     linear, about_base = total_momentum(middle, point, known, (tide, thrust))
