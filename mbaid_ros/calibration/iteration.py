@@ -225,8 +225,7 @@ def filtered(
         heads.append(_of_momentum(gaussian, own))
     assert gaussian is not None, 'there is a motion'
     head = motions[0].variables.head
-    rest = gaussian.with_root(gaussian.root[head:, head:])
-    mean, factor = rest.mean_and_shift()[0], rest.factor
+    mean, factor = gaussian.mean_and_shift()[0][head:], gaussian.factor[head:, head:]
     found = [_momentum(rows, motion.variables, mean, factor) for rows, motion in zip(heads, motions, strict=True)]
     momenta = np.array([momentum for momentum, _ in found])
     return CalibrationIteration(gaussian, mean, factor, momenta, [each for _, each in found])
@@ -234,9 +233,10 @@ def filtered(
 
 def _scored(gaussian: SquareRootInformation, score: Array) -> SquareRootInformation:
     """Return the Gaussian with a score (w,) of its last variables beside that of least squares."""
-    root = gaussian.root.copy(order='F')
-    root[-len(score) :, -2] += np.linalg.solve(root[-len(score) :, -len(score) - 2 : -2].T, score)
-    return gaussian.with_root(root)
+    root, size = gaussian.conditional, len(score)
+    right = root.right.copy(order='F')
+    right[-size:, 0] += np.linalg.solve(root.triangle[-size:, -size:].T, score)
+    return replace(gaussian, conditional=replace(root, right=right))
 
 
 def _linearised(motion: Motion, point: Point) -> Iterator[tuple[Window, WhitenedWindow]]:

@@ -6,13 +6,12 @@ Long computations are generators: they yield the cost of each piece, in steps of
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
 
-from mbaid_ros.core import chi_square
 from mbaid_ros.core.filter.bank import LONGEST, MARGIN, Bank, HypothesisFilter, update_bank
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, LINEAR, Layout, Point, near_part
@@ -21,10 +20,11 @@ from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import LINEARISED, LinearisationCache, WhitenedWindow
 from mbaid_ros.core.filter.window import Stack, Window
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, is_physical, project
+from mbaid_ros.core.linear_algebra import chi_square_limit
+from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, project
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import unknown_scale
-from mbaid_ros.core.robot.momentum import physical_shift
+from mbaid_ros.core.robot.momentum import is_physical, physical_shift
 
 Outcome = TypeVar('Outcome')
 Work = Generator[int, None, Outcome]  # yields the cost of each piece, in steps of the filter; returns the outcome
@@ -79,7 +79,7 @@ class BatchResult:
     def consistent(self) -> bool:
         """Whether the solution explains the windows."""
         gaussian = self.filtered.gaussian
-        return self.converged and self.physical and gaussian.nis < chi_square.limit(_UNLIKELY, gaussian.measured)
+        return self.converged and self.physical and gaussian.nis < chi_square_limit(_UNLIKELY, gaussian.measured)
 
     @property
     def acceptable(self) -> bool:
@@ -112,9 +112,14 @@ class BatchIteration:
 
         Of none where the target has a prior: what a first guess explains badly would pass for jumps.
         """
+        return self.priors((hypothesis,), longest, mass)[0]
+
+    def priors(self, hypotheses: Sequence[Hypothesis], longest: int, mass: float | None = None) -> Bank:
+        """Return hypotheses before the first window, which share a root."""
         longest = 0 if self.variables.described else longest
-        extra = self.variables.force.shape[1] if hypothesis.force != 'none' else 0
-        return HypothesisFilter(hypothesis, SquareRootInformation.prior(self.variables, extra, mass), longest=longest)
+        gaussians = SquareRootInformation.priors(self.variables, [each.force for each in hypotheses], mass)
+        pairs = zip(hypotheses, gaussians, strict=True)
+        return tuple(HypothesisFilter(hypothesis, gaussian, longest=longest) for hypothesis, gaussian in pairs)
 
     def relinearise(self, stacks: list[list[Stack]], point: Point) -> Work[WhitenedWindows]:
         """Return all windows linearised at one point."""

@@ -7,7 +7,7 @@ from enum import Enum, auto
 
 import numpy as np
 
-from mbaid_ros.core.filter.bank import Bank, HypothesisFilter, best, update_bank, update_hypothesis
+from mbaid_ros.core.filter.bank import Bank, HypothesisFilter, best, update_bank, update_hypotheses
 from mbaid_ros.core.filter.batch import BatchIteration
 from mbaid_ros.core.filter.initialisation import Initialisation, resolved_frequencies
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
@@ -56,7 +56,7 @@ class LinearisationPoint:
         """Return the point, moved where the estimate is too far from its reference."""
         assert self.point is not None, 'there is a start'
         distribution = MeanAndCovariance.of(gaussian, self._variables)
-        gather, root = self._variables.gather[self._variables.lasting], self._known(gaussian.root)
+        gather, root = self._variables.gather[self._variables.lasting], self._known(gaussian.triangle)
         distance = root @ (gather @ (distribution.mean - self._reference))
         if distance @ distance > _HELD:
             self._move(distribution, root)
@@ -278,7 +278,7 @@ class FilterRun:
             if self._latest.hypothesis.disturbed:
                 (self._latest,) = update_bank((self._latest,), still_open, white, self._variables)
             else:
-                self._latest = update_hypothesis(self._latest, still_open, white, self._variables)
+                (self._latest,) = update_hypotheses((self._latest,), still_open, white, self._variables)
 
     def offer(self, point: Callable[[], Point]) -> None:
         """Keep a point that the next search may begin at."""
