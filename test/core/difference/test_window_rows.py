@@ -137,7 +137,9 @@ def test_rates_taken_from_positions_are_as_noisy_as_the_equations_say(spatial: T
         )
         noisy.append(window)
         untilted.append(replace(window, rate_tilt=np.ones_like(window.rate_tilt)))
-    tilted, plain = (eiv.cost(window_rows(servicer, each, MID, ORIGIN), x) / 1800.0 for each in (noisy, untilted))
+    tilted, plain = (
+        eiv.whitened(window_rows(servicer, each, MID, ORIGIN), x).cost / 1800.0 for each in (noisy, untilted)
+    )
     # Chi-square of 1800: its mean is known to 3 %.
     assert tilted == pytest.approx(1.0, abs=0.12)
     assert plain > 1.15
