@@ -10,9 +10,9 @@ import numpy as np
 
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.status import Reason, notes, with_reasons
+from mbaid_ros.core.robot.orbit import FallingFrame
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples
 from mbaid_ros.core.sensors.external_momentum import Thrust
-from mbaid_ros.core.sensors.falling_frame import FallingFrame
 from mbaid_ros.core.sensors.gyro import Gyro
 from mbaid_ros.core.sensors.levels import FoundNoise, SensorLevels
 from mbaid_ros.core.sensors.rates import FEWEST, with_rates
@@ -113,7 +113,6 @@ class Identifier:
         self._window = window
         self._notes: dict[str, float] = {}  # notes on the data for the user, and since when (s)
         self.used = 0
-        self.last: Samples | None = None  # sample
         self.end_of_window: int | None = None  # ns, stamp that closes the window that is open
         self._dropped: Counter[str] = Counter()
 
@@ -141,7 +140,6 @@ class Identifier:
         if samples is None:
             return []
         self.used += len(samples)
-        self.last = samples[-1:]
         number = np.floor((samples.time[-1] + 1e-9) / self._window) + 1.0
         self.end_of_window = self.synchroniser.origin + round(number * self._window * 1e9)
         return self._estimates(self._windows.push(samples))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Flags, cross, crossed, exp, log, moved_base, skew
+from mbaid_ros.core.geometry import Array, Flags, cross, exp, log, moved_base
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about
 from mbaid_ros.core.samples import ArrayRecord, Samples
 
@@ -86,30 +86,19 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
     time = mean(stamps)
     middle = rotation[np.minimum(first + sizes // 2, len(stamps) - 1)]
     turns = log(rotation @ np.swapaxes(middle[number], 1, 2))
-    moving = [joined('joint_position'), joined('base_position') - origin]
-    moving += [
-        joined('base_linear_velocity'),
-        joined('base_angular_velocity'),
-        _columns_about(joined('impulse'), origin, 1),
-    ]
-    joints = moving[0].shape[1]
-    stored = joined('stored')
-    columns = _columns_about(joined('tide'), origin, 10), _columns_about(joined('thrust'), origin, OF_A_THRUSTER)
-    means = mean(np.concatenate((*moving, turns, stored, *columns, joined('gyro')), axis=1))
-    end = joints + 18
-    places = np.cumsum([end, stored.shape[1], columns[0].shape[1], columns[1].shape[1]])
+    twist = np.concatenate((joined('base_linear_velocity'), joined('base_angular_velocity')), axis=1)
     return Knots(
-        joint_position=means[:, :joints],
-        base_rotation=exp(means[:, joints + 15 : end]) @ middle,
-        base_position=means[:, joints : joints + 3],
-        base_twist=means[:, joints + 3 : joints + 9],
+        joint_position=mean(joined('joint_position')),
+        base_rotation=exp(mean(turns)) @ middle,
+        base_position=mean(joined('base_position') - origin),
+        base_twist=mean(twist),
         spread=mean((stamps - time[number]) ** 2) / spacing**2,
         offset=(time - np.repeat(starts, count)) / spacing - np.tile(np.arange(count), len(windows)) - 0.5,
-        impulse=means[:, joints + 9 : joints + 15],
-        stored=means[:, end : places[1]],
-        tide=means[:, places[1] : places[2]],
-        thrust=means[:, places[2] : places[3]],
-        gyro=means[:, places[3] :],
+        impulse=mean(_columns_about(joined('impulse'), origin, 1)),
+        stored=mean(joined('stored')),
+        tide=mean(_columns_about(joined('tide'), origin, 10)),
+        thrust=mean(_columns_about(joined('thrust'), origin, OF_A_THRUSTER)),
+        gyro=mean(joined('gyro')),
         course=np.zeros((len(sizes), 0)),
     )
 
@@ -119,30 +108,6 @@ def at_the_base(knots: Knots, mount: Array) -> Knots:
     twist = knots.base_twist.copy()
     rotation, away, twist[..., :3] = moved_base(knots.base_rotation, twist[..., :3], twist[..., 3:], mount)
     return replace(knots, base_rotation=rotation, base_position=knots.base_position + away, base_twist=twist)
-
-
-def with_course(knots: Knots, spacing: float, begin: Array) -> tuple[Knots, Array]:
-    """Return knots oriented by the gyro alone with the effect of its errors, and that (36,) at the end of the last.
-
-    Parameters
-    ----------
-    knots, spacing : in a row, s
-    begin : (36,) before the first of them
-    """
-    rate = np.gradient(knots.gyro, spacing, axis=0)
-    errors = np.zeros((len(knots), 3, 12))
-    errors[:, :, :3], errors[:, :, 6:9], errors[:, :, 9:] = np.eye(3), skew(rate), crossed(rate)
-    errors[:, [0, 1, 2], [3, 4, 5]] = rate
-    # After an empty knot the chain begins anew.
-    steps = np.nan_to_num(spacing * (knots.base_rotation @ errors)).reshape(len(knots), -1)
-    sums = np.cumsum(np.concatenate((begin[None], steps)), axis=0)
-    return replace(knots, course=0.5 * (sums[1:] + sums[:-1])), sums[-1]
-
-
-def turned_back(knots: Knots, errors: Array) -> Knots:
-    """Return knots whose orientation and angular velocity are those of a gyro without (12,) errors."""
-    away = knots.course.reshape(*knots.course.shape[:-1], 3, 12) @ errors
-    return replace(knots, base_rotation=exp(-away) @ knots.base_rotation)
 
 
 def bridged(knots: Knots) -> Knots:

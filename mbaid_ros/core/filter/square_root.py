@@ -42,7 +42,7 @@ class SquareRootInformation:
     def of(
         triangle: Array, value: Array, forces: Sequence[Axes], variables: Variables, likelihood: float = 0.0
     ) -> list[SquareRootInformation]:
-        """Return R x = z, (v, v) and (v,), before all windows, each beside a force of unit variance in some axes."""
+        """Return R x = z, (v, v) and (v,), at first, with a force of unit variance in each of some axes."""
         acting, count = tuple(axes for axes in forces if axes != 'none'), variables.force.shape[1]
         right = np.zeros((len(value), 2 + len(acting) * count), order='F')
         right[:, 1] = value
