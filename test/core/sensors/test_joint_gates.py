@@ -8,8 +8,7 @@ import pytest
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import JointStream
 from mbaid_ros.core.sensors.joints import JointMerge
-from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, Outliers, joint_channels
-from mbaid_ros.core.sensors.repeats import JOINTS_HELD, Repeats
+from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, JOINTS_HELD, Outliers, Repeats, joint_channels
 
 RATE, COUNT, JOINTS = 50, 600, 4
 

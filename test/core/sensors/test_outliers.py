@@ -10,8 +10,7 @@ import pytest
 
 from mbaid_ros.core.geometry import Flags, exp
 from mbaid_ros.core.samples import BaseStream, Stamps
-from mbaid_ros.core.sensors.outliers import OUTLIER, Outliers
-from mbaid_ros.core.sensors.repeats import REPEATED_POSE, Repeats
+from mbaid_ros.core.sensors.outliers import OUTLIER, REPEATED_POSE, Outliers, Repeats
 from measured import base_stream, piece
 
 GAP = 100_000_000  # ns
