@@ -25,6 +25,7 @@ from mbaid_ros.cli import run
 from mbaid_ros.nodes import estimator, player, recorder, simulator, watch
 from mbaid_ros.nodes.estimator import EstimatorNode
 from mbaid_ros.nodes.simulator import SimulatorNode
+from mbaid_ros.nodes.start import run_node
 from simulated import CONFIG
 
 NAMES = (
@@ -106,7 +107,7 @@ def test_a_parameter_file_without_a_section_for_the_node_is_refused(
 
 
 def refused(node: Any, arguments: list[str], text: str, capfd: pytest.CaptureFixture[str]) -> None:
-    error = answer(partial(run, node.main), capfd, *arguments, code=2)
+    error = answer(partial(run, partial(run_node, node.NAME), name=node.NAME), capfd, *arguments, code=2)
     assert error.startswith(f'mbaid_ros {node.NAME}: ')
     assert text in error
     assert '/src/' not in error

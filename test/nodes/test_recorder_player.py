@@ -25,6 +25,7 @@ from graph import Graph, graph
 from mbaid_ros.bags import BagReader, BagWriter, deserialize, message_class, serialize
 from mbaid_ros.cli import run
 from mbaid_ros.nodes import player, recorder
+from mbaid_ros.nodes.start import run_node
 from mbaid_ros.nodes.subscriptions import LATCHED, qos
 from mbaid_ros.replay.start import replay
 from recorded import papers_case
@@ -198,9 +199,8 @@ def test_a_choice_of_topics_with_a_clock_and_latched_topics_in_a_loop(live: Grap
 def test_a_users_error_is_one_line(
     bag: Path, capfd: pytest.CaptureFixture[str], node: Any, arguments: list[str], text: str
 ) -> None:
-    error = answer(
-        partial(run, node.main), capfd, *(argument.replace('{bag}', str(bag)) for argument in arguments), code=2
-    )
+    words = [argument.replace('{bag}', str(bag)) for argument in arguments]
+    error = answer(partial(run, partial(run_node, node.NAME), name=node.NAME), capfd, *words, code=2)
     assert text in error
     assert error.startswith(f'mbaid_ros {node.NAME}: ')
 
