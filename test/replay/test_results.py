@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from made_runs import BODY, STD, run
-from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Event, PassiveJoint, Status
-from mbaid_ros.core.results.published_inertia import Debris
+from mbaid_ros.core.results.estimate import WITHHELD, Debris, Estimate, Event, PassiveJoint, Status
 from mbaid_ros.replay.command import exit_code
 from mbaid_ros.replay.output import as_json, passive_joints, summary
 from mbaid_ros.replay.results import Arrivals, History, Run, TopicStatistics
