@@ -42,7 +42,7 @@ from mbaid_ros.core.unknowns.flexible import (
     swing_noise,
 )
 from mbaid_ros.core.unknowns.joints import (
-    flexible_joints,
+    geared_joints,
     joint_placements,
     joint_tracking,
 )
@@ -232,6 +232,6 @@ def suspects(known: Sequence[str], joints: Sequence[str]) -> tuple[Linear, ...]:
         TwistLate(np.array([[3e-4]]), (LATE,)),
         twist_bias(1e-5, 0.0),
         twist_bias(0.0, 1e-4),
-        flexible_joints(joints),
+        geared_joints(joints),
     )
     return tuple(each for each in every if not set(each.causes) & set(known))
