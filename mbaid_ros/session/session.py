@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.diagnosis.rate_checks import JointRates, gyro_check, twist_check
+from mbaid_ros.core.diagnosis.rate_checks import gyro_check, twist_check
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.results.estimate import Estimate
@@ -20,7 +20,7 @@ from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, 
 from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from mbaid_ros.core.trajectory.posterior import Continuation, Posterior
-from mbaid_ros.core.window_checks import Check, HeldBase, WindowChecks
+from mbaid_ros.core.window_checks import Check, HeldBase, JointRates, WindowChecks
 from mbaid_ros.messages.fields import number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact
