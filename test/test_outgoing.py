@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbaid_ros.bags import deserialize, serialize
+from mbaid_ros.bags import BAG_TYPES, deserialize, serialize
 from mbaid_ros.core.results.estimate import Debris, Estimate, Event, PassiveJoint
 from mbaid_ros.core.results.parameters import ErrorBudget
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message
-from mbaid_ros.replay.run import BAG_TYPES
 
 FRAMES = Frames(target_link='link7', odometry='odom')
 PANEL = PassiveJoint('panel', 0.3, 0.001, 0.01, 0.002, deflection=0.02, resolved=True)

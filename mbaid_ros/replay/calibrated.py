@@ -10,7 +10,7 @@ import numpy as np
 
 from mbaid_ros.calibration.result import Calibration, LinkResult
 from mbaid_ros.cli import one_line
-from mbaid_ros.config.calibration import CalibrationParameters
+from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import BAND, PARAMETERS, rounded
@@ -33,7 +33,7 @@ class Calibrated:
     calibration: Calibration
     motions: tuple[BagMotions, ...]
     kernel: MomentumKernel
-    parameters: CalibrationParameters
+    config: EstimatorConfig
 
     @property
     def contradicted(self) -> bool:
@@ -50,7 +50,7 @@ class Calibrated:
     def unmoved(self) -> str:
         """The cause that joints of the messages do not move in the robot description; empty if all do."""
         heard = dict.fromkeys(name for motion in self.motions for name in motion.heard)
-        return unmoved_joints(heard, self.kernel.model, self.parameters.estimator.wheels.names)
+        return unmoved_joints(heard, self.kernel.model, self.config.wheels.names)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
@@ -66,7 +66,8 @@ def why_not(result: Calibrated) -> str:
     calibration = result.calibration
     if not calibration.settled:
         remedy = result.unmoved or 'correct its large errors, or declare priors as wide as they are'
-        return f'the iteration does not converge near the robot description; {remedy}'
+        model = 'the data contradict the model: ' if result.contradicted or result.unmoved else ''
+        return f'{model}the iteration does not converge near the robot description; {remedy}'
     left_open = [
         f'{link.name}.{PARAMETERS[index]}'
         for link in calibration.links

@@ -14,11 +14,12 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.output import as_json, summary
+from mbaid_ros.replay.output import as_json
 from mbaid_ros.replay.report.page import html
 from mbaid_ros.replay.results import holdout_of
 from mbaid_ros.replay.run import replay_bag
 from mbaid_ros.replay.start import _replay_parser
+from mbaid_ros.replay.text import summary
 from simulated import robot
 
 

@@ -10,8 +10,9 @@ import pytest
 from made_runs import BODY, STD, run
 from mbaid_ros.core.results.estimate import WITHHELD, Debris, Estimate, Event, PassiveJoint, Status
 from mbaid_ros.replay.command import exit_code
-from mbaid_ros.replay.output import as_json, passive_joints, summary
+from mbaid_ros.replay.output import as_json, passive_joints
 from mbaid_ros.replay.results import Arrivals, History, Run, TopicStatistics
+from mbaid_ros.replay.text import summary
 
 
 def estimate(number: int) -> Estimate:

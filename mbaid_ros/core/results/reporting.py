@@ -17,10 +17,10 @@ from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.linear_algebra import chi_square_limit
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, is_physical, project, project_planar
+from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, project, project_planar
 from mbaid_ros.core.results.status import Reason, Severity, status_of, with_reasons
 from mbaid_ros.core.robot.kinematics import Plane
-from mbaid_ros.core.robot.momentum import physical, physical_jacobian
+from mbaid_ros.core.robot.momentum import is_physical, physical, physical_jacobian
 
 # Standard deviations that a solution may move by: a bias of half of one costs a 95 % interval three of its
 # hundredths. Of equations that are near linear it moves by some hundredths, where the mass is known to a seventh by
@@ -91,7 +91,6 @@ class Solution:
     redundancy: int  # number of equations less that of unknowns; of `trajectory` that of the innovations
     origin: Array  # (3,) m, about which L_0 is taken, odometry frame
     plane: Plane | None  # of a planar motion, which leaves six of the ten parameters open; else None
-    restarted: bool = False  # whether earlier windows had to be given up
     curvatures: tuple[Curvature, ...] = ()  # of its equations, as far as they are known
     reasons: tuple[Reason, ...] = ()  # further ones of the run, in order
 
@@ -185,8 +184,6 @@ class Reporting:
         if correction > _LARGE_CORRECTION and identifiable.any():
             text = f'the estimate was {correction:.1f} standard deviations away from any real body'
             yield Reason(text, serious if correction > IMPOSSIBLE else 'note')
-        if solution.restarted:
-            yield Reason('the motion is not planar: the planar solution was dropped')
 
 
 def _names(which: Flags) -> str:

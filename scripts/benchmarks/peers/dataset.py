@@ -15,13 +15,12 @@ import numpy as np
 from benchmarks.data import START, model
 from benchmarks.peers.conditions import KNOWN_PANEL, OTHER_ENGINE, Condition, Moved, declared, moved
 from benchmarks.peers.recording import JOINTS, ODOMETRY
-from mbaid_ros.bags import BagWriter
+from mbaid_ros.bags import BAG_TYPES, BagWriter
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
-from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.output import shaped
-from mbaid_ros.replay.run import BAG_TYPES
+from mbaid_ros.sensor_messages import joints_of, poses_of
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Truth, total_momentum
 
@@ -119,15 +118,15 @@ def _catalogued(body: Array, rng: np.random.Generator) -> Array:
 
 def _write_bag(path: Path, motion: Moved, truth: Truth, sensors: Sensors) -> None:
     """Write a JointState and an Odometry a sample."""
-    messages = SensorMessages(BAG_TYPES, motion.nominal, 'odom')
-    joints, base = sensors.joints(truth), sensors.base(truth)
+    joints = joints_of(sensors.joints(truth), motion.nominal.joint_names)
+    base = poses_of(sensors.base(truth), motion.nominal.base_link)
     with BagWriter(path) as bag:
         bag.add_topic(JOINTS, 'sensor_msgs/msg/JointState')
         bag.add_topic(ODOMETRY, 'nav_msgs/msg/Odometry')
         for index, time in enumerate(truth.time.tolist()):
             stamp = START + round(time * 1e9)
-            bag.write(ODOMETRY, messages.odometry(base, index, stamp), stamp)
-            bag.write(JOINTS, messages.joint_state(joints, index, stamp), stamp)
+            bag.write(ODOMETRY, base.message(BAG_TYPES, index, stamp), stamp)
+            bag.write(JOINTS, joints.message(BAG_TYPES, index, stamp), stamp)
 
 
 def _write(file: Path, values: object) -> None:

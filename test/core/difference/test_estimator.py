@@ -7,10 +7,9 @@ import pytest
 from scipy.stats import chi2
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum import standard
+from mbaid_ros.core.robot.momentum import is_physical, standard
 from mbaid_ros.session import methods
 from mbaid_ros.simulation.motion import random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbaid_ros.core.results.physical_consistency import are_physical, is_physical
 from mbaid_ros.core.robot.model import RobotModel, displaced, load_model
 from mbaid_ros.core.robot.model_errors import declared, with_bodies
+from mbaid_ros.core.robot.momentum import are_physical, is_physical
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
 from random_robots import random_urdf
 from simulated import drawn, robot

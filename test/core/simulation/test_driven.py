@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import MotionConfig, SimulatorConfig
 from mbaid_ros.core.errors import DataError, ParameterError
@@ -14,7 +15,6 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf import Limit
-from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.simulated_robot import make_initial_state, make_motion, make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
 from mbaid_ros.simulation.motion import Sinusoids, random_sinusoids, within_limits
