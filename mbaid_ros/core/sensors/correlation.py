@@ -160,6 +160,7 @@ def _longest(sensor: Candidates, likely: Flags) -> Correlation:
 # Readings from one that is taken to the next: by octaves, up to where motion shows at a hundred hertz.
 _STRIDES = (1, 2, 4, 8, 16, 32)
 _LONG_STRIDES = (16, 32, 64, 128, 256, 512)  # of the poses less the integrated twist: no motion shows at any
+_OF_A_POSE = 12  # differences that a reading of pose and twist ends at most, of each stride
 _GROWS = 1.4  # times the variance grows from one stride to the next, halfway to what errors do that last
 _ANEW = 1.25  # times as many differences, at which levels are worked out again: nothing changes before
 
@@ -207,6 +208,7 @@ class NoiseLevels:
         self._latest: tuple[BaseStream, Array] | None = None  # of the base, and the drift (1, 6) until then
         self._ratio = np.ones(2)  # 1/s, of the noise that the first message declares of twist and pose
         self._counted, self._free = 0, (False, False)
+        self._total, self._new = 0, 0  # differences counted so far; those that have come since, at most
         self._levels = Levels(np.full(6, np.nan), np.zeros(6, dtype=bool), np.zeros(6, dtype=bool), np.zeros(2))
 
     def take(self, joints: JointStream | None, base: BaseStream | None) -> None:
@@ -215,6 +217,7 @@ class NoiseLevels:
             read = (joints.position[:, self._measured], joints.velocity[:, self._measured])
             values = np.concatenate(read, axis=1)
             self._joints.add(joints.stamp, values, np.repeat(self._noise[None], len(values), axis=0))
+            self._new += values.size
         if base is not None and len(base.stamp):
             parts = base.position, base.rotation.reshape(-1, 9), base.linear_velocity, base.angular_velocity
             sizes = np.concatenate((block_std(base.pose_covariance), block_std(base.twist_covariance)), axis=1)
@@ -222,6 +225,7 @@ class NoiseLevels:
                 self._ratio = sizes[0, 2:] / sizes[0, :2]
             self._base.add(base.stamp, np.concatenate(parts, axis=1), sizes)
             self._drift.add(base.stamp, self._drifted(base), sizes[:, :2])
+            self._new += _OF_A_POSE * len(_STRIDES) * len(base.stamp)
 
     def _drifted(self, base: BaseStream) -> Array:
         """Return the change (N, 6) of position and orientation less the integrated twist, since the first reading."""
@@ -244,11 +248,14 @@ class NoiseLevels:
         spacing : s, between poses
         free : whether nothing is declared of the levels of poses, and of twists
         """
+        if free == self._free and self._total + self._new <= _ANEW * self._counted:
+            return self._levels  # counting takes longer than the rest of a window's intake
         for each in (self._joints, self._base, self._drift):
             each.count(stamp)
-        total = int(self._joints.counts.sum() + self._base.counts.sum())
-        if total > _ANEW * self._counted or free != self._free:
-            self._counted, self._free = total, free
+        self._total = int(self._joints.counts.sum() + self._base.counts.sum())
+        self._new = self._joints.uncounted + self._base.uncounted
+        if self._total > _ANEW * self._counted or free != self._free:
+            self._counted, self._free = self._total, free
             self._levels = self._estimated(spacing, free)
         return self._levels
 

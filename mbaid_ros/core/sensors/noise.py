@@ -101,6 +101,11 @@ class Differences:
                 return
             del self._uncounted[0]
 
+    @property
+    def uncounted(self) -> int:
+        """Number of differences after the stamp of the latest `count`."""
+        return sum(len(when) for when, _ in self._uncounted)
+
     def _differences(self, row: int, stride: int, new: int) -> tuple[Stamps, Integers]:
         """Return the stamps of differences that end with a new reading, (K,) ns, and where they are counted.
 
