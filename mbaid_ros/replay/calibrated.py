@@ -16,7 +16,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import BAND, PARAMETERS, rounded
 from mbaid_ros.core.results.reporting import LENGTH
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.unknowns.words import underestimated_text
+from mbaid_ros.core.unknowns.catalogue import underestimated_text
 from mbaid_ros.replay.run import BagMotions
 from mbaid_ros.session.methods import IDENTIFIABLE_STD, LARGEST_RESIDUAL
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints

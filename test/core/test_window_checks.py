@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from mbaid_ros.core.diagnosis.rate_checks import JointRates, twist_check
+from mbaid_ros.core.diagnosis.rate_checks import twist_check
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.window_checks import HELD, HeldBase, WindowChecks
+from mbaid_ros.core.window_checks import HELD, HeldBase, JointRates, WindowChecks
 from observed import HIGH, MID, configured_motion, kernel, observe, windows
 from simulated import robot
 
