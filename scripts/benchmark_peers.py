@@ -6,7 +6,6 @@ Recordings and finished runs stay in --store (default: build/peers), from which 
 
 from __future__ import annotations
 
-import json
 import re
 import sys
 from collections import defaultdict
@@ -19,8 +18,7 @@ from benchmarks.peers import dataset, page, registry
 from benchmarks.peers.conditions import CONDITIONS, NOT_URDF, PANEL, of_redysim
 from benchmarks.peers.dataset import Run
 from benchmarks.peers.registry import BEST
-from benchmarks.peers.runs import Outcome, outcomes
-from benchmarks.peers.score import Score, Truth, median, score
+from benchmarks.peers.runs import Outcome, Score, Truth, median, outcomes, score
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURE = 'benchmark.svg'
@@ -81,7 +79,7 @@ def _scores(
     found: dict[str, dict[str, Outcome]], runs: list[Run], folder: Path
 ) -> tuple[dict[str, Score], dict[str, dict[str, Score]], dict[str, float]]:
     """Return the scores by method, by method and row, and the default method's error on the runs that each answers."""
-    truths = {run.name: _truth(folder / run.name / dataset.TRUTH) for run in runs}
+    truths = {run.name: Truth.read(folder / run.name) for run in runs}
     whole: dict[str, Score] = {}
     rows: dict[str, dict[str, Score]] = {}
     for method, by_run in found.items():
@@ -97,11 +95,6 @@ def _scores(
         answered = [ours.get(name, np.nan) for name, own in zip(by_run, whole[method].ratio, strict=True) if own >= 0.0]
         same[method] = median(answered)
     return whole, rows, same
-
-
-def _truth(file: Path) -> Truth:
-    values = json.loads(file.read_text(encoding='utf-8'))
-    return Truth(np.array(values['parameters']), np.array(values['bound'], dtype=float))
 
 
 if __name__ == '__main__':

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import json
 import re
 import shlex
 import shutil
@@ -14,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.bags import write_bag
 from benchmarks.peers import dataset, redysim
 from benchmarks.peers.conditions import Condition, moved
 from benchmarks.peers.recording import Known
-from benchmarks.peers.runs import Outcome, outcome_of
-from benchmarks.peers.score import Truth, score
+from benchmarks.peers.runs import Outcome, Truth, outcome_of, score
 from documents import blocks
 from mbaid_ros.core.geometry import log, rotate, rotation_from_quaternion
 from mbaid_ros.core.robot.model import load_model
@@ -42,11 +41,6 @@ def manifest(folder: Path) -> dict[str, dict[str, str]]:
     return dataset.make([RUN], folder)
 
 
-def truth_of(run: Path) -> Truth:
-    values = json.loads((run / dataset.TRUTH).read_text(encoding='utf-8'))
-    return Truth(np.array(values['parameters']), np.array(values['bound'], dtype=float))
-
-
 def test_a_seed_gives_the_same_files_and_another_seed_others(
     manifest: dict[str, dict[str, str]], tmp_path: Path
 ) -> None:
@@ -66,7 +60,7 @@ def exact(folder: Path, manifest: dict[str, dict[str, str]]) -> Path:
     run = folder / 'exact'
     shutil.copytree(folder / next(iter(manifest)), run, ignore=shutil.ignore_patterns(dataset.BAG))
     motion = moved(RUN.condition, RUN.seed, RUN.seconds)
-    dataset._write_bag(run / dataset.BAG, motion, motion.truth, Sensors(SensorNoise(*[0.0] * 6), 0))
+    write_bag(run / dataset.BAG, motion.nominal, Sensors(SensorNoise(*[0.0] * 6), 0), [(0.0, motion.truth)])
     return run
 
 
@@ -80,7 +74,7 @@ def exact(folder: Path, manifest: dict[str, dict[str, str]]) -> Path:
     ],
 )
 def test_equations_hold_without_noise(exact: Path, method: str, share: float) -> None:
-    outcome, truth = outcome_of(method, exact), truth_of(exact)
+    outcome, truth = outcome_of(method, exact), Truth.read(exact)
     assert not outcome.failure
     assert np.all(np.abs(np.array(outcome.parameters) - truth.parameters) < share * truth.sizes)
 
@@ -98,7 +92,7 @@ def test_the_page_s_own_method_answers(exact: Path, tmp_path: Path) -> None:
     finally:
         sys.path.remove(str(tmp_path))
     urdf, known = (exact / dataset.URDF).read_text(encoding='utf-8'), Known.read(exact / dataset.KNOWN)
-    answer, truth = module.identify(exact / dataset.BAG, urdf, known), truth_of(exact)
+    answer, truth = module.identify(exact / dataset.BAG, urdf, known), Truth.read(exact)
     assert np.all(np.abs(answer.parameters - truth.parameters) < 1e-6 * truth.sizes)
 
 
@@ -150,7 +144,7 @@ def test_a_tumbling_robot_is_identified_as_well_as_promised(method: str, tmp_pat
         pytest.importorskip('tabulate', reason='mujoco[sysid] is optional')
     run = dataset.Run(Condition('servicer7', 'low'), 0, 40.0)
     dataset.make([run], tmp_path)
-    outcome, truth = outcome_of(method, tmp_path / run.name), truth_of(tmp_path / run.name)
+    outcome, truth = outcome_of(method, tmp_path / run.name), Truth.read(tmp_path / run.name)
     assert not outcome.failure
     assert not outcome.doubt
     assert np.all(np.abs(np.array(outcome.parameters) - truth.parameters) < 5.0 * np.array(outcome.std))

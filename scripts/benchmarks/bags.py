@@ -1,31 +1,39 @@
-"""Bags of any length: the endless motion of servicer7, with fresh noise."""
+"""Bags of simulated motions with fresh noise; of any length, of the endless motion of servicer7."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from benchmarks.data import DURATION, NOISE, RATE, START, endless_motion, model
 from mbaid_ros.bags import BagWriter
+from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.simulation import Truth
 
 ROBOT = 'servicer7'
-TOPICS = {'/joint_states': 'sensor_msgs/msg/JointState', '/odom': 'nav_msgs/msg/Odometry'}
+JOINTS, ODOMETRY = '/joint_states', '/odom'
+
+
+def write_bag(path: Path, robot: RobotModel, sensors: Sensors, parts: Iterable[tuple[float, Truth]]) -> None:
+    """Write a bag, a JointState and an Odometry a sample; parts of the motion with the times (s) when they begin."""
+    messages = SensorMessages(BAG_TYPES, robot, 'odom')
+    with BagWriter(path) as bag:
+        bag.add_topic(JOINTS, 'sensor_msgs/msg/JointState')
+        bag.add_topic(ODOMETRY, 'nav_msgs/msg/Odometry')
+        for begin, truth in parts:
+            joints, base = sensors.joints(truth), sensors.base(truth)
+            for index, time in enumerate(truth.time.tolist()):
+                stamp = START + round((begin + time) * 1e9)
+                bag.write(ODOMETRY, messages.odometry(base, index, stamp), stamp)
+                bag.write(JOINTS, messages.joint_state(joints, index, stamp), stamp)
 
 
 def make_bag(path: Path, minutes: float, rate: float = RATE) -> None:
-    """Write a bag, a JointState and an Odometry a sample."""
+    """Write a bag of the endless motion."""
     truth = endless_motion(ROBOT, rate, min(60.0 * minutes, DURATION))
-    sensors, messages = Sensors(NOISE, seed=0), SensorMessages(BAG_TYPES, model(ROBOT), 'odom')
-    left = round(minutes * 60.0 * rate)
-    with BagWriter(path) as bag:
-        for topic, kind in TOPICS.items():
-            bag.add_topic(topic, kind)
-        for minute in range(-(-left // len(truth))):
-            part = truth[: left - minute * len(truth)]
-            joints, base = sensors.joints(part), sensors.base(part)
-            for index, time in enumerate(part.time):
-                stamp = START + round((minute * DURATION + time) * 1e9)
-                bag.write('/odom', messages.odometry(base, index, stamp), stamp)
-                bag.write('/joint_states', messages.joint_state(joints, index, stamp), stamp)
+    samples = round(minutes * 60.0 * rate)
+    parts = ((begin / rate, truth[: samples - begin]) for begin in range(0, samples, len(truth)))
+    write_bag(path, model(ROBOT), Sensors(NOISE, seed=0), parts)

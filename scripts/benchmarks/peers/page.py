@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.frame import number, percent, table
 from benchmarks.peers.registry import BEST, OURS, Method
-from benchmarks.peers.score import COVERED, Score, median
+from benchmarks.peers.runs import COVERED, Score, median
 
 Scores = Mapping[str, Mapping[str, Score]]  # by method and row
 _COLOURS = {True: '#0072b2', False: '#d55e00'}  # of this package, of others: blue and vermilion of Okabe and Ito
