@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.data import CONFIG, NOISE, RATE, START, history, model, simulator_config
-from benchmarks.frame import Frame, Runs, declared, number, percent, provenance, table
+from benchmarks.frame import Frame, Runs, declared, number, percent
 from benchmarks.precapture import free_urdf
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
@@ -207,11 +207,9 @@ def main() -> None:
         for method in row.methods
     }
     plain: dict[str, Outcome] = {}
-    lines = []
-    for (row, method), outcome in frame.outcomes(Outcome, run, work):
-        lines.append(_line(row, method, outcome, plain.setdefault(method, outcome)))
-        print(' | '.join(lines[-1]), flush=True)
-    frame.write(table=f'{table(_HEADER, lines)}\n\n{provenance()}')
+    frame.tabulate(
+        _HEADER, Outcome, run, work, lambda at, outcome: _line(*at, outcome, plain.setdefault(at[1], outcome))
+    )
 
 
 def _line(row: Row, method: str, outcome: Outcome, plain: Outcome) -> list[str]:

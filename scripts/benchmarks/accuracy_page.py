@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.accuracy import Summary, Times
+from benchmarks.accuracy import METHODS, Summary, Times
 from benchmarks.data import ROBOTS, Case
 from benchmarks.frame import number, percent, provenance, table
-from benchmarks.methods import METHODS
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.sensors.levels import CHANNELS
 

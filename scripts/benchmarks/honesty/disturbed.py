@@ -8,10 +8,9 @@ from functools import partial
 import numpy as np
 
 from benchmarks.honesty import readings, robots
-from benchmarks.honesty.conditions import UNDISTURBED, Condition, servicer
+from benchmarks.honesty.conditions import STARTS, UNDISTURBED, Condition, servicer
 from benchmarks.honesty.paths import Path, by_rates, sinusoids, together
 from benchmarks.honesty.robots import BASE, box
-from benchmarks.honesty.starts import STARTS
 from benchmarks.honesty.worlds import Spring, World, Wrench
 from benchmarks.honesty.wrong_models import FLEXIBLE, UNREAD, WRONG_MODELS
 from benchmarks.honesty.wrong_sensors import SENSORS, benches

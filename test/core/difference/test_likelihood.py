@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.accuracy import Identification
 from benchmarks.data import Case, kernel, momentum_of, motion, observed
-from benchmarks.methods import Identification
 from checked import central_difference
 from linear_problems import EQUATIONS, TRUE, UNKNOWNS, exact_blocks, noise_information, noisy_blocks, with_errors
 from mbaid_ros.core.difference import errors_in_variables as eiv
