@@ -242,13 +242,7 @@ def test_a_bag_that_a_full_disk_ends_can_be_read_up_to_the_last_flush(
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 MEMORY = 800_000_000  # bytes, more than before, for any of them
-
-
-@pytest.fixture(autouse=True)
-def _little_memory() -> object:
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    yield
-    assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024 < MEMORY
+pytestmark = pytest.mark.usefixtures('_little_memory')
 
 
 def replay(bag: Path) -> int:

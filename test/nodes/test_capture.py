@@ -27,7 +27,7 @@ from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST
 from mbaid_ros.nodes.subscriptions import TYPES, qos
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message
 from mbaid_ros.session.session import Session
-from simulated import CONFIG, robot
+from simulated import CONFIG, assigned, robot
 from streams import every_bit
 from thrusting import WRENCH, pulse
 from thrusting import messages as pushed_messages
@@ -78,7 +78,7 @@ def expected(before: list[Timed], after: list[Timed]) -> Any:
 def test_a_capture_told_to_a_live_estimator(graph: Graph, tmp_path: Path) -> None:
     (tmp_path / 'robot.urdf').write_text(free_urdf(), encoding='utf-8')
     file = {'robot_description_file': tmp_path / 'robot.urdf'}
-    words = [word for name, value in {**file, **PARAMETERS}.items() for word in ('-p', f'{name}:={value}')]
+    words = assigned({**file, **PARAMETERS})
     graph.start('estimator', '--ros-args', *words)
     estimates = graph.collect('/estimator/estimate', InertiaEstimate)
     bodies = graph.collect('/estimator/debris', InertiaEstimate)

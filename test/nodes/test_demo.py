@@ -6,8 +6,8 @@ import json
 import re
 import subprocess
 import sys
-import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,12 +17,13 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from graph import PATIENCE, ROOT, Graph
+from mbaid_ros.bags import BagReader
 from mbaid_ros.config.trajectory import as_yaml, read_trajectory
 from mbaid_ros.nodes.subscriptions import TYPES, qos
 from mbaid_ros.outgoing import trajectory_message
 from mbaid_ros.replay.start import plan as replay_plan
 from planned import first_motion
-from simulated import CONFIG
+from simulated import CONFIG, assigned
 
 SCRIPT = ROOT / 'scripts' / 'demo.py'
 
@@ -76,14 +77,20 @@ NOISE = {
 PLAN = {'effort': 10, 'duration': 5.0, 'joint_velocity': 0.05, 'base_rotation': 0.02}
 
 
-def words(parameters: dict[str, object]) -> list[str]:
-    return [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
+def stamp(message: Any) -> tuple[int, int]:
+    return message.header.stamp.sec, message.header.stamp.nanosec
+
+
+def last_stamp(bag: Path) -> tuple[int, int]:
+    """Return that of the last joint state in a bag so far."""
+    with BagReader(bag) as reader:
+        return max((stamp(message) for _, message, _ in reader.read(['/joint_states'])), default=(0, 0))
 
 
 @pytest.mark.long
 def test_a_planned_motion_is_followed_and_tells_what_was_uncertain(graph: Graph, tmp_path: Path) -> None:
     (tmp_path / 'first.yaml').write_text(as_yaml(first_motion('servicer7', 6.0)))
-    plan = words({f'plan.{name}': value for name, value in PLAN.items()})
+    plan = assigned({f'plan.{name}': value for name, value in PLAN.items()})
     file = CONFIG / 'servicer7_estimator.yaml'
     estimator = graph.start('estimator', '--ros-args', '--params-file', file, *plan)
     graph.start('recorder', '--ros-args', '-p', f'output:={tmp_path / "bag"}')
@@ -96,16 +103,15 @@ def test_a_planned_motion_is_followed_and_tells_what_was_uncertain(graph: Graph,
         'real_time_factor': 4.0, 'wait_for_subscribers': 2, 'motion.kind': 'trajectory',
         'motion.trajectory_file': tmp_path / 'first.yaml', **{f'noise.{name}': size for name, size in NOISE.items()},
     }  # fmt: skip
-    graph.start('simulator', '--ros-args', *words(given))
+    graph.start('simulator', '--ros-args', *assigned(given))
     graph.wait(lambda: estimates and estimates[-1].span.sec >= 7, 'an estimate after the first motion')
     before = estimates[-1]
     graph.wait(lambda: 'next: best single joint: ' in estimator.stderr, 'in the log what would help')
     graph.wait(lambda: "key='next', value='best single joint: " in str(diagnostics), 'the same in the diagnostics')
     graph.wait(lambda: ', next: best single joint: ' in watch.stdout, 'the same in the terminal')
-    # From the bag that is still being recorded, once a flush has followed the last sample.
-    motion, model = tmp_path / 'motion.yaml', CONFIG / 'servicer7.urdf'
-    rested = time.monotonic()
-    graph.wait(lambda: time.monotonic() - rested > 2.0, 'a flush of the recorder')
+    # From the bag that is still being recorded, once a flush has brought it a sample of the robot at rest.
+    motion, model, rested = tmp_path / 'motion.yaml', CONFIG / 'servicer7.urdf', stamp(states[-1])
+    graph.wait(lambda: last_stamp(tmp_path / 'bag') >= rested, 'a flush of the recorder')
     planned = replay_plan(
         [str(tmp_path / 'bag'), '--model', str(model), '--params', str(file), *plan, '--yaml', str(motion)]
     )

@@ -25,7 +25,7 @@ from mbaid_ros.cli import run
 from mbaid_ros.nodes import estimator, player, recorder, simulator, watch
 from mbaid_ros.nodes.estimator import EstimatorNode
 from mbaid_ros.nodes.simulator import SimulatorNode
-from simulated import CONFIG
+from simulated import CONFIG, options
 
 NAMES = (
     *('simulator', 'estimator', 'recorder', 'player', 'watch', 'simulate', 'plan', 'replay', 'calibrate', 'campaign'),
@@ -35,8 +35,8 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 TABLE1 = f'robot_description_file:={CONFIG / "table1.urdf"}'
 
 
-def assigned(*texts: str) -> list[str]:
-    return ['--ros-args', *(word for text in texts for word in ('-p', text))]
+def given(*texts: str) -> list[str]:
+    return ['--ros-args', *options(*texts)]
 
 
 def test_every_executable_is_installed_and_an_unknown_argument_is_one_line() -> None:
@@ -55,19 +55,19 @@ def test_every_executable_is_installed_and_an_unknown_argument_is_one_line() -> 
     ('arguments', 'text'),
     [
         (['table1.urdf'], "unknown argument 'table1.urdf'"),
-        (assigned('windows:=1.0'), "unknown parameter 'windows'; known: window, "),
-        (assigned('window:=wide'), "parameter 'window' is 'wide'; accepted: a number > 0 and <= 1e+06 s"),
-        (assigned('method:=paper_main'), 'method paper_main needs paper.total_angular_momentum'),
-        (assigned('method:=paper_main', TABLE1), 'method paper_main needs paper.total_angular_momentum'),
-        (assigned('robot_description_file:=/no/robot.urdf'), "'/no/robot.urdf'"),
-        (assigned(f'robot_description_file:={__file__}'), 'not valid XML'),
-        (assigned(TABLE1, 'target_link:=hand'), "link 'hand' is not in the robot description; links: base_link, link1"),
-        (assigned('window'), "'-p window'"),
-        (assigned('paper.total_angular_momentum:=[0,0,1.5]'), 'write all with a decimal point'),
+        (given('windows:=1.0'), "unknown parameter 'windows'; known: window, "),
+        (given('window:=wide'), "parameter 'window' is 'wide'; accepted: a number > 0 and <= 1e+06 s"),
+        (given('method:=paper_main'), 'method paper_main needs paper.total_angular_momentum'),
+        (given('method:=paper_main', TABLE1), 'method paper_main needs paper.total_angular_momentum'),
+        (given('robot_description_file:=/no/robot.urdf'), "'/no/robot.urdf'"),
+        (given(f'robot_description_file:={__file__}'), 'not valid XML'),
+        (given(TABLE1, 'target_link:=hand'), "link 'hand' is not in the robot description; links: base_link, link1"),
+        (given('window'), "'-p window'"),
+        (given('paper.total_angular_momentum:=[0,0,1.5]'), 'write all with a decimal point'),
         (['--ros-args', '--params-file', '/no/file.yaml'], '/no/file.yaml'),
         (['--ros-args', '-r', '__node:=9'], "'-r __node:=9'"),
         (['--ros-args', '--colour'], '--colour'),
-        (assigned('window:=-1.0'), "'window' is -1.0 s; accepted: a number > 0"),
+        (given('window:=-1.0'), "'window' is -1.0 s; accepted: a number > 0"),
     ],
 )
 @pytest.mark.usefixtures('_domain')
@@ -87,7 +87,7 @@ def test_what_cannot_be_used_is_one_line(arguments: list[str], text: str, capfd:
 )
 @pytest.mark.usefixtures('_domain')
 def test_a_mistake_of_the_simulator_is_one_line(parameter: str, text: str, capfd: pytest.CaptureFixture[str]) -> None:
-    refused(simulator, assigned(TABLE1, parameter), text, capfd)
+    refused(simulator, given(TABLE1, parameter), text, capfd)
 
 
 @pytest.mark.parametrize('node', [estimator, simulator, recorder, player, watch], ids=lambda node: node.NAME)
@@ -115,7 +115,7 @@ def refused(node: Any, arguments: list[str], text: str, capfd: pytest.CaptureFix
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_is_an_end_in_order(graph: Graph, number: signal.Signals) -> None:
     # A whole number is accepted where a broken one is meant.
-    node = graph.start('estimator', *assigned(TABLE1, 'window:=1', 'noise.joint_position:=1e-5'))
+    node = graph.start('estimator', *given(TABLE1, 'window:=1', 'noise.joint_position:=1e-5'))
     estimates = graph.collect('/estimator/estimate', InertiaEstimate)
     graph.wait(lambda: estimates, 'the estimate that waits')
     assert node.stop(number) == 0
@@ -216,7 +216,7 @@ def test_the_policy_admits_all_that_a_node_does(
 ) -> None:
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
     with free_domain() as domain:
-        words = [word for text in parameters for word in ('-p', text)]
+        words = options(*parameters)
         rclpy.init(args=['', '--ros-args', *words], domain_id=domain)
         try:
             node = make()

@@ -26,6 +26,7 @@ from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.nodes import runner, subscriptions
 from mbaid_ros.nodes.runner import declare_parameters
+from simulated import options
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def node(*arguments: str) -> Iterator[Node]:
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     with free_domain() as domain:
         context = Context()
-        words = [word for text in arguments for word in ('-p', text)]
+        words = options(*arguments)
         rclpy.init(args=['', '--ros-args', *words], context=context, domain_id=domain)
         made = Node('example', context=context)
         try:

@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from graph import Graph, Process
 from mbaid_ros.nodes.simulator import Pace
 from mbaid_ros.nodes.subscriptions import qos
-from simulated import CONFIG
+from simulated import CONFIG, options
 from streams import run
 
 DEEP = qos(10_000)
@@ -23,7 +23,7 @@ DEEP = qos(10_000)
 
 def start(graph: Graph, *parameters: str, ns: str = '/') -> Process:
     """Start a simulator of the paper's case."""
-    words = [word for text in (f'robot_description_file:={CONFIG}/table1.urdf', *parameters) for word in ('-p', text)]
+    words = options(f'robot_description_file:={CONFIG}/table1.urdf', *parameters)
     file = CONFIG / 'table1_simulator.yaml'
     return graph.start('simulator', '--ros-args', '--params-file', file, '-r', f'__ns:={ns}', *words)
 

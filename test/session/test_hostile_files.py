@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from mbaid_ros.session.model_summary import summarise
 from mbaid_ros.session.robot import mesh_points
 
 MEMORY = 600_000_000  # bytes, for any of them
+pytestmark = pytest.mark.usefixtures('_little_memory')
 HEAD = '/**:\n  ros__parameters:\n'
 LINK = '<link name="{}"/>'
 BOMB = '<!DOCTYPE r [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]><robot name="&b;"/>'
@@ -81,13 +81,6 @@ def refused_by(error: MbaidError, text: str) -> None:
     assert text in line
     assert '\n' not in line
     assert len(line) < 3_000
-
-
-@pytest.fixture(autouse=True)
-def _little_memory() -> object:
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    yield
-    assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024 < MEMORY
 
 
 @pytest.mark.parametrize('name', ROBOTS)

@@ -31,11 +31,6 @@ LIMIT = float(chi2.isf(1e-3, 10))
 
 
 @pytest.fixture(scope='module')
-def robot() -> MomentumKernel:
-    return kernel('servicer7')
-
-
-@pytest.fixture(scope='module')
 def momentum(robot: MomentumKernel, servicer: Truth) -> Array:
     return true_momentum(robot, observe(servicer[:1], MID))[0]
 

@@ -23,11 +23,6 @@ def until(samples: Samples, seconds: float) -> Samples:
     return samples[: int(np.searchsorted(samples.time, seconds - 1e-9))]
 
 
-@pytest.fixture(scope='module')
-def robot() -> MomentumKernel:
-    return kernel('servicer7')
-
-
 def covered(surprises: list[float], freedom: int) -> bool:
     """Return whether errors are as large as covariances say: their sum within 99.8 % of chi-square."""
     low, high = chi2.interval(0.998, freedom * len(surprises))
