@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from benchmarks.data import NOISE, RATE, kernel, sampled
+from benchmarks.data import NOISE, RATE, kernel, last_state, sampled
 from benchmarks.frame import Frame, Runs, declared, number
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
@@ -98,11 +98,11 @@ def run(work: tuple[Case, int]) -> Outcome:
     plan = planner.plan()
     searched = time.process_time() - begin
     best = best_of_sinusoids(planner.motions, Wanted(settings.relative, planner.information.asked), base, generator)
-    moved = _follow(model, _last(truth), plan.trajectory, plan.trajectory.duration + REST)
+    moved = _follow(model, last_state(truth), plan.trajectory, plan.trajectory.duration + REST)
     seen = _seen(moved, seed + 1000)
     final = _updated(method, replace(seen, time=seen.time + samples.time[-1] + 1.0 / RATE))
     reached, normalised = _compared(final, plan, reporting.sizes(final.parameters[None])[0], own)
-    turned = _turned(model, _last(truth), moved, plan.trajectory.duration)
+    turned = _turned(model, last_state(truth), moved, plan.trajectory.duration)
     length = plan.trajectory.duration if plan.reached else np.nan
     numbers = np.asarray(length), np.asarray(best), np.asarray(searched), np.asarray(turned)
     return Outcome(*numbers, reached, normalised)
@@ -127,12 +127,6 @@ def _first(kernel: MomentumKernel, state: State, generator: np.random.Generator)
 def _follow(model: RobotModel, state: State, trajectory: JointTrajectory, seconds: float) -> Truth:
     motion = made_to_follow(trajectory, model, state.joint_position, 0.0)
     return Simulation(model, motion, state).advance(np.arange(round(seconds * RATE) + 1) / RATE)
-
-
-def _last(truth: Truth) -> State:
-    last = truth[-1:]
-    velocity = (last.base_linear_velocity[0], last.base_angular_velocity[0], last.joint_velocity[0])
-    return State(last.base_position[0], last.base_orientation[0], last.joint_position[0], np.concatenate(velocity))
 
 
 def _method(kernel: MomentumKernel) -> Estimator:

@@ -13,7 +13,6 @@ from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotation_fr
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.momentum import physical, standard
-from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, kernel
@@ -64,9 +63,7 @@ def capture(before: float, after: float, velocity: Array, spin: Array) -> Joined
     total = CHASER + brought
     about_base = total[3:] - np.cross(position, total[:3])
     start = np.concatenate((total[:3] @ rotation, about_base @ rotation))
-    angle = 2.0 * np.pi * before * motion.frequency
-    later = Sinusoids(motion.reference(before)[0], motion.amplitude, motion.frequency, motion.phase + angle)
-    second = float_freely(kernel('servicer7'), later, start, after)
+    second = float_freely(kernel('servicer7'), motion.later(before), start, after)
     moved = replace(
         second,
         time=second.time + before,

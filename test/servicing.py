@@ -7,17 +7,14 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.precapture import free_model
+from benchmarks.precapture import GENERAL, WEIGHED, free_model
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.robot.model_errors import BodyDeviations
 from mbaid_ros.simulation.motion import random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, without_linear_momentum
 from simulated import state
 
-GENERAL = BodyDeviations(mass=0.05, com=0.01, inertia=0.05)
-WEIGHED = replace(GENERAL, mass=0.001)
 LINKS = ('base_link', *(f'link{index}' for index in range(1, 8)))
 PRIORS = (WEIGHED, *(GENERAL,) * 7)
 

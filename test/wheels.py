@@ -6,40 +6,21 @@ from functools import cache
 
 import numpy as np
 
+from benchmarks.honesty.disturbed import AXES
+from benchmarks.honesty.disturbed import wheeled as with_wheels
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.simulation.motion import Sinusoids
-from simulated import CONFIG
 
-AXES = ((1.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (-1.0, -1.0, 1.0), (1.0, -1.0, 1.0))
 # Speeding up to 100 rad/s in 20 s, at a quarter of a slow sine.
 TOP, FREQUENCY = 200.0, 1.0 / 240.0
-WHEEL = """
-  <link name="wheel{0}">
-    <inertial>
-      <mass value="5.0"/>
-      <inertia ixx="0.03" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.05"/>
-    </inertial>
-  </link>
-  <joint name="wheel{0}_joint" type="continuous">
-    <parent link="base_link"/>
-    <child link="wheel{0}"/>
-    <origin xyz="{1}" rpy="{2}"/>
-    <axis xyz="0 0 1"/>
-  </joint>
-"""
 
 
+@cache
 def urdf() -> str:
     """Return the servicer with a pyramid of four wheels."""
-    wheels = []
-    for index, axis in enumerate(AXES):
-        tilt, turn = np.arccos(axis[2] / np.sqrt(3.0)), np.arctan2(axis[1], axis[0])
-        place = f'{-0.2 * axis[0]} {-0.2 * axis[1]} 0.1'
-        wheels.append(WHEEL.format(index, place, f'0 {tilt} {turn}'))
-    text: str = (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8')
-    return text.replace('</robot>', f'{"".join(wheels)}</robot>')
+    return with_wheels(*((-0.2 * axis[0], -0.2 * axis[1], 0.1) for axis in AXES))
 
 
 def unaware() -> str:

@@ -176,6 +176,13 @@ def endless_motion(robot: str, rate: float = RATE, seconds: float = DURATION) ->
     return Simulation(model(robot), driven, rest).advance(np.arange(round(seconds * rate)) / rate)
 
 
+def last_state(truth: Truth) -> State:
+    """Return the state that a motion ends in."""
+    last = truth[-1:]
+    velocity = (last.base_linear_velocity[0], last.base_angular_velocity[0], last.joint_velocity[0])
+    return State(last.base_position[0], last.base_orientation[0], last.joint_position[0], np.concatenate(velocity))
+
+
 def momentum_of(robot: str, truth: Truth, model_errors: ModelErrors | None = None) -> Array:
     """Return the true (6,) total momentum, about the odometry origin."""
     return total_momentum(true_model(robot, model_errors), truth[:1])[0]

@@ -26,8 +26,8 @@ from mbaid_ros.core.unknowns.environment import Thrusters, thrusters
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
-from observed import MID, kernel, observe, true_body, windows
-from sessions import identify, nees, session, simulated
+from observed import MID, kernel, nees, observe, true_body, windows
+from sessions import identify, session, simulated
 from simulated import robot
 from thrusting import FORCE_TORQUE, OFF, ON, Timed, command, messages, pulse, pushed
 

@@ -10,16 +10,16 @@ import numpy as np
 from benchmarks.honesty import readings, robots
 from benchmarks.honesty.conditions import STARTS, UNDISTURBED, Condition, servicer
 from benchmarks.honesty.paths import Path, by_rates, sinusoids, together
-from benchmarks.honesty.robots import BASE, box
+from benchmarks.honesty.robots import BASE, Vector, box
 from benchmarks.honesty.worlds import Spring, World, Wrench
 from benchmarks.honesty.wrong_models import FLEXIBLE, UNREAD, WRONG_MODELS
 from benchmarks.honesty.wrong_sensors import SENSORS, benches
-from mbaid_ros.core.geometry import Array, skew, unvec
+from mbaid_ros.core.geometry import Array, skew, unvec, vec
 from mbaid_ros.core.robot.model import load_model
 
 _FORCE, _TORQUE = np.array([2.0, -2.0, 1.0]) / 3.0, np.array([1.0, 2.0, -2.0]) / 3.0
 _MEAN_MOTION = 1.13e-3  # rad/s, at 400 km
-_AXES = ((1, 1, 1), (-1, 1, 1), (-1, -1, 1), (1, -1, 1))  # of four wheels
+AXES = ((1, 1, 1), (-1, 1, 1), (-1, -1, 1), (1, -1, 1))  # of four wheels
 _GRASP = (0.0, 0.0, 0.3)  # m
 
 
@@ -64,22 +64,21 @@ def _lost(_seed: int) -> World:
     return World(robots.servicer(), sinusoids(), sought=robots.BARE, since=30.5, lost=(30.0, empty))
 
 
+def wheeled(*places: Vector) -> str:
+    """Return the servicer with a pyramid of wheels of 5 kg at places on the base."""
+    parts = []
+    for index, (axis, place) in enumerate(zip(AXES, places, strict=True)):
+        inertia = vec(0.03 * np.eye(3) + 0.02 / 3.0 * np.outer(axis, axis))
+        body = np.concatenate(([5.0], np.zeros(3), inertia))
+        parts.append(robots.part(f'wheel{index}', BASE, place, axis, body, 'continuous'))
+    return robots.with_parts(robots.servicer(), parts)
+
+
 def _wheels(_seed: int) -> World:
     """Return four wheels that spin up to 20 rad/s within the run."""
-    parts = [
-        robots.part(f'wheel{index}', BASE, (-0.2, 0.0, 0.1), axis, _wheel(np.array(axis) / np.sqrt(3.0)), 'continuous')
-        for index, axis in enumerate(_AXES)
-    ]
-    urdf = robots.with_parts(robots.servicer(), parts)
-    others = {f'wheel{index}_joint': _spinning_up(20.0 * (index + 1) / 4.0) for index in range(len(_AXES))}
+    urdf = wheeled(*[(-0.2, 0.0, 0.1)] * len(AXES))
+    others = {f'wheel{index}_joint': _spinning_up(20.0 * (index + 1) / 4.0) for index in range(len(AXES))}
     return World(urdf, together(load_model(urdf), sinusoids(), others), unread=tuple(others))
-
-
-def _wheel(axis: Array) -> Array:
-    body = box(5.0, (0.25, 0.25, 0.25))
-    inertia = 0.03 * np.eye(3) + 0.02 * np.outer(axis, axis)
-    body[4:] = inertia[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
-    return body
 
 
 def _spinning_up(speed: float) -> Path:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from benchmarks.honesty.disturbed import AXES
 from floating import float_freely, follow, make, normalised, true_momentum
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -23,7 +24,7 @@ from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from observed import MID, estimator, kernel, observe, windows
 from simulated import robot, state
 from thrusting import FORCE_TORQUE, OFF, ON, pushed
-from wheels import AXES, spinning, unaware, wheeled
+from wheels import spinning, unaware, wheeled
 
 EPOCH = 1_700_000_000_000_000_000  # ns
 ZERO = np.zeros(6)
