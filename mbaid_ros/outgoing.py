@@ -10,8 +10,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.core.results.estimate import Estimate, Event
-from mbaid_ros.core.results.published_inertia import Debris
+from mbaid_ros.core.results.estimate import Debris, Estimate, Event
 from mbaid_ros.core.robot.model import RobotModel
 
 if TYPE_CHECKING:

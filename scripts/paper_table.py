@@ -15,9 +15,9 @@ import numpy as np
 from benchmarks.accuracy import Identification
 from benchmarks.data import NOISE, ROBOTS, exact_samples, kernel, momentum_of, motion, readings, target
 from benchmarks.frame import Frame, provenance, table
+from mbaid_ros.core import paper
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.paper import forms
-from mbaid_ros.core.paper.estimator import RecursiveLeastSquares
+from mbaid_ros.core.paper import RecursiveLeastSquares
 from mbaid_ros.core.robot.kernel import BodyStates
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.momentum import regressor
@@ -48,10 +48,10 @@ INDEPENDENT: dict[Setting, tuple[float, ...]] = {
 def equations(form: str, states: BodyStates, total_angular_momentum: Array) -> tuple[Array, Array]:
     """Return rows (N, 6, 10) and right sides (N, 6) of one of the forms."""
     if form == MAIN:
-        return forms.main_form(states, total_angular_momentum)
-    linear, angular = forms.linear_rows(states), forms.angular_rows(states)
+        return paper.main_form(states, total_angular_momentum)
+    linear, angular = paper.linear_rows(states), paper.angular_rows(states)
     reference = tuple(np.broadcast_to(part[:1], part[1:].shape) if form == FIRST else part[:-1] for part in angular)
-    return forms.difference_form(
+    return paper.difference_form(
         (linear[0][1:], linear[1][1:]), (angular[0][1:], angular[1][1:]), (reference[0], reference[1])
     )
 

@@ -18,7 +18,7 @@ SECTIONS = {
     'Method `trajectory`': ('core/two_stage.py', 'core/trajectory', 'core/filter'),
     'Fault isolation': ('core/diagnosis', 'core/window_checks.py'),
     'Method `difference`, the first stage of `trajectory`': ('core/difference',),
-    'Methods `paper_main` and `paper_difference`': ('core/paper',),
+    'Methods `paper_main` and `paper_difference`': ('core/paper.py',),
     'Status and publication': ('core/results',),
     'Unknowns': ('core/unknowns',),
     'Capture': ('core/capture',),

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.bags import deserialize, serialize
-from mbaid_ros.core.results.estimate import Estimate, Event, PassiveJoint
+from mbaid_ros.core.results.estimate import Debris, Estimate, Event, PassiveJoint
 from mbaid_ros.core.results.parameters import ErrorBudget
-from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message
 from mbaid_ros.replay.run import BAG_TYPES
 

@@ -219,8 +219,7 @@ def _pass(motions: Sequence[Motion], points: Sequence[Point]) -> CalibrationIter
         heads.append((_of_momentum(gaussian, own), course))
     assert gaussian is not None, 'there is a motion'
     head = motions[0].variables.head
-    rest = gaussian.with_root(gaussian.root[head:, head:])
-    mean, factor = rest.mean_and_shift()[0], rest.factor
+    mean, factor = gaussian.mean_and_shift()[0][head:], gaussian.factor[head:, head:]
     found = [_momentum(rows, motion.variables, mean, factor) for (rows, _), motion in zip(heads, motions, strict=True)]
     courses = [
         np.array([_momentum(rows, motion.variables, mean, factor)[0] for rows in course]) if course else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
-from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.geometry import Array
 
 # Part of the largest eigenvalue (all unknowns scaled to unit diagonal) that double precision can still separate from 0.
 _RESOLUTION = 1e-13
@@ -69,12 +69,6 @@ def inverse_factors(matrices: Array) -> Array | None:
     return np.asarray(np.linalg.inv(factors)) if np.isfinite(factors).all() else None
 
 
-def are_doubtful(matrices: Array, inverses: Array) -> Flags:
-    """Return which of K matrices (K, u, u) may be singular, from the inverses of their factors (K, u, u)."""
-    left = inverses.diagonal(axis1=1, axis2=2) ** -2
-    return np.asarray((left <= _DOUBTFUL * matrices.diagonal(axis1=1, axis2=2)).any(axis=1))
-
-
 def is_positive(matrix: Array) -> bool:
     """Return whether a symmetric (u, u) matrix is positive definite."""
     return not dpotrf(matrix)[1]
@@ -91,28 +85,16 @@ def _directions(information: Array) -> tuple[Array, Array]:
 _LEAST = 1e-12  # information in units of a reference, which stands for none
 
 
-def inverses(references: Array, matrices: Array) -> Array:
-    """Return the inverses of symmetric (N, u, u) matrices, conditioned by the diagonals of definite references.
+def inverse(reference: Array, matrix: Array) -> Array:
+    """Return the inverse of a symmetric (u, u) matrix, conditioned by the diagonal of a definite reference (u, u).
 
-    Directions in which a matrix is not positive (noise was all there was) get a variance of 1e12 times that of the
+    Directions in which the matrix is not positive (noise was all there was) get a variance of 1e12 times that of the
     reference's diagonal.
     """
-    size = 1.0 / np.sqrt(references.diagonal(axis1=1, axis2=2))
-    factors = inverse_factors(matrices)
-    if factors is None:
-        if len(matrices) > 1:  # one of them: each by itself
-            pairs = zip(references, matrices, strict=True)
-            return np.concatenate([inverses(reference[None], matrix[None]) for reference, matrix in pairs])
-        return _inverse_of_positive_part(matrices[0], size[0])[None]
-    found = np.asarray(np.swapaxes(factors, 1, 2) @ factors)
+    size, root = 1.0 / np.sqrt(np.diag(reference)), inverse_root(matrix)
     # No direction has as much variance where the sum of all has less.
-    large = ((factors / size[:, None]) ** 2).sum(axis=(1, 2)) >= 1.0 / _LEAST
-    for k in np.flatnonzero(large | are_doubtful(matrices, factors)):
-        found[k] = _inverse_of_positive_part(matrices[k], size[k])
-    return found
-
-
-def _inverse_of_positive_part(matrix: Array, size: Array) -> Array:
+    if root is not None and np.sum((root / size) ** 2) < 1.0 / _LEAST:
+        return np.asarray(root.T @ root)
     values, vectors = np.linalg.eigh(matrix * size * size[:, None])
     inverted = (vectors / np.maximum(values, _LEAST)) @ vectors.T
     return np.asarray(0.5 * (inverted + inverted.T) * size * size[:, None])

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -43,41 +43,6 @@ def _joined(values: Sequence[Any]) -> Any:
     """Return arrays, or records of arrays within records, joined along their first axes."""
     first = values[0]
     return first.concatenate(values) if isinstance(first, ArrayRecord) else np.concatenate(values)
-
-
-class Queue(Generic[S]):
-    """Entries that join at the end and leave at the front, in one piece of memory; `entries` is a read-only view."""
-
-    def __init__(self, entries: S) -> None:
-        self.entries = self._room = entries
-        self._start, self._end = 0, len(entries)
-
-    def __len__(self) -> int:
-        """Return how many entries there are."""
-        return self._end - self._start
-
-    def append(self, more: S) -> None:
-        """Add further entries."""
-        if not len(self):
-            self.entries = self._room = more
-            self._start, self._end = 0, len(more)
-            return
-        end = self._end + len(more)
-        if end <= len(self._room):
-            for name in more.__dataclass_fields__:
-                getattr(self._room, name)[self._end : end] = getattr(more, name)
-            self._end = end
-        else:
-            # Room for twice as many: entries are copied seldom.
-            both = type(more).concatenate([self.entries, more])
-            self._room = type(more).concatenate([both, both])
-            self._start, self._end = 0, len(both)
-        self.entries = self._room[self._start : self._end]
-
-    def drop(self, count: int) -> None:
-        """Drop the first entries."""
-        self._start = min(self._start + count, self._end)
-        self.entries = self.entries[count:]
 
 
 Stamps = npt.NDArray[np.int64]

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.results.status import Reason, with_reasons
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.rates import FEWEST, with_rates
+from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
 from mbaid_ros.core.trajectory.posterior import Posterior
 
 # Chance that two stages which are both right count as contradicting each other: asked a hundred times a run.
@@ -83,34 +83,6 @@ class IntervalConsistency:
             )
 
 
-class SecondStage(Estimator, Protocol):
-    """A method that can start from the result of another one."""
-
-    @property
-    def settled(self) -> bool:
-        """Whether it has converged to a solution."""
-
-    @property
-    def disturbed(self) -> bool:
-        """Whether a disturbance explains its data: stage 1 models none."""
-
-    def knowledge(self) -> Posterior | None:
-        """Return its posterior; None while it has not converged."""
-
-    @property
-    def changed(self) -> bool:
-        """Whether stage 1 no longer applies: the target has changed, or the twist, which it needs, is wrong."""
-
-    def offer(self, estimate: Estimate) -> None:
-        """Take an estimate to start from."""
-
-    def restart(self) -> None:
-        """Give up the solution and look for a start again."""
-
-    def run_slice(self) -> bool:
-        """Run a slice of the background work; return whether more is due before the next window."""
-
-
 class TwoStageEstimator:
     """Identifies one link and the total momentum in two stages.
 
@@ -122,7 +94,7 @@ class TwoStageEstimator:
 
     needs_rates = False
 
-    def __init__(self, first: Estimator, second: SecondStage) -> None:
+    def __init__(self, first: Estimator, second: TrajectoryEstimator) -> None:
         self.method = second.method
         self._first: Estimator | None = first
         self._second = second

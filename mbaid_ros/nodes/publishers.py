@@ -14,8 +14,7 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import String
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.published_inertia import DebrisPublication, InertiaPublication, is_complete
+from mbaid_ros.core.results.estimate import DebrisPublication, Estimate, InertiaPublication, is_complete
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.nodes.reports import RunLog, RunState
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, quiet_publisher

@@ -23,7 +23,6 @@ from mbaid_ros.core.filter.whitened import TOGETHER, WhitenedWindow, prepared
 from mbaid_ros.core.filter.window import Stack, Window, WindowNoise
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.reporting import Reporting, relative_std
-from mbaid_ros.core.results.status import Innovations
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER
 from mbaid_ros.core.trajectory.posterior import FIRST, Posterior
@@ -71,10 +70,10 @@ class Information:
         self._known, self._reporting = knowledge, reporting
         self._point = point or knowledge.point
         body = self._point.body
-        self.parameters = physical(body[None])[0]
-        self._jacobian = physical_jacobian(body[None])[0]
+        self.parameters = physical(body)
+        self._jacobian = physical_jacobian(body)
         self._scale = reporting.scale
-        self._sizes = reporting.sizes(self.parameters[None])[0]
+        self._sizes = reporting.sizes(self.parameters)
         self._start = self._belief()
 
     def as_if(self, point: Point) -> Information:
@@ -209,16 +208,12 @@ class Information:
         """Return the prior of the motion, without the pose error: the chain begins anew."""
         variables = self._known.variables
         poses, count = variables.poses, len(variables.scale)
-        extra = 6 if self._known.hypothesis.force != 'none' else 0
-        extra = variables.force.shape[1] if extra else 0
-        size = count + extra
-        root = np.zeros((size, size + 2), order='F')
+        root = np.zeros((count, count))
         root[:poses, :poses] = variables.prior()[1][:poses, :poses]
         factor = variables.gather[poses:, FIRST:] @ self._known.triangle.T
         triangle = np.linalg.qr(factor.T, mode='r')
-        root[poses:count, poses:count] = np.linalg.qr(np.linalg.inv(triangle).T, mode='r')
-        root[count:, count:size] = np.eye(extra)
-        return SquareRootInformation(root, Innovations.none(poses), variables.bias)
+        root[poses:, poses:] = np.linalg.qr(np.linalg.inv(triangle).T, mode='r')
+        return SquareRootInformation.of(root, np.zeros(count), (self._known.hypothesis.force,), variables)[0]
 
     def _covariance(self, gaussian: SquareRootInformation) -> Array:
         """Return the (10, 10) covariance of the body's standard parameters."""

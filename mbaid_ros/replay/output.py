@@ -16,9 +16,8 @@ from mbaid_ros.cli import one_line
 from mbaid_ros.core.capture.known_momentum import Capture
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.estimate import WITHHELD, Estimate, PassiveJoint
+from mbaid_ros.core.results.estimate import WITHHELD, Debris, Estimate, PassiveJoint
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
-from mbaid_ros.core.results.published_inertia import Debris
 from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
 from mbaid_ros.core.two_stage import FIRST_STAGE
 from mbaid_ros.files import as_utf8, require_writable, write_text

@@ -10,8 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mbaid_ros.core.capture.known_momentum import Capture
-from mbaid_ros.core.results.estimate import CapturePhase, Estimate
-from mbaid_ros.core.results.published_inertia import Debris
+from mbaid_ros.core.results.estimate import CapturePhase, Debris, Estimate
 from mbaid_ros.core.samples import Samples, Stamps
 from mbaid_ros.core.sensors.levels import SensorLevels
 from mbaid_ros.core.trajectory.posterior import Posterior

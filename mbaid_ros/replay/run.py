@@ -16,8 +16,7 @@ from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.capture.known_momentum import Capture
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator
-from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.published_inertia import Debris, DebrisPublication, InertiaPublication
+from mbaid_ros.core.results.estimate import Debris, DebrisPublication, Estimate, InertiaPublication
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.messages.fields import stamps_of

@@ -10,7 +10,7 @@ from mbaid_ros.core.capture.estimator import CaptureEstimator
 from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.identifier import Estimator
-from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings
+from mbaid_ros.core.paper import PaperEstimator, PaperSettings
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator

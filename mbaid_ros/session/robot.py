@@ -15,8 +15,7 @@ from mbaid_ros.core.capture.estimator import CaptureEstimator
 from mbaid_ros.core.capture.known_momentum import Capture
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import CapturePhase, Estimate
-from mbaid_ros.core.results.published_inertia import Debris, debris
+from mbaid_ros.core.results.estimate import CapturePhase, Debris, Estimate, debris
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf_document import kept_words

@@ -12,8 +12,7 @@ from captured import CHASER, Joined, alone, capture, chaser
 from checked import same, some
 from mbaid_ros.core.capture.estimator import BEFORE, CaptureEstimator
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.published_inertia import debris
+from mbaid_ros.core.results.estimate import Estimate, debris
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples
 from observed import MID, configured_motion, estimator, kernel, observe, windows

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ import pytest
 from mbaid_ros.core import geometry
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.linear_algebra import solve_symmetric
-from mbaid_ros.core.samples import ArrayRecord, Queue
 from mbaid_ros.simulation import quaternions
 
 COUNT = 200
@@ -145,35 +143,6 @@ def test_exp_is_the_matrix_exponential(size: float) -> None:
 
 
 # -- Records of arrays, queues of them, and symmetric systems with empty directions.
-
-
-@dataclass(frozen=True)
-class Pair(ArrayRecord):
-    """Two arrays of different shapes."""
-
-    one: Array
-    many: Array
-
-
-def pairs(first: int, count: int) -> Pair:
-    values = np.arange(first, first + count, dtype=float)
-    return Pair(values, values[:, None, None] * np.ones((2, 3)))
-
-
-@pytest.mark.parametrize('most', [1, 3, 10])
-def test_a_queue_holds_what_has_come_last(most: int) -> None:
-    queue = Queue(Pair(np.zeros(0), np.zeros(0)))
-    seen, expected = [], []
-    for first in range(0, 60, 2):
-        queue.append(pairs(first, 2))
-        queue.drop(max(len(queue) - most, 0))
-        seen.append(queue.entries)
-        expected.append(list(range(max(first + 2 - most, 0), first + 2)))
-        assert len(queue) == len(queue.entries) == len(expected[-1])
-    # What was seen once stays as it was.
-    for entries, values in zip(seen, expected, strict=True):
-        assert entries.one.tolist() == values
-        assert np.array_equal(entries.many, pairs(values[0], len(values)).many)
 
 
 def test_directions_without_information_are_left_alone() -> None:

@@ -124,7 +124,7 @@ def knowing(known: slice, *, mass: float = 100.0) -> Estimate:
 
 def both(first: Sequence[Estimate], second: Sequence[Estimate]) -> tuple[list[Estimate], Stage]:
     """Return what is published of two stages, and the second one."""
-    later = Stage('trajectory', second)
+    later: Any = Stage('trajectory', second)
     window, *_ = windows(observe(configured_motion('servicer7', 2.0, 100.0), MID, 1))
     return TwoStageEstimator(Stage('difference', first), later).update([window] * len(first), 0), later
 

@@ -25,7 +25,7 @@ from benchmarks.precapture import free_urdf
 from graph import Graph, Process
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.results.published_inertia import InertiaPublication, is_complete
+from mbaid_ros.core.results.estimate import InertiaPublication, is_complete
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.nodes.publishers import last_of_each_window

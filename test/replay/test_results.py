@@ -12,8 +12,7 @@ from made_runs import BODY, STD, estimate, run
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Event, PassiveJoint, Status
-from mbaid_ros.core.results.published_inertia import Debris
+from mbaid_ros.core.results.estimate import WITHHELD, Debris, Estimate, Event, PassiveJoint, Status
 from mbaid_ros.replay.command import exit_code
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import as_json, passive_joints, summary

@@ -18,7 +18,7 @@ import numpy as np
 from mbaid_ros.core import chi_square
 from mbaid_ros.core.difference.sliding_window import SlidingWindow
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.linear_algebra import inverse_root
+from mbaid_ros.core.linear_algebra import inverse_root, square_root
 
 # Chance of an undisturbed window to be taken for a jump, and of all together to seem too far from their predictions:
 # once in years of windows.
@@ -126,7 +126,5 @@ def momentum_jumps(window: SlidingWindow, momentum: slice, covariance: Array) ->
 def noise_covariance(information: Array) -> Array:
     """Return the (u, u) inverse of the information that was solved; empty directions are left out."""
     root = inverse_root(information)
-    if root is not None:
-        return np.asarray(root.T @ root)
-    size = 1.0 / np.sqrt(np.diag(information))
-    return np.linalg.pinv(information * size * size[:, None], rcond=1e-12, hermitian=True) * size * size[:, None]
+    root = square_root(information).T if root is None else root
+    return np.asarray(root.T @ root)

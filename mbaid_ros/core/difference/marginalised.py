@@ -9,7 +9,6 @@ import scipy.linalg
 
 from mbaid_ros.core.difference.errors_in_variables import Linearisation
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.linear_algebra import is_positive
 
 
 @dataclass(frozen=True)
@@ -76,8 +75,6 @@ class MarginalisedPrior:
         self.equations += linear.equations
         idle = self.noise_information + self._floor
         self.information, self.right_side = self._sum, self._sum_right
-        if is_positive(self._sum - idle):
-            return
         # Directions with more information than `idle`, orthonormal in it, and the ratio of both.
         size = 1.0 / np.sqrt(np.diag(idle))
         ratio, vectors = scipy.linalg.eigh(self._sum * size * size[:, None], idle * size * size[:, None])

@@ -15,8 +15,8 @@ from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White, first_solutions
 from mbaid_ros.core.difference.marginalised import CrossInformation, MarginalisedPrior
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.linear_algebra import inverse_root, is_positive, solve_definite, solve_symmetric
-from mbaid_ros.core.samples import ArrayRecord, Queue
+from mbaid_ros.core.linear_algebra import solve_definite, solve_symmetric
+from mbaid_ros.core.samples import S
 
 _ITERATIONS_AT_START = 12  # at most: from first solutions far away, steps are halved again and again
 _ITERATIONS_WARM = 2  # a window: it starts at the last solution, and the next window continues
@@ -40,36 +40,31 @@ class WindowEquations(Blocks):
     columns: Array
 
 
-@dataclass(frozen=True)
-class _NoiseInformation(ArrayRecord):
-    """The information that noise alone brings to K windows, (K, u, u)."""
-
-    information: Array
-
-
 class LinearisedWindows:
-    """Windows in the order of their time, whitened at one linearisation point `x` (u,)."""
+    """Windows in the order of their time, whitened at one linearisation point `x` (u,).
+
+    Attributes
+    ----------
+    equations : of all windows
+    """
 
     def __init__(self, x: Array) -> None:
-        self._windows = Queue(WindowEquations(*np.zeros((5, 0))))
-        self.linearise(x)
+        self.equations = WindowEquations(*np.zeros((5, 0)))
+        self._white = White(np.zeros((0, 0)), *np.zeros((3, 0, 0, 0)))
+        self._own: Array = np.zeros(0)
+        self.x = x
 
     def __len__(self) -> int:
         """Return their number."""
-        return len(self._windows)
-
-    @property
-    def equations(self) -> WindowEquations:
-        """Their equations."""
-        return self._windows.entries
+        return len(self.equations)
 
     @property
     def white(self) -> White:
         """All windows in units of their noise at the linearisation point; FloatingPointError where undefined."""
         done = len(self._white)
         if done < len(self):
-            self._white.append(eiv.whitened(self.equations[done:], self.x))
-        return self._white.entries
+            self._white = _joined(self._white, eiv.whitened(self.equations[done:], self.x))
+        return self._white
 
     @property
     def columns(self) -> Array:
@@ -82,8 +77,8 @@ class LinearisedWindows:
         done = len(self._own)
         if done < len(self):
             own = eiv.own_information(self.equations[done:], self.white[done:])
-            self._own.append(_NoiseInformation(own))
-        return self._own.entries.information
+            self._own = np.concatenate((self._own, own)) if done else own
+        return self._own
 
     def whitened_at(self, x: Array) -> White | None:
         """Return the windows whitened at another x, (u,); None where undefined."""
@@ -95,17 +90,21 @@ class LinearisedWindows:
     def linearise(self, x: Array, white: White | None = None) -> None:
         """Move the linearisation point to x, (u,); `white` holds the windows there, if known already."""
         self.x = x
-        self._white = Queue(White(np.zeros((0, 0)), *np.zeros((3, 0, 0, 0))) if white is None else white)
-        self._own = Queue(_NoiseInformation(np.zeros(0)))
+        self._white = self._white[:0] if white is None else white
+        self._own = np.zeros(0)
 
     def append(self, window: WindowEquations) -> None:
         """Add the next window."""
-        self._windows.append(window)
+        self.equations = _joined(self.equations, window)
 
     def pop(self) -> None:
         """Drop the oldest window."""
-        for queue in (self._windows, self._white, self._own):
-            queue.drop(1)
+        self.equations, self._white, self._own = self.equations[1:], self._white[1:], self._own[1:]
+
+
+def _joined(entries: S, more: S) -> S:
+    """Return entries with more after them."""
+    return type(more).concatenate([entries, more]) if len(entries) else more
 
 
 class SlidingWindow:
@@ -175,13 +174,6 @@ class SlidingWindow:
         coordinates = np.linalg.solve(vectors, x)
         return vectors @ (values / (values + 1.0) * coordinates), vectors / np.sqrt(values + 1.0)
 
-    def _regularised_covariance(self) -> Array:
-        """Return the (u, u) covariance of which `_regularised` returns a factor."""
-        signal = self._signal
-        root = inverse_root(signal + np.diag(self._typical**-2.0)) if is_positive(signal) else None
-        factor = self._regularised(np.zeros(len(self._typical)))[1] if root is None else root.T
-        return np.asarray(factor @ factor.T)
-
     def _start(self) -> None:
         """Linearise at the last solution, or, if that fails to explain the data, at the best first solution."""
         blocks = self.windows.equations
@@ -204,10 +196,7 @@ class SlidingWindow:
         windows, x = self.windows, self.windows.x
         window, white, own = windows.equations[:1], windows.white[:1], windows.noise_information[0]
         rows, columns = white.rows, windows.columns[:1]
-        if self._converged:
-            share = float(np.vdot(own, self._regularised_covariance())) / window.offset.size
-        else:
-            share = eiv.uncertain_share(window, *self._regularised(self.x))
+        share = eiv.uncertain_share(window, *self._regularised(self.x))
         self._converged = share < _LARGEST_SHARE
         if self._converged:
             linear = eiv.normal_equations(white)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import block_diag, orth
+from scipy.linalg import block_diag
 
 from mbaid_ros.core.difference.errors_in_variables import Blocks
 from mbaid_ros.core.geometry import Array, cross, skew
@@ -48,7 +48,7 @@ class Subspace:
         return blocks.restrict(self.rows, self.basis) if self.planar else blocks
 
     def lift(self, covariance: Array, open_variance: Array) -> Array:
-        """Return the (..., u, u) covariance of x from that of x' (..., v, v), with (u,) variances where x' has none."""
+        """Return the (u, u) covariance of x from that of x' (v, v), with (u,) variances where x' has none."""
         if not self.planar:
             return covariance
         outside = np.eye(len(self.basis)) - self.basis @ self.basis.T
@@ -220,7 +220,6 @@ class ConsiderParameters:
     Attributes
     ----------
     count : number e of independent numbers
-    labels : names of all parts
     """
 
     def __init__(self, kernel: MomentumKernel, unknowns: Sequence[Unknown], prior: UnknownsPrior | None = None) -> None:
@@ -237,10 +236,6 @@ class ConsiderParameters:
             self._joint_factor = np.asarray(np.linalg.qr(joint.T, mode='r')).T if wide else joint
             factor = factor @ self._joint_factor
         self.count = factor.shape[1]
-        labels = np.array([label for unknown in self._unknowns for label in unknown.labels])
-        self.labels = list(dict.fromkeys(labels.tolist()))
-        # For each part, the directions that it has a share in: orthonormal (e, k).
-        self._directions = [orth(factor[labels == label].T) for label in self.labels]
 
     def columns(self, windows: Sequence[Samples], body: Array) -> Array:
         """Return the means of E over each of K windows, (K, 6, e), with a target body (10,) (m, h, I_o).
@@ -285,11 +280,3 @@ class ConsiderParameters:
         columns = -totals
         columns[:, 3:] -= skew(place) @ columns[:, :3]
         return columns
-
-    def shares(self, spread: Array) -> Array:
-        """Return the part of each variance that exact knowledge of one labelled part would remove, (..., p).
-
-        `spread` (..., e) is the effect of each independent number; correlated parts each count for their common share.
-        """
-        parts = [np.sum((spread @ directions) ** 2, axis=-1) for directions in self._directions]
-        return np.stack(parts, axis=-1) if parts else np.zeros((*spread.shape[:-1], 0))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from mbaid_ros.core import chi_square
-from mbaid_ros.core.filter.square_root import SquareRootInformation, update
+from mbaid_ros.core.filter.square_root import SquareRootInformation, update_together
 from mbaid_ros.core.filter.state import MOMENTUM
 from mbaid_ros.core.filter.time_update import (
     UNDISTURBED,
@@ -104,12 +106,29 @@ class HypothesisFilter:
     previous: SquareRootInformation | None = None  # before the latest window
     pushed: Array = field(default_factory=lambda: np.zeros(()))
 
-    def advanced(self, white: WhitenedWindow, variables: Variables) -> HypothesisFilter:
-        """Return the same at the next window's first knot."""
-        after = replace(self, gaussian=advance(self.gaussian, white, variables, self.hypothesis))
-        if self.hypothesis.force == 'none':
-            return after
-        return replace(after, pushed=self.pushed + white.push(self.hypothesis.force))
+    def advanced(self, step: SquareRootInformation, white: WhitenedWindow) -> HypothesisFilter:
+        """Return the same at the next window's first knot, where it shares the root of `step`."""
+        force = self.hypothesis.force
+        pushed = self.pushed if force == 'none' else self.pushed + white.push(force)
+        return replace(self, gaussian=self.gaussian.sharing(step), pushed=pushed)
+
+    def jumped_in(
+        self, window: Window, before: SquareRootInformation, after: SquareRootInformation, variables: Variables
+    ) -> HypothesisFilter:
+        """Return the same with the Gaussian after a window, in which the momentum jumps."""
+        jumps = self.jumps
+        if not self.jumped:
+            mean = before.least_squares[: len(variables.scale)]
+            earlier = self.previous if len(jumps) < _REMEMBERED else None
+            jumps = (*jumps, Jump(window.start, variables.spread[MOMENTUM] @ mean, earlier, self.pushed))
+        return replace(
+            self,
+            gaussian=after,
+            previous=before,
+            jumps=jumps,
+            jumped=self.jumped + 1,
+            inflations=self.inflations + 1,
+        )
 
     @property
     def misfit(self) -> float:
@@ -126,40 +145,77 @@ def best(bank: Bank) -> HypothesisFilter:
     return leading if leading.gaussian.log_likelihood > bank[0].gaussian.log_likelihood + MARGIN else bank[0]
 
 
+def joined(bank: Bank) -> Bank:
+    """Return hypotheses from one prior after the same windows; the first shares the root of those with a force.
+
+    That is its own as well, as long as the momentum has jumped under neither.
+    """
+    first, *others = bank
+    for other in others:
+        if not (first.jumps or other.jumps or first.hypothesis.disturbed or other.hypothesis.walks.size):
+            return replace(first, gaussian=first.gaussian.sharing(other.gaussian)), *others
+    return bank
+
+
 def update_bank(bank: Bank, window: Window, white: WhitenedWindow, variables: Variables) -> Bank:
     """Return the hypotheses at the first knot after a window."""
-    return tuple(update_hypothesis(each, window, white, variables).advanced(white, variables) for each in bank)
+
+    def advanced(group: Bank) -> Bank:
+        step = advance(group[0].gaussian, white, variables, group[0].hypothesis)
+        return tuple(each.advanced(step, white) for each in group)
+
+    return _by_root(update_hypotheses(bank, window, white, variables), advanced)
 
 
-def update_hypothesis(
-    filtered: HypothesisFilter, window: Window, white: WhitenedWindow, variables: Variables
-) -> HypothesisFilter:
-    """Return a hypothesis updated by a window, with a jump of the momentum where the window is too unlikely without."""
-    before = entered(filtered.gaussian, window, white, variables)
-    after = update(before, white)
-    limit = chi_square.limit(_FALSE_ALARM, after.last_measured)
-    unlikely = after.last_nis > limit and after.measured > after.last_measured
-    if not unlikely or filtered.jumped == filtered.longest:
-        return replace(filtered, gaussian=after, jumped=0, previous=before)
-    likelihood = as_usual(after)
-    loose = momentum_inflation(before, white, variables, _JUMP * variables.typical_momentum)
-    gaussian = update(loose, white)
-    if gaussian.last_nis > limit:
-        # More than a jump: the chain is broken.
-        gaussian = update(pose_reset(loose, variables), white)
-    jumps = filtered.jumps
-    if not filtered.jumped:
-        mean = before.least_squares[: len(variables.scale)]
-        earlier = filtered.previous if len(jumps) < _REMEMBERED else None
-        jumps = (*jumps, Jump(window.start, variables.spread[MOMENTUM] @ mean, earlier, filtered.pushed))
-    return replace(
-        filtered,
-        gaussian=replace(gaussian, log_likelihood=likelihood),
-        previous=before,
-        jumps=jumps,
-        jumped=filtered.jumped + 1,
-        inflations=filtered.inflations + 1,
-    )
+def update_hypotheses(bank: Bank, window: Window, white: WhitenedWindow, variables: Variables) -> Bank:
+    """Return hypotheses updated by a window, with a jump of the momentum where the window is too unlikely without."""
+    return _by_root(bank, partial(_update_group, window=window, white=white, variables=variables))
+
+
+def _by_root(bank: Bank, step: Callable[[Bank], Bank]) -> Bank:
+    """Return the hypotheses after a step that those take together which share a root, and walk alike."""
+    groups: dict[tuple[int, float, float], list[int]] = {}
+    for place, each in enumerate(bank):
+        key = id(each.gaussian.conditional), each.hypothesis.momentum, each.hypothesis.position
+        groups.setdefault(key, []).append(place)
+    after = list(bank)
+    for places in groups.values():
+        for place, filtered in zip(places, step(tuple(bank[place] for place in places)), strict=True):
+            after[place] = filtered
+    return tuple(after)
+
+
+def _update_group(group: Bank, window: Window, white: WhitenedWindow, variables: Variables) -> Bank:
+    """Return hypotheses that share a root, updated by a window; those under which the momentum jumps share another."""
+    first = entered(group[0].gaussian, window, white, variables)
+    before = [each.gaussian.sharing(first) for each in group]
+    usual = update_together(before, white)
+    limit = chi_square.limit(_FALSE_ALARM, len(white.value))
+    after = [
+        replace(filtered, gaussian=gaussian, jumped=0, previous=previous)
+        for filtered, gaussian, previous in zip(group, usual, before, strict=True)
+    ]
+    unlikely = [gaussian.last_nis > limit and gaussian.measured > gaussian.last_measured for gaussian in usual]
+    jumping = [place for place, each in enumerate(group) if unlikely[place] and each.jumped != each.longest]
+    if not jumping:
+        return tuple(after)
+    loose = momentum_inflation(first, white, variables, _JUMP * variables.typical_momentum)
+    found = _after(loose, before, jumping, white)
+    broken = [place for place in jumping if found[place].last_nis > limit]
+    if broken:  # more than a jump: the chain is broken
+        found |= _after(pose_reset(loose, variables), before, broken, white)
+    for place, gaussian in found.items():
+        jumped = replace(gaussian, log_likelihood=as_usual(usual[place]))
+        after[place] = group[place].jumped_in(window, before[place], jumped, variables)
+    return tuple(after)
+
+
+def _after(
+    root: SquareRootInformation, before: list[SquareRootInformation], places: list[int], white: WhitenedWindow
+) -> dict[int, SquareRootInformation]:
+    """Return those at some places with another root, after a window."""
+    updated = update_together([before[place].sharing(root) for place in places], white)
+    return dict(zip(places, updated, strict=True))
 
 
 def as_usual(after: SquareRootInformation) -> float:

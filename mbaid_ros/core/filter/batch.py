@@ -6,7 +6,7 @@ Long computations are generators: they yield the cost of each piece, in steps of
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -112,9 +112,14 @@ class BatchIteration:
 
         Of none where the target has a prior: what a first guess explains badly would pass for jumps.
         """
+        return self.priors((hypothesis,), longest, mass)[0]
+
+    def priors(self, hypotheses: Sequence[Hypothesis], longest: int, mass: float | None = None) -> Bank:
+        """Return hypotheses before the first window, which share a root."""
         longest = 0 if self.variables.described else longest
-        extra = self.variables.force.shape[1] if hypothesis.force != 'none' else 0
-        return HypothesisFilter(hypothesis, SquareRootInformation.prior(self.variables, extra, mass), longest=longest)
+        gaussians = SquareRootInformation.priors(self.variables, [each.force for each in hypotheses], mass)
+        pairs = zip(hypotheses, gaussians, strict=True)
+        return tuple(HypothesisFilter(hypothesis, gaussian, longest=longest) for hypothesis, gaussian in pairs)
 
     def relinearise(self, stacks: list[list[Stack]], point: Point) -> Work[WhitenedWindows]:
         """Return all windows linearised at one point."""

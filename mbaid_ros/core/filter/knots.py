@@ -86,30 +86,19 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
     time = mean(stamps)
     middle = rotation[np.minimum(first + sizes // 2, len(stamps) - 1)]
     turns = log(rotation @ np.swapaxes(middle[number], 1, 2))
-    moving = [joined('joint_position'), joined('base_position') - origin]
-    moving += [
-        joined('base_linear_velocity'),
-        joined('base_angular_velocity'),
-        _columns_about(joined('impulse'), origin, 1),
-    ]
-    joints = moving[0].shape[1]
-    stored = joined('stored')
-    columns = _columns_about(joined('tide'), origin, 10), _columns_about(joined('thrust'), origin, OF_A_THRUSTER)
-    means = mean(np.concatenate((*moving, turns, stored, *columns, joined('gyro')), axis=1))
-    end = joints + 18
-    places = np.cumsum([end, stored.shape[1], columns[0].shape[1], columns[1].shape[1]])
+    twist = np.concatenate((joined('base_linear_velocity'), joined('base_angular_velocity')), axis=1)
     return Knots(
-        joint_position=means[:, :joints],
-        base_rotation=exp(means[:, joints + 15 : end]) @ middle,
-        base_position=means[:, joints : joints + 3],
-        base_twist=means[:, joints + 3 : joints + 9],
+        joint_position=mean(joined('joint_position')),
+        base_rotation=exp(mean(turns)) @ middle,
+        base_position=mean(joined('base_position') - origin),
+        base_twist=mean(twist),
         spread=mean((stamps - time[number]) ** 2) / spacing**2,
         offset=(time - np.repeat(starts, count)) / spacing - np.tile(np.arange(count), len(windows)) - 0.5,
-        impulse=means[:, joints + 9 : joints + 15],
-        stored=means[:, end : places[1]],
-        tide=means[:, places[1] : places[2]],
-        thrust=means[:, places[2] : places[3]],
-        gyro=means[:, places[3] :],
+        impulse=mean(_columns_about(joined('impulse'), origin, 1)),
+        stored=mean(joined('stored')),
+        tide=mean(_columns_about(joined('tide'), origin, 10)),
+        thrust=mean(_columns_about(joined('thrust'), origin, OF_A_THRUSTER)),
+        gyro=mean(joined('gyro')),
         course=np.zeros((len(sizes), 0)),
     )
 

@@ -7,7 +7,7 @@ from enum import Enum, auto
 
 import numpy as np
 
-from mbaid_ros.core.filter.bank import Bank, HypothesisFilter, best, update_bank, update_hypothesis
+from mbaid_ros.core.filter.bank import Bank, HypothesisFilter, best, update_bank, update_hypotheses
 from mbaid_ros.core.filter.batch import BatchIteration
 from mbaid_ros.core.filter.initialisation import Initialisation, resolved_frequencies
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
@@ -278,7 +278,7 @@ class FilterRun:
             if self._latest.hypothesis.disturbed:
                 (self._latest,) = update_bank((self._latest,), still_open, white, self._variables)
             else:
-                self._latest = update_hypothesis(self._latest, still_open, white, self._variables)
+                (self._latest,) = update_hypotheses((self._latest,), still_open, white, self._variables)
 
     def offer(self, point: Callable[[], Point]) -> None:
         """Keep a point that the next search may begin at."""

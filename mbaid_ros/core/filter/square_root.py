@@ -5,30 +5,29 @@ The variables x are scaled, the covariance of the noise is 1. An update adds a w
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg.lapack import dpotri, dtpqrt, dtrtri, dtrtrs
+from scipy.linalg.lapack import dgeqrf, dpotri, dtrtri, dtrtrs
 
-from mbaid_ros.core.filter.joint_noise import InformationCorrection, TwistLink
+from mbaid_ros.core.filter.conditional_root import ConditionalRoot, identity, upper_ones
+from mbaid_ros.core.filter.joint_noise import InformationCorrection
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout
-from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
-from mbaid_ros.core.filter.whitened import WhitenedWindow
+from mbaid_ros.core.filter.variables import Variables
+from mbaid_ros.core.filter.whitened import Axes, WhitenedWindow
 from mbaid_ros.core.geometry import Array, Integers
 from mbaid_ros.core.results.status import Innovations
-
-_BLOCK = 12  # columns that LAPACK reflects together: as many as a window has rows
-
 
 @dataclass(frozen=True, eq=False)
 class SquareRootInformation:
     """A Gaussian of the scaled variables: those of `Variables`, then those of a constant force where there is one."""
 
-    # (v, v + 2), Fortran order: the triangle R, beside it z of the correction for noise that rows and values share, and
-    # z of the least-squares mean: x = R^-1 (their sum)
-    root: Array
+    conditional: ConditionalRoot  # of the variables; the same object in hypotheses that share it
+    axes: Axes  # of the constant force
+    force: Array  # (f, f + 2) its triangle T, and beside it what is on the right of the variables' rows
     innovations: Innovations  # sensor by sensor
     bias_information: Array  # (b, b + 1) as of `WhitenedWindow`, summed over all windows
     # nis, measured: sum of the normalised innovations squared over all windows, and their number
@@ -37,21 +36,44 @@ class SquareRootInformation:
     last_nis: float = 0.0  # the same of the last update
     last_measured: int = 0  # the same of the last update
     log_likelihood: float = 0.0  # of all measurements, up to a constant
-    # (c, c + v + 2) rows above those of the root, of c numbers that the next window's twist is linked by (`TwistLink`),
-    # or between an update and the step after it of its noise and these; None where nothing links it
-    carried: Array | None = None
 
     @staticmethod
-    def prior(variables: Variables, extra: int = 0, mass: float | None = None) -> SquareRootInformation:
-        """Return the prior, with `extra` numbers of unit variance beside the variables, near a mass in kg if given."""
+    def of(
+        triangle: Array, value: Array, forces: Sequence[Axes], variables: Variables, likelihood: float = 0.0
+    ) -> list[SquareRootInformation]:
+        """Return R x = z, (v, v) and (v,), before the first window, with a force of unit variance in each of some axes."""
+        acting, count = tuple(axes for axes in forces if axes != 'none'), variables.force.shape[1]
+        right = np.zeros((len(value), 2 + len(acting) * count), order='F')
+        right[:, 1] = value
+        shared, nothing = ConditionalRoot(np.asfortranarray(triangle), right, acting), Innovations.none(variables.poses)
+        own = [np.eye(size, size + 2) for size in np.where(np.array(forces) == 'none', 0, count)]
+        return [
+            SquareRootInformation(shared, axes, force, nothing, variables.bias, log_likelihood=likelihood)
+            for axes, force in zip(forces, own, strict=True)
+        ]
+
+    @staticmethod
+    def priors(
+        variables: Variables, forces: Sequence[Axes], mass: float | None = None
+    ) -> list[SquareRootInformation]:
+        """Return the prior for a force in each of some axes, near a mass in kg if given."""
         mean, triangle, likelihood = variables.prior(mass)
-        size = len(mean) + extra
+        return SquareRootInformation.of(triangle, triangle @ mean, forces, variables, likelihood)
+
+    @staticmethod
+    def prior(variables: Variables, force: Axes = 'none', mass: float | None = None) -> SquareRootInformation:
+        """Return the prior for a force in some axes, or none."""
+        return SquareRootInformation.priors(variables, (force,), mass)[0]
+
+    @cached_property
+    def root(self) -> Array:
+        """The triangle (n, n + 2) of variables and force, Fortran order, beside it z as of `ConditionalRoot`."""
+        shared = self.conditional.unlinked
+        own, size = shared.right[:, shared.columns(self.axes)], self.size
         root = np.zeros((size, size + 2), order='F')
-        root[: len(mean), : len(mean)] = triangle
-        root[: len(mean), -1] = triangle @ mean
-        root[len(mean) :, len(mean) : -2] = np.eye(extra)
-        nothing = Innovations.none(variables.poses), variables.bias
-        return SquareRootInformation(root, *nothing, log_likelihood=likelihood)
+        root[: len(own), :-2] = np.concatenate((shared.triangle, own), axis=1)
+        root[: len(own), -2:], root[len(own) :, len(own) :] = shared.right[:, :2], self.force
+        return root
 
     @property
     def misfit(self) -> float:
@@ -60,11 +82,11 @@ class SquareRootInformation:
 
     @property
     def size(self) -> int:
-        """Number v of variables."""
-        return len(self.root)
+        """Number n of variables, with those of the force."""
+        return len(self.conditional.triangle) - self.conditional.links + len(self.force)
 
     def mean_and_shift(self) -> tuple[Array, Array]:
-        """Return the mean (v,), and the part of it that corrects for shared noise (v,).
+        """Return the mean (n,), and the part of it that corrects for shared noise (n,).
 
         Raises LinAlgError: The information has a direction without any.
         """
@@ -75,88 +97,71 @@ class SquareRootInformation:
 
     @property
     def factor(self) -> Array:
-        """A factor of the covariance, (v, v)."""
+        """A factor of the covariance, (n, n)."""
         return np.asarray(dtrtri(self.root[:, :-2])[0])
 
     @property
     def least_squares(self) -> Array:
-        """The mean without the correction for shared noise, (v,)."""
+        """The mean without the correction for shared noise, (n,)."""
         return np.asarray(dtrtrs(self.root[:, :-2], self.root[:, -1])[0])
 
-    def with_root(self, root: Array, carried: Array | None = None) -> SquareRootInformation:
-        """Return the same measurements with another root (v, v + 2), and the carried rows."""
-        return replace(self, root=root, carried=carried)
+    def sharing(self, other: SquareRootInformation) -> SquareRootInformation:
+        """Return the same measurements with the variables' root of another Gaussian."""
+        same = other.conditional is self.conditional
+        return self if same else replace(self, conditional=other.conditional)
 
 
 def update(gaussian: SquareRootInformation, window: WhitenedWindow) -> SquareRootInformation:
-    """Return the Gaussian after a window's measurements.
+    """Return the Gaussian after a window's measurements."""
+    return update_together((gaussian,), window)[0]
 
-    One factorisation of R above the rows H, beside 0 above 1, beside z above the values. It turns the 1 into a triangle
-    U, U^T U the inverse of the innovations' covariance, and the values into U times the innovations: normalised, each
-    given those after it. So the rows are taken in reverse.
+
+def update_together(gaussians: Sequence[SquareRootInformation], window: WhitenedWindow) -> list[SquareRootInformation]:
+    """Return Gaussians that share a root after a window's measurements; they share the next one."""
+    after, moved, left = gaussians[0].conditional.updated(window)
+    updated, count = [], len(left)
+    for gaussian in gaussians:
+        force, residual, diagonal = gaussian.force, left[:, count + 1], np.ones(count)
+        if len(force):
+            own = after.columns(gaussian.axes)
+            force, residual, diagonal = _with_force(force, left[:, count:], own)
+            force[:, -2] -= dtrtrs(force[:, :-2], after.right[:, own].T @ moved, trans=1)[0]
+        nis, diagonal = float(residual @ residual), diagonal * left.diagonal()
+        growth = -2.0 * float(np.add.reduce(np.log(np.abs(diagonal))))
+        updated.append(
+            SquareRootInformation(
+                after,
+                gaussian.axes,
+                force,
+                gaussian.innovations.after((residual * np.sign(diagonal))[::-1], window.places),
+                gaussian.bias_information + window.bias_information,
+                gaussian.nis + nis,
+                gaussian.measured + count,
+                nis,
+                count,
+                gaussian.log_likelihood - 0.5 * (nis + window.log_noise + growth),  # trajectory.md, eq. 5
+            )
+        )
+    return updated
+
+
+def _with_force(force: Array, left: Array, own: slice) -> tuple[Array, Array, Array]:
+    """Return a force's triangle after a window, and the innovations as that explains and normalises them (w,).
+
+    Third, the diagonal (w,) of the triangle that normalises them.
+
+    Parameters
+    ----------
+    force, own : (f, f + 2) before, and its columns in the next
+    left : (w, 2 + g) of the window, as of `ConditionalRoot.right`
     """
-    before = gaussian.root if window.carried is None else _linked_before(gaussian, window.carried)
-    size, (count, columns), link = len(before), window.rows.shape, len(before) - gaussian.size
-    inner = size + count
-    triangle = np.zeros((inner + 2, inner + 2), order='F')
-    triangle[:size, :size], triangle[:size, inner:] = before[:, :size], before[:, size:]
-    rows = np.zeros((count, inner + 2), order='F')
-    rows[:, link : link + columns], rows[:, size:inner] = window.rows[::-1], identity(count)
-    rows[:, -1] = window.value[::-1]
-    if window.carried is not None:
-        rows[:, :link] = np.concatenate((window.carried.by_noise, window.carried.by_carried), axis=1)[::-1]
-    triangle = dtpqrt(0, _BLOCK, triangle, rows, overwrite_a=True, overwrite_b=True)[0]
-    root = np.empty((gaussian.size, gaussian.size + 2), order='F')
-    root[:, :-2], root[:, -2:] = triangle[link:size, link:size], triangle[link:size, inner:]
-    carried = None
-    if window.carried is not None:
-        carried = np.concatenate((triangle[:link, :size], triangle[:link, inner:]), axis=1)
-    score = np.zeros(gaussian.size)
-    score[:columns] = window.shared
-    root[:, -2] += dtrtrs(root[:, :-2], score, trans=1)[0]
-    left, diagonal = triangle[-count - 2 : -2, -1], triangle.diagonal()[-count - 2 : -2]
-    nis = float(left @ left)
-    growth = -2.0 * float(np.add.reduce(np.log(np.abs(diagonal))))
-    return SquareRootInformation(
-        root,
-        gaussian.innovations.after((left * np.sign(diagonal))[::-1], window.places),
-        gaussian.bias_information + window.bias_information,
-        gaussian.nis + nis,
-        gaussian.measured + count,
-        nis,
-        count,
-        gaussian.log_likelihood - 0.5 * (nis + window.log_noise + growth),  # trajectory.md, eq. 5
-        carried,
-    )
-
-
-def _linked_before(gaussian: SquareRootInformation, carried: TwistLink) -> Array:
-    """Return the root (2 k + v, 2 k + v + 2) before a window, with the noise q and c of the integrated twist on top.
-
-    Where no c has been carried to it, that is as uncertain as a first pose.
-    """
-    count, size = carried.by_carried.shape[1], gaussian.size
-    root = np.zeros((2 * count + size, 2 * count + size + 2), order='F')
-    root[:count, :count] = identity(count)
-    own = slice(count, 2 * count)
-    if gaussian.carried is None:
-        root[own, own] = identity(count) / OPEN_LENGTH
-    else:
-        root[own, count:] = gaussian.carried
-    root[2 * count :, 2 * count :] = gaussian.root
-    return root
-
-
-@cache
-def identity(size: int) -> Array:
-    """Return the unit matrix."""
-    return np.eye(size)
-
-
-@cache
-def upper_ones(size: int) -> Array:
-    """Return an upper triangle of ones: LAPACK leaves other numbers below that of a factor."""
-    return np.triu(np.ones((size, size)))
+    size, count = len(force), len(left)
+    wide = np.zeros((size + count, size + count + 2), order='F')
+    wide[:size, :size], wide[:size, -2:] = force[:, :-2], force[:, -2:]
+    wide[size:, :size], wide[size:, size:-2], wide[size:, -2:] = left[:, own], identity(count), left[:, :2]
+    triangle = dgeqrf(wide, overwrite_a=True)[0]
+    after = np.concatenate((upper_ones(size) * triangle[:size, :size], triangle[:size, -2:]), axis=1)
+    return after, triangle[size:, -1], triangle.diagonal()[size:]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.filter.bank import LONGEST_AT_A_GUESS, NO_JUMPS, Bank, best, clamped, far_better
+from mbaid_ros.core.filter.bank import LONGEST_AT_A_GUESS, NO_JUMPS, Bank, best, clamped, far_better, joined
 from mbaid_ros.core.filter.batch import MASS, BatchIteration, BatchResult, Work
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout, Point
@@ -161,8 +161,8 @@ class MultiStart:
         longest = result.filtered.longest
         bank: Bank = (result.filtered,)
         if others:
-            priors = tuple(self.batch.prior(each, longest) for each in others)
-            bank = (result.filtered, *(yield from self.batch.filter(result.windows, priors)))
+            bank = (result.filtered, *(yield from self.batch.filter(result.windows, self.batch.priors(others, longest))))
+            bank = bank if result.mass_held else joined(bank)
         leading = best(bank).hypothesis
         if leading is first:
             return result, bank, False
@@ -172,8 +172,7 @@ class MultiStart:
         needed = not result.consistent or self._is_hardly_shifted(other)
         if not (needed and other.acceptable and other.consistent and far_better(other.filtered, result.filtered)):
             return result, clamped(bank), False
-        priors = tuple(self.batch.prior(each, longest) for each in self.hypotheses)
-        bank = yield from self.batch.filter(other.windows, priors)
+        bank = yield from self.batch.filter(other.windows, self.batch.priors(self.hypotheses, longest))
         return other, bank, True
 
     def _is_hardly_shifted(self, result: BatchResult) -> bool:

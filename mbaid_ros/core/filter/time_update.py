@@ -6,13 +6,15 @@ so that a step reworks few rows of the triangle.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.linalg.lapack import dgeqrf
 
-from mbaid_ros.core.filter.square_root import SquareRootInformation, identity, upper_ones
+from mbaid_ros.core.filter.conditional_root import ConditionalRoot, identity, upper_ones
+from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import MOMENTUM, POSE
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import Axes, WhitenedWindow
@@ -84,54 +86,65 @@ def momentum_change(brought: Array, rate_length: float, seconds: float, variable
 def advance(
     gaussian: SquareRootInformation, window: WhitenedWindow, variables: Variables, hypothesis: Hypothesis
 ) -> SquareRootInformation:
-    """Return the Gaussian at the next window's first knot, under a hypothesis of forces and drifts.
+    """Return the Gaussian at the next window's first knot, under its force and the walks of a hypothesis.
 
-    With an integrated twist c goes along (trajectory.md, eq. 10), its rows above those of the root.
+    With an integrated twist c goes along (trajectory.md, eq. 10).
     """
-    root, head, columns, count = gaussian.root, variables.head, len(variables.scale), 0
+    link = window.carried if gaussian.conditional.links else None
+    root = gaussian.conditional if link is not None else gaussian.conditional.unlinked
+    head, columns, count = variables.head, len(variables.scale), root.links // 2
     change = momentum_change(window.brought, window.length, window.length, variables)
-    rows, above, link = root[:head], gaussian.carried, window.carried
-    if above is not None and link is not None:
+    rows = root.rows(2 * count + head)
+    above, rows = rows[:, : 2 * count], rows[:, 2 * count :]
+    if link is not None:
         # q = back (c' - c - noise w + value - rows x), put into the rows that know of it.
-        count, gain = len(link.way_value), above[:, : len(link.way_value)] @ link.back
-        rows = np.concatenate((above[:, 2 * count :], rows))
+        gain = above[: 2 * count, :count] @ link.back
         rows[: 2 * count, :columns] -= gain @ link.way_rows
-        rows[: 2 * count, -1] -= gain @ link.way_value
-    back, noise, rest = _stepped(rows, window, change, variables, hypothesis)
+        rows[: 2 * count, columns + 1] -= gain @ link.way_value
+    back, noise, rest = _stepped(rows, window, change, variables, hypothesis, root.forces)
     known = np.concatenate((back, rest), axis=1)
-    if above is not None and link is not None:
+    if link is not None:
         noise[: 2 * count, : link.process.shape[1]] += gain @ link.process
         of_links = np.zeros((len(rows), 2 * count))  # by c and c'
-        of_links[: 2 * count] = np.concatenate((above[:, count : 2 * count] - gain, gain), axis=1)
+        of_links[: 2 * count] = np.concatenate((above[: 2 * count, count:] - gain, gain), axis=1)
         known = np.concatenate((of_links, known), axis=1)
-    after: Array = np.zeros((count + len(root), count + len(root) + 2), order='F')
-    after[: count + head] = _eliminated(known, noise)[count:, count:]
-    after[count + head :, count + head :] = root[head:, head:]
+    after = root.with_first(_eliminated(known, noise)[count:, count:], 2 * count + head, count)
     if variables.walks.shape[1]:
-        after = _walked(after, np.sqrt(window.length) * variables.walks, count + columns)
+        walked = _walked(after.rows(), np.sqrt(window.length) * variables.walks, count + columns)
+        after = ConditionalRoot.of(walked, root.forces, count)
     if variables.times.size:  # there is no c then
         change.stepped[: variables.poses] += window.stepped
         kept = variables.kept(window.length)
-        after = _wandered(after, variables.wandering, kept, change.stepped, window.gained)
-    return gaussian.with_root(np.asarray(after[count:, count:], order='F'), after[:count].copy() if count else None)
+        wandered = _wandered(after.rows(), variables.wandering, kept, change.stepped, window.gained)
+        after = ConditionalRoot.of(wandered, root.forces)
+    return replace(gaussian, conditional=after)
 
 
 def _stepped(
-    rows: Array, window: WhitenedWindow, change: MomentumChange, variables: Variables, hypothesis: Hypothesis
+    rows: Array,
+    window: WhitenedWindow,
+    change: MomentumChange,
+    variables: Variables,
+    hypothesis: Hypothesis,
+    forces: Sequence[Axes],
 ) -> tuple[Array, Array, Array]:
-    """Return rows (r, v + 2) at the next window's first knot: (r, h) of the first variables, noise (r, w) and rest."""
+    """Return rows (r, v + 2 + g) at the next window's first knot: (r, h) of the first variables, noise (r, w) and rest.
+
+    `forces` are the axes of their constant forces.
+    """
     head, poses, columns = variables.head, variables.poses, len(variables.scale)
     # x_head = A^-1 (x_head' - B x_rest - drift - noise w), put into the rows that know of it.
     back = rows[:, :head] @ window.back
-    of_poses = back[:, :poses]
+    of_poses, of_momentum = back[:, :poses], back[:, poses:]
     rest = rows[:, head:].copy()
-    rest[:, : columns - head] -= of_poses @ window.transition[:, head:] + back[:, poses:] @ change.brought[:, head:]
-    if hypothesis.force != 'none':
-        rest[:, columns - head : -2] -= back[:, poses:] @ window.push(hypothesis.force)
-    rest[:, -1] += of_poses @ window.drift
+    right = rest[:, columns - head :]
+    rest[:, : columns - head] -= of_poses @ window.transition[:, head:] + of_momentum @ change.brought[:, head:]
+    right[:, 1] += of_poses @ window.drift
+    if forces:
+        right[:, 2:] -= of_momentum @ np.concatenate([window.push(axes) for axes in forces], axis=1)
     noise = of_poses @ window.process
     if change.noise.any():
-        noise = np.concatenate((noise, back[:, poses:] @ change.noise), axis=1)
+        noise = np.concatenate((noise, of_momentum @ change.noise), axis=1)
     if hypothesis.walks.size:
         walk = variables.gather[:head, :12] @ hypothesis.walks
         noise = np.concatenate((noise, np.sqrt(window.length) * (back @ walk)), axis=1)
@@ -156,7 +169,7 @@ def pose_reset(
 
     `change` is that of the momentum since. Gauss-Markov processes that bring none of it are drawn anew.
     """
-    root, poses = gaussian.root.copy(), variables.poses
+    root, poses = gaussian.conditional.unlinked.rows(), variables.poses
     root[:poses] = 0.0
     root[:poses, :poses] = variables.prior()[1][:poses, :poses]
     if change is not None:
@@ -166,17 +179,22 @@ def pose_reset(
             root[:head] = _eliminated(root[:head], root[:head, poses:head] @ change.noise)
     if variables.broken.shape[1]:
         root = _walked(root, variables.broken, len(variables.scale))
-    return gaussian.with_root(_forgotten(root, variables, change))
+    return _with_rows(gaussian, _forgotten(root, variables, change))
 
 
 def new_motion(gaussian: SquareRootInformation, variables: Variables) -> SquareRootInformation:
     """Return the Gaussian at the beginning of another motion: pose error, momentum and numbers drawn anew."""
-    root, head = gaussian.root.copy(), variables.head
+    root, head = gaussian.conditional.unlinked.rows(), variables.head
     root[:head] = 0.0
     root[:head, :head] = variables.prior()[1][:head, :head]
     if variables.renewed.shape[1]:
         root = _walked(root, variables.renewed, len(variables.scale))
-    return gaussian.with_root(_forgotten(root, variables))
+    return _with_rows(gaussian, _forgotten(root, variables))
+
+
+def _with_rows(gaussian: SquareRootInformation, rows: Array) -> SquareRootInformation:
+    """Return the Gaussian with other rows (v, v + 2 + g) of the variables."""
+    return replace(gaussian, conditional=ConditionalRoot.of(rows, gaussian.conditional.forces))
 
 
 def momentum_inflation(
@@ -200,9 +218,9 @@ def momentum_inflation(
 
 def inflated(gaussian: SquareRootInformation, noise: Array) -> SquareRootInformation:
     """Return the Gaussian with noise (h, w) added to its first h variables."""
-    root, head = gaussian.root.copy(order='F'), len(noise)
-    root[:head] = _eliminated(root[:head], root[:head, :head] @ noise)
-    return gaussian.with_root(root)
+    root, head = gaussian.conditional.unlinked, len(noise)
+    rows = root.rows(head)
+    return replace(gaussian, conditional=root.with_first(_eliminated(rows, rows[:, :head] @ noise), head))
 
 
 def _eliminated(rows: Array, noise: Array) -> Array:
@@ -243,14 +261,14 @@ def _wandered(root: Array, places: Integers, kept: Array, stepped: Array, gained
 
     Parameters
     ----------
-    root, places : (v, v + 2), and the (f,) indices of the processes
+    root, places : (v, v + 2 + g), and the (f,) indices of the processes
     kept, stepped : (f,) autocorrelations, below 1; (p, f)
     gained : (f,) variance of the noise beside that which keeps the processes stationary
     """
     size, count = len(root), len(places)
     rows, certain = np.arange(count), 1.0 / np.sqrt(1.0 - kept**2 + gained)
     along = root[:, : len(stepped)] @ stepped
-    wide = np.zeros((count + size, count + size + 2), order='F')
+    wide = np.zeros((count + size, count + root.shape[1]), order='F')
     wide[rows, rows], wide[rows, count + places] = -kept * certain, certain
     wide[count:, count:] = root
     wide[count:, :count] = root[:, places] + along

@@ -17,7 +17,7 @@ from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, are_physical, project, project_planar
+from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, is_physical, project, project_planar
 from mbaid_ros.core.results.status import Reason, Severity, status_of, with_reasons
 from mbaid_ros.core.robot.kinematics import Plane
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian
@@ -105,85 +105,64 @@ class Reporting:
     converged_std: float
     largest_residual: float  # RMS of the normalised residuals from which the data are inconsistent
 
-    def estimates(self, solutions: Sequence[Solution], runs: Sequence[Estimate]) -> list[Estimate]:
-        """Return the estimates of N > 0 independent solutions, together, as that takes less time.
-
-        Each is completed from all else that is known of its run by then.
+    def estimate(self, solution: Solution, run: Estimate) -> Estimate:
+        """Return the estimate of a solution, completed from all else that is known of its run by then.
 
         Parameters that the data do not identify are withheld: NaN, with their covariance.
         """
-        bodies = np.array([one.x[:10] for one in solutions])
-        covariance = np.array([one.covariance[:10, :10] for one in solutions])
-        cautious = np.array([one.cautious_covariance[:10, :10] for one in solutions])
-        momentum, momentum_covariance = _about_odometry_origin(solutions)
-        parameters, jacobian = physical(bodies), physical_jacobian(bodies)
-        linear, remainder = _nonlinearity(solutions, jacobian)
-        identifiable = self._identifiable(parameters, jacobian, cautious, remainder) & linear
-        planes = [one.plane for one in solutions]
-        possible, corrections = self._possible(bodies, covariance, identifiable, planes)
-        if possible is not bodies:
-            parameters, jacobian = physical(possible), physical_jacobian(possible)
-            linear, remainder = _nonlinearity(solutions, jacobian)
-            identifiable = self._identifiable(parameters, jacobian, cautious, remainder) & linear
-        published = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2) + remainder
-        parameters[~identifiable] = np.nan
-        published[~(identifiable[:, :, None] & identifiable[:, None])] = np.nan
-        precise = np.all((relative_std(published, self.sizes(parameters)) < self.converged_std) | ~identifiable, axis=1)
-        estimates = []
-        for k, (solution, run) in enumerate(zip(solutions, runs, strict=True)):
-            residual = float(np.sqrt(max(solution.cost, 0.0) / max(solution.redundancy, 1)))
-            known, correction = identifiable[k], float(corrections[k])
-            estimate = replace(
-                run,
-                status=status_of(determined=bool(known.any()), precise=bool(precise[k])),
-                parameters=parameters[k],
-                covariance=published[k],
-                identifiable=known,
-                momentum=momentum[k],
-                momentum_covariance=momentum_covariance[k],
-                residual=residual,
-                consistency_correction=correction,
-            )
-            reasons = [*self._reasons(known, linear[k], residual, correction, solution), *solution.reasons]
-            estimates.append(with_reasons(estimate, reasons))
-        return estimates
-
-    def _possible(
-        self, bodies: Array, covariance: Array, identifiable: Flags, planes: Sequence[Plane | None]
-    ) -> tuple[Array, Array]:
-        """Return (N, 10) bodies that can exist for those and how far off they were, (N,); itself if all can exist."""
-        corrections = np.zeros(len(bodies))
-        open_plane = np.array([plane is not None for plane in planes])
-        asked = np.flatnonzero(identifiable.any(axis=1) & (open_plane | ~are_physical(bodies)))
-        if not len(asked):
-            return bodies, corrections
-        possible = bodies.copy()
-        for k in asked:
-            plane = planes[k]
+        body, covariance, plane, correction = solution.x[:10], solution.covariance[:10, :10], solution.plane, 0.0
+        parameters, jacobian, linear, remainder, identifiable = self._observed(solution, body)
+        if identifiable.any() and (plane is not None or not is_physical(body)):
             if plane is None:
-                possible[k], corrections[k] = project(bodies[k], covariance[k], self.scale)
+                body, correction = project(body, covariance, self.scale)
             else:
-                possible[k], corrections[k] = project_planar(bodies[k], covariance[k], self.scale, plane)
-        return possible, corrections
+                body, correction = project_planar(body, covariance, self.scale, plane)
+            parameters, jacobian, linear, remainder, identifiable = self._observed(solution, body)
+        published = jacobian @ covariance @ jacobian.T + remainder
+        parameters[~identifiable] = np.nan
+        published[~(identifiable[:, None] & identifiable)] = np.nan
+        precise = np.all((relative_std(published, self.sizes(parameters)) < self.converged_std) | ~identifiable)
+        residual = float(np.sqrt(max(solution.cost, 0.0) / max(solution.redundancy, 1)))
+        shift = np.eye(6)
+        shift[3:, :3] = skew(solution.origin)  # L = L_0 + origin x P
+        estimate = replace(
+            run,
+            status=status_of(determined=bool(identifiable.any()), precise=bool(precise)),
+            parameters=parameters,
+            covariance=published,
+            identifiable=identifiable,
+            momentum=shift @ solution.x[10:],
+            momentum_covariance=shift @ solution.covariance[10:, 10:] @ shift.T,
+            residual=residual,
+            consistency_correction=correction,
+        )
+        return with_reasons(
+            estimate, [*self._reasons(identifiable, linear, residual, correction, solution), *solution.reasons]
+        )
 
-    def _identifiable(self, parameters: Array, jacobian: Array, cautious_covariance: Array, remainder: Array) -> Flags:
-        covariance = jacobian @ cautious_covariance @ np.swapaxes(jacobian, 1, 2) + remainder
-        relative = relative_std(covariance, self.sizes(parameters, np.full(len(parameters), LENGTH)))
-        of_the_mass = relative[:, :1] < _OF_THE_MASS * self.identifiable_std
-        return np.asarray((relative < self.identifiable_std) & of_the_mass)
+    def _observed(self, solution: Solution, body: Array) -> tuple[Array, Array, Flags, Array, Flags]:
+        """Return what the data observe of a body (10,) at or near a solution, by its mass, CoM and inertia about it.
 
-    def sizes(self, parameters: Array, length: Array | None = None) -> Array:
-        """Return the sizes that standard deviations of the (..., 10) physical parameters are relative to.
-
-        That of the centre of mass is the body's own size, or a given length (...), m.
+        These (10,), their Jacobian (10, 10), which are observed at first order, the covariance (10, 10) of the
+        remainder, and which are identifiable.
         """
-        moments = np.sqrt(np.abs(parameters[..., _FIRST] * parameters[..., _SECOND]))
-        length = own_size(parameters) if length is None else length
-        lengths = np.repeat(length[..., None], 3, axis=-1)
-        size = np.concatenate((np.abs(parameters[..., :1]), lengths, moments), axis=-1)
+        parameters, jacobian = physical(body), physical_jacobian(body)
+        linear, remainder = _nonlinearity(solution.curvatures, jacobian)
+        covariance = jacobian @ solution.cautious_covariance[:10, :10] @ jacobian.T + remainder
+        relative = relative_std(covariance, self.sizes(parameters, LENGTH))
+        known = (relative < self.identifiable_std) & (relative[0] < _OF_THE_MASS * self.identifiable_std)
+        return parameters, jacobian, linear, remainder, known & linear
+
+    def sizes(self, parameters: Array, length: float | None = None) -> Array:
+        """Return the sizes that standard deviations of the (10,) physical parameters are relative to.
+
+        That of the centre of mass is the body's own size, or a given length, m.
+        """
+        moments = np.sqrt(np.abs(parameters[_FIRST] * parameters[_SECOND]))
+        lengths = np.full(3, own_size(parameters) if length is None else length)
         # An element that vanishes is of the size that rounding leaves of a typical one.
         typical = np.concatenate((self.scale[:1], np.full(3, LENGTH), self.scale[4:]))
-        return np.maximum(size, 1e-9 * typical)
+        return np.maximum(np.concatenate((np.abs(parameters[:1]), lengths, moments)), 1e-9 * typical)
 
     def _reasons(
         self, identifiable: Flags, linear: Flags, residual: float, correction: float, solution: Solution
@@ -214,49 +193,36 @@ def _names(which: Flags) -> str:
     return ', '.join(name for name, named in zip(PARAMETERS, which, strict=True) if named)
 
 
-def own_size(parameters: Array) -> Array:
-    """Return the size (...) of bodies, m, at most LENGTH: twice the radius of gyration about the CoM, a cube's side.
+def own_size(parameters: Array) -> float:
+    """Return the size of a body, m, at most LENGTH: twice the radius of gyration about the CoM, a cube's side.
 
     Moments that are not known (NaN) count as the largest that is; without any, the size is LENGTH.
 
     Parameters
     ----------
-    parameters : (..., 10) physical parameters
+    parameters : (10,) physical parameters
     """
-    moments = np.nan_to_num(parameters[..., [4, 7, 9]])
-    known = np.isfinite(parameters[..., [4, 7, 9]])
-    trace = np.sum(np.where(known, moments, moments.max(axis=-1, keepdims=True)), axis=-1)
-    square = 2.0 * trace / np.where(parameters[..., 0] > 0.0, parameters[..., 0], np.nan)
-    return np.where(square > 0.0, np.minimum(np.sqrt(np.abs(square)), LENGTH), LENGTH)
+    moments = parameters[[4, 7, 9]]
+    trace = np.sum(np.where(np.isfinite(moments), moments, np.nan_to_num(moments).max()))
+    square = 2.0 * trace / parameters[0] if parameters[0] > 0.0 else 0.0
+    return min(float(np.sqrt(square)), LENGTH) if square > 0.0 else LENGTH
 
 
 def relative_std(covariance: Array, size: Array) -> Array:
-    """Return the (..., 10) standard deviations relative to sizes."""
+    """Return the (..., 10) standard deviations relative to sizes (10,)."""
     return np.asarray(np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1)) / size)
 
 
-def _nonlinearity(solutions: Sequence[Solution], jacobian: Array) -> tuple[Flags, Array]:
-    """Return which parameters, (N, 10), data observe at first order, and the covariance (N, 10, 10) of the remainder.
+def _nonlinearity(curvatures: Sequence[Curvature], jacobian: Array) -> tuple[Flags, Array]:
+    """Return which parameters, (10,), data observe at first order, and the covariance (10, 10) of the remainder.
 
     It counts for those alone that depend on where equations were linearised, and is at least as large as any shift.
     """
-    observed, remainder = np.ones((len(solutions), 10), dtype=bool), np.zeros((len(solutions), 10, 10))
-    for place, (one, each) in enumerate(zip(solutions, jacobian, strict=True)):
-        for curvature in one.curvatures:
-            straight = curvature.straight(each)
-            if straight.all():
-                continue
-            observed[place] &= straight | curvature.first_order(each)
-            shifts = np.where(straight, 0.0, curvature.shifts @ each.T)
-            remainder[place] += shifts.T @ shifts
+    observed, remainder = np.ones(10, dtype=bool), np.zeros((10, 10))
+    for curvature in curvatures:
+        straight = curvature.straight(jacobian)
+        if not straight.all():
+            observed &= straight | curvature.first_order(jacobian)
+            shifts = np.where(straight, 0.0, curvature.shifts @ jacobian.T)
+            remainder += shifts.T @ shifts
     return observed, remainder
-
-
-def _about_odometry_origin(solutions: Sequence[Solution]) -> tuple[Array, Array]:
-    """Return N (P, L) about the odometry frame's origin, and their covariances: L = L_0 + origin x P."""
-    shift = np.zeros((len(solutions), 6, 6))
-    shift[:] = np.eye(6)
-    shift[:, 3:, :3] = skew(np.array([one.origin for one in solutions]))
-    momentum = np.array([one.x[10:] for one in solutions])
-    covariance = np.array([one.covariance[10:, 10:] for one in solutions])
-    return (shift @ momentum[..., None])[..., 0], shift @ covariance @ np.swapaxes(shift, 1, 2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -10,10 +11,12 @@ import numpy as np
 from mbaid_ros.core.diagnosis.fault_isolation import with_undeclared_orbit
 from mbaid_ros.core.filter.averaging import Averaged, KnotAveraging
 from mbaid_ros.core.filter.initialisation import FIRST
+from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.run import FilterRun
+from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout, Point
 from mbaid_ros.core.geometry import Array, cross
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import Estimate, PassiveJoint
 from mbaid_ros.core.results.reporting import Reporting, Solution
 from mbaid_ros.core.results.status import Verdict, contradictions, judge, notes
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -23,7 +26,6 @@ from mbaid_ros.core.robot.orbit import brought
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import End, Posterior, posterior
 from mbaid_ros.core.trajectory.solution import (
-    Solved,
     error_budget,
     forces,
     implausible,
@@ -80,16 +82,12 @@ class TrajectoryEstimator:
         self._runs.expect(
             [window for each in averaged for window in (each.ready, each.still_open) if window is not None]
         )
-        outcomes = [self._filter(window, each, origin) for window, each in zip(windows, averaged, strict=True)]
+        estimates = [self._filter(window, each, origin) for window, each in zip(windows, averaged, strict=True)]
         self._last = windows[-1] if windows else self._last
-        solved = [each for each in outcomes if isinstance(each, Solved)]
-        found = [each.solution for each in solved], [each.history for each in solved]
-        made = iter(self._reporting.estimates(*found) if solved else [])  # of all solutions together
-        located = self._settings.located
-        return [each.completed(next(made), located=located) if isinstance(each, Solved) else each for each in outcomes]
+        return estimates
 
-    def _filter(self, window: Samples, knots: Averaged, origin: int) -> Solved | Estimate:
-        """Filter one window, and return the solution by then, or why there is none."""
+    def _filter(self, window: Samples, knots: Averaged, origin: int) -> Estimate:
+        """Filter one window, and report the solution by then, or why there is none."""
         while self.run_slice():
             pass
         self._plane.update(window)
@@ -107,56 +105,75 @@ class TrajectoryEstimator:
             return self._solution(run, now, window)
         return self._no_solution(run, now, window, moved=moved)
 
-    def _solution(self, run: FilterRun, now: Estimate, window: Samples) -> Solved:
-        """Judge the solution of the best hypothesis, and return it with its history."""
-        filtered, layout, origin = run.best, self._runs.layout, self._averaging.origin
-        distribution = run.distribution()
+    def _solution(self, run: FilterRun, now: Estimate, window: Samples) -> Estimate:
+        """Judge the solution of the best hypothesis, and report it with the history of its run."""
+        layout, distribution = self._runs.layout, run.distribution()
         prior_scales = run.prior_scales(distribution)
         verdict = self._with_causes(run, judge(self._runs.evidence(run, prior_scales)))
         verdict = with_undeclared_orbit(verdict, distribution, layout)
+        history = self._history(run, now, distribution, verdict)
+        solution = self._solved(run, distribution, prior_scales, verdict, history.flexible)
+        estimate = self._reporting.estimate(solution, history)
+        known, uncertainty = estimate.identifiable, self._settings.uncertainty
+        budget = error_budget(distribution, layout, uncertainty, prior_scales, known) if known.any() else None
+        estimate = replace(estimate, budget=budget, causes=history.causes)
+        if not self._settings.located:  # the frame moves with the common centre of mass
+            momentum, covariance = estimate.momentum.copy(), estimate.momentum_covariance.copy()
+            momentum[:3] = covariance[:3] = covariance[:, :3] = np.nan
+            estimate = replace(estimate, momentum=momentum, momentum_covariance=covariance)
+        return estimate.after_thrust(self._momentum_change(window, distribution.mean))
+
+    def _history(self, run: FilterRun, now: Estimate, distribution: MeanAndCovariance, verdict: Verdict) -> Estimate:
+        """Return all that is known of a run by now, but for body and momentum."""
+        filtered, layout = run.best, self._runs.layout
+        swinging = layout.kernel.springs.count > 0
+        delay, delay_std = joint_delay(distribution, layout)
+        return replace(
+            now,
+            stage='trajectory',
+            causes=tuple((cause.text, cause.gain) for cause in verdict.causes),
+            events=(
+                *forces(filtered, distribution),
+                *self._runs.events(distribution),
+                *jumps(filtered, distribution, self._averaging.origin),
+            ),
+            thrusters=thrusters(distribution, layout),
+            flexible=passive_joints(distribution, layout, run.deflections, run.resolved) if swinging else (),
+            time_offset=delay,
+            time_offset_std=delay_std,
+        )
+
+    def _solved(
+        self,
+        run: FilterRun,
+        distribution: MeanAndCovariance,
+        prior_scales: PriorScaleFactors,
+        verdict: Verdict,
+        flexible: Sequence[PassiveJoint],
+    ) -> Solution:
+        """Return body and momentum with their covariance, and the reasons to read them with care."""
+        filtered, layout = run.best, self._runs.layout
         # Where the data contradict the model, the verdict names the declarations that would have to be wrong.
         too_small = [underestimated_text(*each) for each in prior_scales.sure if verdict.adequate]
         acting = filtered.hypothesis.disturbed and filtered.hypothesis.physical
         estimated = [f'{filtered.hypothesis.name}; it is estimated as well, and widens the intervals'] if acting else []
-        swinging = layout.kernel.springs.count > 0
-        flexible = passive_joints(distribution, layout, run.deflections, run.resolved) if swinging else ()
-        delay, delay_std = joint_delay(distribution, layout)
         x, factor = distribution.published(prior_scales, layout, _REPORTED)
-        covariance = (
-            factor @ factor.T + distribution.variables.outside[np.ix_(_REPORTED, _REPORTED)]
-        ) * verdict.widening
-        return Solved(
-            solution=Solution(
-                x=x,
-                covariance=covariance,
-                cautious_covariance=covariance,
-                cost=filtered.gaussian.nis,
-                redundancy=filtered.gaussian.measured,
-                origin=origin,
-                plane=self._plane.plane(self._kernel.target),
-                curvatures=run.curvatures(explained=verdict.adequate),
-                reasons=(
-                    *notes((*self._runs.warnings, *too_small, *estimated, *self._soft)),
-                    *contradictions(verdict.reasons),
-                    *implausible(distribution, layout, flexible),
-                ),
+        outside = distribution.variables.outside[np.ix_(_REPORTED, _REPORTED)]
+        covariance = (factor @ factor.T + outside) * verdict.widening
+        return Solution(
+            x=x,
+            covariance=covariance,
+            cautious_covariance=covariance,
+            cost=filtered.gaussian.nis,
+            redundancy=filtered.gaussian.measured,
+            origin=self._averaging.origin,
+            plane=self._plane.plane(self._kernel.target),
+            curvatures=run.curvatures(explained=verdict.adequate),
+            reasons=(
+                *notes((*self._runs.warnings, *too_small, *estimated, *self._soft)),
+                *contradictions(verdict.reasons),
+                *implausible(distribution, layout, flexible),
             ),
-            history=replace(
-                now,
-                stage='trajectory',
-                causes=tuple((cause.text, cause.gain) for cause in verdict.causes),
-                events=(
-                    *forces(filtered, distribution),
-                    *self._runs.events(distribution),
-                    *jumps(filtered, distribution, origin),
-                ),
-                thrusters=thrusters(distribution, layout),
-                flexible=flexible,
-                time_offset=delay,
-                time_offset_std=delay_std,
-            ),
-            budget=partial(error_budget, distribution, layout, self._settings.uncertainty, prior_scales),
-            impulse=self._momentum_change(window, distribution.mean),
         )
 
     def _with_causes(self, run: FilterRun, verdict: Verdict) -> Verdict:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -18,14 +17,12 @@ from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.results.estimate import (
     PULSE,
     SYMPTOM,
-    Estimate,
     Event,
     PassiveJoint,
     Thruster,
     constant_force,
 )
-from mbaid_ros.core.results.parameters import SENSOR_NOISE, DeferredBudget, ErrorBudget
-from mbaid_ros.core.results.reporting import Solution
+from mbaid_ros.core.results.parameters import SENSOR_NOISE, ErrorBudget
 from mbaid_ros.core.results.status import MOST_JUMPS, Reason
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import physical_jacobian
@@ -88,9 +85,7 @@ def error_budget(
     if uncertainty.linear_momentum > 0.0:
         given.append(('momentum prior', slice(distribution.variables.poses, distribution.variables.head)))
     names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
-    return DeferredBudget(
-        names, lambda: _shares(distribution, layout, [which for _, which in given], prior_scales, known)
-    )
+    return ErrorBudget(names, *_shares(distribution, layout, [which for _, which in given], prior_scales, known))
 
 
 def _shares(
@@ -131,30 +126,6 @@ def _of_a_prior(factor: Array, distribution: MeanAndCovariance, variables: Varia
     gather = variables.gather[which]
     root = np.linalg.cholesky(gather @ variables.factor @ variables.factor.T @ gather.T)
     return np.asarray(np.sum(np.linalg.solve(root, distribution.with_variables(factor)[which]) ** 2, axis=0))
-
-
-@dataclass(frozen=True)
-class Solved:
-    """Solution of the best hypothesis after a window, and the history of its run."""
-
-    solution: Solution  # body and momentum
-    history: Estimate  # all else that is known of the run by then
-    budget: Callable[[Flags], ErrorBudget]  # returns the parts of the variance
-    impulse: Array  # (6,) by which thrust and orbit have changed the momentum since the first sample
-
-    def completed(self, estimate: Estimate, *, located: bool) -> Estimate:
-        """Return the estimate of this solution with the budget, after all that has acted.
-
-        Where nothing locates the base, the frame moves with the common centre of mass.
-        """
-        known = estimate.identifiable
-        budget = self.budget(known) if known.any() else None
-        estimate = replace(estimate, budget=budget, causes=self.history.causes)
-        if not located:
-            momentum, covariance = estimate.momentum.copy(), estimate.momentum_covariance.copy()
-            momentum[:3] = covariance[:3] = covariance[:, :3] = np.nan
-            estimate = replace(estimate, momentum=momentum, momentum_covariance=covariance)
-        return estimate.after_thrust(self.impulse)
 
 
 def joint_delay(distribution: MeanAndCovariance, layout: Layout) -> tuple[float, float]:

@@ -257,7 +257,7 @@ def test_known_bodies_that_are_uncertain(robot: MomentumKernel, free: Truth) -> 
         last = wrong(robot, free, seed, 0.01, known_links__relative_std=0.01)
         assert not last.events
         assert last.status == 'estimating'
-        assert 'to link:base_link alone' in last.warnings[-1]
+        assert 'of the variance is due to the uncertainty of the robot model' in last.warnings[-1]
         allowed.append(nees(last, true))
     assert sum(allowed) < 1.25 * chi2.isf(1e-3, 30)
     assert min(exact) > 2.0 * LIMIT

@@ -50,7 +50,6 @@ def test_the_columns_of_known_bodies_are_what_their_errors_do(spatial: Truth) ->
     factor = rng.normal(size=(20, 3))
     doubtful = servicer.with_uncertainty(KnownErrors((0, 3), factor))
     considered = ConsiderParameters(doubtful, [bodies_of(doubtful)])
-    assert considered.labels == ['link:base_link', 'link:link3']
     error = rng.normal(size=3)
     change = np.zeros_like(servicer.known)
     change[[0, 3]] = (factor @ error).reshape(2, 10)
@@ -102,20 +101,6 @@ def test_the_columns_of_the_mount_are_what_it_does(spatial: Truth) -> None:
 
     found = 0.5 * (equations(1.0) - equations(-1.0))
     assert columns @ mount == pytest.approx(found, abs=1e-3 * np.abs(found).max())
-
-
-def test_the_share_of_a_part_is_what_knowing_it_would_take_away() -> None:
-    rng = np.random.default_rng(5)
-    factor = rng.normal(size=(20, 20)) * 10.0 ** rng.uniform(-2.0, 1.0, 20)[:, None]
-    labels = ('one',) * 10 + ('other',) * 10
-    considered = ConsiderParameters(kernel('servicer7'), [Stated(factor, labels, np.zeros((6, 20)))])
-    gain = rng.normal(size=(4, 20))
-    shares = considered.shares(gain @ factor)
-    full = factor @ factor.T
-    for place, (own, other) in enumerate(((slice(0, 10), slice(10, 20)), (slice(10, 20), slice(0, 10)))):
-        rest = full[other, other] - full[other, own] @ np.linalg.solve(full[own, own], full[own, other])
-        taken = np.diag(gain @ full @ gain.T) - np.diag(gain[:, other] @ rest @ gain[:, other].T)
-        assert shares[:, place] == pytest.approx(taken, rel=1e-5)
 
 
 def test_what_is_known_of_unknowns_together_has_their_correlations(spatial: Truth) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.core.filter.conditional_root import ConditionalRoot
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.variables import Variables, variables
@@ -43,7 +44,8 @@ def measured(gaussian: SquareRootInformation, seed: int, truth: Array) -> tuple[
     rows = np.random.default_rng(seed).normal(size=(60, gaussian.size))
     known = np.column_stack((rows, np.zeros(60), rows @ truth))
     root = np.asarray(np.linalg.qr(np.vstack((gaussian.root, known)), mode='r'))
-    return gaussian.with_root(root[: gaussian.size]), rows
+    measured_root = ConditionalRoot.of(root[: gaussian.size], ())
+    return replace(gaussian, conditional=measured_root), rows
 
 
 def blocks(layout: Layout, filter_variables: Variables, *, given: bool) -> dict[str, Flags]:

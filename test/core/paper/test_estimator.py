@@ -7,10 +7,10 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from mbaid_ros.core import paper
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.paper import forms
-from mbaid_ros.core.paper.estimator import PaperEstimator, PaperSettings, RecursiveLeastSquares
+from mbaid_ros.core.paper import PaperEstimator, PaperSettings, RecursiveLeastSquares
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.simulation.simulation import Truth, total_momentum
@@ -168,11 +168,11 @@ def test_the_covariance_stays_bounded_symmetric_and_positive_without_excitation(
 def test_the_forms_are_those_of_the_body_alone(form: str, spatial: Truth) -> None:
     servicer = kernel('servicer7')
     states = servicer.states(observe(spatial, MID))
-    linear, angular = forms.linear_rows(states), forms.angular_rows(states)
+    linear, angular = paper.linear_rows(states), paper.angular_rows(states)
     rows, right_side = (
-        forms.main_form(states, total_momentum(servicer.model, spatial[:1])[0, 3:])
+        paper.main_form(states, total_momentum(servicer.model, spatial[:1])[0, 3:])
         if form == 'main'
-        else forms.difference_form(linear, angular, (angular[0][:1], angular[1][:1]))
+        else paper.difference_form(linear, angular, (angular[0][:1], angular[1][:1]))
     )
     body = physical(servicer.target.parameters)
     size = np.sqrt(np.sum(rows**2, axis=(0, 1)))  # columns of equal size: the unknowns are 1e-2 (1/m) to 1e1

@@ -9,9 +9,8 @@ import pytest
 
 from checked import some
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import Estimate, debris
 from mbaid_ros.core.results.physical_consistency import is_physical, project, project_planar
-from mbaid_ros.core.results.published_inertia import debris
 from mbaid_ros.core.robot.kinematics import Plane
 from mbaid_ros.core.robot.momentum import physical, pseudo_inertia, standard
 

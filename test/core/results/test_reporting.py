@@ -11,9 +11,8 @@ from checked import some
 from made_runs import BODY as MADE_BODY
 from made_runs import estimate, planar
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Status
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate, InertiaPublication, Status, is_complete, is_usable
 from mbaid_ros.core.results.physical_consistency import is_physical
-from mbaid_ros.core.results.published_inertia import InertiaPublication, is_complete, is_usable
 from mbaid_ros.core.results.reporting import Curvature, Reporting, Solution
 from mbaid_ros.core.results.status import Reason, Severity, with_reasons
 from mbaid_ros.core.robot.kinematics import Plane
@@ -55,7 +54,7 @@ def solution(relative: float | Array, body: Array = BODY, **changes: object) -> 
 
 
 def report(made: Solution) -> Estimate:
-    return REPORTING.estimates([made], [Estimate('difference', 'waiting', time=3.0, stamp=4, samples=500)])[0]
+    return REPORTING.estimate(made, Estimate('difference', 'waiting', time=3.0, stamp=4, samples=500))
 
 
 def test_what_is_well_determined_is_published_with_its_covariance() -> None:

@@ -1,4 +1,11 @@
-"""The paper's estimator: recursive least squares on its main or difference form, one step a sample."""
+"""The paper's estimator: recursive least squares on its main or difference form, one step a sample.
+
+The two forms (eqs. 22 and 25, corrected) are linear equations of (1/m, r_c, I_c): rows and right sides. P' and L' are
+the momentum of the target link: the total minus that of the known bodies. The paper sets the total linear momentum to
+zero. The moment equations are then the same about every fixed point, and here they are written with L_k about the base
+link's origin and r the target's hinge relative to it, so that the base's own position drops out:
+L' - p x P' = L_0 - L_k - r x P'.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +16,7 @@ from typing import Literal
 import numpy as np
 
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.paper import forms
+from mbaid_ros.core.geometry import Array, Flags, bracket, cross, rotate_back, skew
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import LENGTH
 from mbaid_ros.core.results.status import status_of
@@ -18,6 +24,52 @@ from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.core.samples import Samples
+
+UNKNOWNS = 10  # parameters of the body
+
+
+def linear_rows(states: BodyStates) -> tuple[Array, Array]:
+    """Return P' (1/m) - [w]x R r_c = v (eq. 21 with B' = [w]x R): (N, 3, 10), (N, 3)."""
+    linear = -states.known_momentum[:, :3]  # P' = P_0 - P_k with P_0 = 0 (eq. 24)
+    rows = np.zeros((len(linear), 3, UNKNOWNS))
+    rows[..., 0] = linear
+    rows[..., 1:4] = -skew(states.twist[:, 3:]) @ states.rotation
+    return rows, states.hinge_velocity
+
+
+def angular_rows(states: BodyStates) -> tuple[Array, Array]:
+    """Return -[P']x R r_c + R bracket(R^T w) vec(I_c) = L_0 + (-L_k - r x P'), without L_0: (N, 3, 10), (N, 3).
+
+    Eq. 20, with the rotation of the inertia.
+    """
+    known = states.known_momentum
+    linear = -known[:, :3]
+    rows = np.zeros((len(known), 3, UNKNOWNS))
+    rows[..., 1:4] = -skew(linear) @ states.rotation
+    rows[..., 4:] = states.rotation @ bracket(rotate_back(states.rotation, states.twist[:, 3:]))
+    return rows, -known[:, 3:] - cross(states.position, linear)
+
+
+def main_form(states: BodyStates, total_angular_momentum: Array) -> tuple[Array, Array]:
+    """Return the main form (eq. 22, corrected) with L_0 (3,) kg m^2/s, odometry axes: (N, 6, 10), (N, 6)."""
+    linear, velocity = linear_rows(states)
+    angular, moment = angular_rows(states)
+    right_side = np.concatenate((velocity, moment + total_angular_momentum), axis=1)
+    return np.concatenate((linear, angular), axis=1), right_side
+
+
+def difference_form(
+    linear: tuple[Array, Array], angular: tuple[Array, Array], reference: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """Return the difference form (eq. 25, corrected): the angular rows minus those of each reference sample.
+
+    The unknown L_0 cancels; the linear rows are not differenced: (N, 6, 10), (N, 6).
+    """
+    return (
+        np.concatenate((linear[0], angular[0] - reference[0]), axis=1),
+        np.concatenate((linear[1], angular[1] - reference[1]), axis=1),
+    )
+
 
 # The covariance of unexcited parameters grows without limit: it is held at this many times the initial one. Excited
 # parameters, however weakly, stay below: differenced rows at 100 Hz bring Izz of the paper's case to 2e4 times.
@@ -104,7 +156,7 @@ class PaperEstimator:
         self.method = f'paper_{settings.form}'
         self._kernel = kernel
         self._settings = settings
-        self._rls = RecursiveLeastSquares(forms.UNKNOWNS, settings.forgetting_factor, settings.initial_covariance)
+        self._rls = RecursiveLeastSquares(UNKNOWNS, settings.forgetting_factor, settings.initial_covariance)
         self._plane = PlaneDetector(kernel.model)
         self._references: deque[tuple[Array, Array]] = deque()
         self._settled: deque[Array] = deque(maxlen=_SETTLED_WINDOWS)
@@ -120,7 +172,7 @@ class PaperEstimator:
         rows, right_side = self._equations(states)
         selection = self._plane.rows()
         rows, right_side = selection @ rows, right_side @ selection.T
-        solutions, determined = np.empty((len(window), forms.UNKNOWNS)), np.empty((len(window), forms.UNKNOWNS), bool)
+        solutions, determined = np.empty((len(window), UNKNOWNS)), np.empty((len(window), UNKNOWNS), bool)
         skipped = len(window) - len(rows)  # samples without a reference yet
         solutions[:skipped], determined[:skipped] = np.nan, False
         for index in range(len(rows)):
@@ -137,12 +189,12 @@ class PaperEstimator:
 
     def _equations(self, states: BodyStates) -> tuple[Array, Array]:
         if self._settings.form == 'main':
-            return forms.main_form(states, np.array(self._settings.total_angular_momentum))
-        linear, angular = forms.linear_rows(states), forms.angular_rows(states)
+            return main_form(states, np.array(self._settings.total_angular_momentum))
+        linear, angular = linear_rows(states), angular_rows(states)
         references = self._reference_rows(angular)
         late = len(linear[0]) - len(references[0])
         newest = (linear[0][late:], linear[1][late:]), (angular[0][late:], angular[1][late:])
-        return forms.difference_form(*newest, references)
+        return difference_form(*newest, references)
 
     def _reference_rows(self, angular: tuple[Array, Array]) -> tuple[Array, Array]:
         """Return the reference of the angular rows of each of the last samples; the first samples have none."""

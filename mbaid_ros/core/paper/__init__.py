@@ -1,1 +1,0 @@
-"""The paper's two forms, corrected, and recursive least squares."""
