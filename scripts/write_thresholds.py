@@ -25,7 +25,7 @@ SECTIONS = {
     '`calibrate`': ('calibration',),
     'Readings': ('core/sensors',),
     'Robots': ('core/robot',),
-    'Numbers': ('core/chi_square.py', 'core/linear_algebra.py', 'core/geometry.py'),
+    'Numbers': ('core/linear_algebra.py', 'core/geometry.py'),
 }
 HEAD = """\
 # Thresholds

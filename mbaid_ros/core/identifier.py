@@ -10,9 +10,9 @@ import numpy as np
 
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.status import Reason, notes, with_reasons
+from mbaid_ros.core.robot.orbit import FallingFrame
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples
 from mbaid_ros.core.sensors.external_momentum import Thrust
-from mbaid_ros.core.sensors.falling_frame import FallingFrame
 from mbaid_ros.core.sensors.gyro import Gyro
 from mbaid_ros.core.sensors.levels import FoundNoise, SensorLevels
 from mbaid_ros.core.sensors.rates import FEWEST, with_rates

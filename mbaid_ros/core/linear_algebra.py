@@ -1,9 +1,12 @@
-"""Symmetric systems, some of whose directions may be empty."""
+"""Symmetric systems, some of whose directions may be empty, and limits of the chi-square distribution."""
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
+from scipy.special import chdtri
 
 from mbaid_ros.core.geometry import Array
 
@@ -98,3 +101,9 @@ def inverse(reference: Array, matrix: Array) -> Array:
     values, vectors = np.linalg.eigh(matrix * size * size[:, None])
     inverted = (vectors / np.maximum(values, _LEAST)) @ vectors.T
     return np.asarray(0.5 * (inverted + inverted.T) * size * size[:, None])
+
+
+@lru_cache(maxsize=1024)  # asked for many times a window, of few degrees
+def chi_square_limit(chance: float, degrees: int) -> float:
+    """Return the value that a chi-square variable of some degrees of freedom exceeds with a given probability."""
+    return float(chdtri(degrees, chance))

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Estimator
+from mbaid_ros.core.linear_algebra import chi_square_limit
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.results.status import Reason, with_reasons
@@ -259,4 +259,4 @@ def _agree(first: Estimate, second: Estimate) -> bool:
     covariance = (first.covariance + second.covariance)[np.ix_(both, both)]
     size = np.sqrt(np.diag(covariance))
     distance = difference / size @ np.linalg.solve(covariance / size / size[:, None], difference / size)
-    return bool(distance < chi_square.limit(_UNLIKELY, len(difference)))
+    return bool(distance < chi_square_limit(_UNLIKELY, len(difference)))

@@ -18,7 +18,7 @@ from mbaid_ros.core.results.status import Reason
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 
-_FEWEST, _KEPT = 10, 120  # windows; and the latest ones, in which the motion is compared
+_EVERY, _KEPT = 10, 120  # windows from one comparison to the next; the latest ones, whose motion is compared
 _READ = 5  # samples of a window, of which the mean centre of mass is taken
 _MOVED = 1e-3  # m, root mean square, that the centre of mass has to move by at least
 _REACTION = 0.15  # times the motion of the centre of mass: the base's, from which it may be free
@@ -45,7 +45,9 @@ class HeldBase:
     def __init__(self, kernel: MomentumKernel) -> None:
         self._kernel = kernel
         self._pushed: Array = np.zeros(6)  # by thrust, at the end of the latest window
-        self._seen: deque[Array] = deque(maxlen=_KEPT)  # (7,) of each window, means of time, p and c
+        # Of each window since the latest comparison: means of time and p; R and joints of a few samples.
+        self._new: list[tuple[Array, Array, Array]] = []
+        self._seen: deque[Array] = deque(maxlen=_KEPT)  # (7,) of each window before, means of time, p and c
         self._held = False
         # Of an unknown base, or a robot without moving parts, the known links determine no reaction.
         self._possible = kernel.target.body > 0 and kernel.model.joints > 0
@@ -54,25 +56,31 @@ class HeldBase:
         """Add a window; return a reason from the one on that shows that the base is held."""
         if self._held:
             return _IS_HELD
-        self._possible &= bool(np.all(np.isfinite(window.pose_covariance[:, 0, 0])))  # else nothing locates it
+        self._possible &= bool(np.isfinite(window.pose_covariance[0, 0, 0]))  # else nothing locates it
         if not self._possible:
             return None
-        pushed, self._pushed = np.any(window.impulse != self._pushed), window.impulse[-1]
+        pushed, self._pushed = (window.impulse != self._pushed).any(), window.impulse[-1]
         if pushed:  # thrust moves the base
             self._seen.clear()
+            self._new.clear()
             return None
-        middle = np.mean(window.time), *np.mean(window.base_position, axis=0), *self._centre(window)
-        self._seen.append(np.array(middle))
-        self._held = len(self._seen) >= _FEWEST and _is_held(np.array(self._seen))
+        some = np.arange(_READ) * (len(window) - 1) // (_READ - 1)
+        middle = np.concatenate(([window.time.mean()], window.base_position.mean(axis=0)))
+        self._new.append((middle, window.base_rotation[some], window.joint_position[some]))
+        if len(self._new) < _EVERY:
+            return None
+        middles, rotations, joints = map(np.array, zip(*self._new, strict=True))
+        self._new.clear()
+        self._seen.extend(np.concatenate((middles, self._centres(rotations, joints)), axis=1))
+        self._held = _is_held(np.array(self._seen))
         return _IS_HELD if self._held else None
 
-    def _centre(self, window: Samples) -> Array:
-        """Return the mean offset (3,) of the known links' centre of mass from the base."""
-        some = np.linspace(0, len(window) - 1, min(_READ, len(window))).astype(np.intp)
-        placed = self._kernel.kinematics.configure(window.base_rotation[some], window.joint_position[some])
+    def _centres(self, rotation: Array, joints: Array) -> Array:
+        """Return the mean offsets (W, 3) of the known links' centre of mass from the base, of (W, k) samples."""
+        placed = self._kernel.kinematics.configure(rotation.reshape(-1, 3, 3), joints.reshape(-1, joints.shape[2]))
         known = self._kernel.known
-        moments = rotate(placed.rotation, known[:, 1:4]) + known[:, :1] * placed.position
-        return np.asarray(np.mean(np.sum(moments, axis=1), axis=0) / np.sum(known[:, 0]))
+        moments = np.sum(rotate(placed.rotation, known[:, 1:4]) + known[:, :1] * placed.position, axis=1)
+        return np.asarray(np.mean(moments.reshape(*rotation.shape[:2], 3), axis=1) / np.sum(known[:, 0]))
 
 
 def _is_held(seen: Array) -> bool:

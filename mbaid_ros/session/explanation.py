@@ -8,8 +8,7 @@ from mbaid_ros.core.errors import listing
 from mbaid_ros.core.identifier import RATE_MISSING
 from mbaid_ros.core.sensors.external_momentum import FAR_THRUST, OTHER_MOMENTUM_FRAME, UNKNOWN_FRAME
 from mbaid_ros.core.sensors.joints import PARTNER_GAP
-from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, OUTLIER
-from mbaid_ros.core.sensors.repeats import JOINTS_HELD, REPEATED_POSE
+from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, JOINTS_HELD, OUTLIER, REPEATED_POSE
 from mbaid_ros.core.sensors.streams import LATE, OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.sensors.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
 from mbaid_ros.messages.fields import (

@@ -15,8 +15,8 @@ from mbaid_ros.core.geometry import rotation_from_quaternion
 from mbaid_ros.core.robot.kinematics import Kinematics, Springs
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.momentum import Storage
+from mbaid_ros.core.robot.orbit import FallingFrame
 from mbaid_ros.core.sensors.base import AttachedFrame
-from mbaid_ros.core.sensors.falling_frame import FallingFrame
 from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Circle, PushAxes, Pushing

@@ -21,8 +21,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.core.sensors.outliers import OUTLIER
-from mbaid_ros.core.sensors.repeats import REPEATED_POSE
+from mbaid_ros.core.sensors.outliers import OUTLIER, REPEATED_POSE
 from mbaid_ros.core.sensors.streams import LATE, OTHER_CLOCK, REPEATED, STRAY_STAMP, ZERO_STAMP
 from mbaid_ros.core.two_stage import YOUNG
 from mbaid_ros.messages.fields import (

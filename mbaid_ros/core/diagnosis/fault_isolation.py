@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbaid_ros.core import chi_square
 from mbaid_ros.core.diagnosis.candidates import FEWEST, CandidateCauses
 from mbaid_ros.core.diagnosis.filter_passes import SLIPPING
 from mbaid_ros.core.diagnosis.ranking import CandidateCause, Change, IsolationResult, ranked
@@ -19,6 +18,7 @@ from mbaid_ros.core.filter.run import FilterRun
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.window import Window
+from mbaid_ros.core.linear_algebra import chi_square_limit
 from mbaid_ros.core.results.status import Cause, Verdict
 from mbaid_ros.core.robot.orbit import orbit_fixed_frame
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -66,7 +66,8 @@ class FaultIsolation:
     def take(self, window: Window | None, samples: Samples) -> None:
         """Take the next window into those that an inquiry is over, and the samples of the one after it."""
         self._samples.append(samples)
-        self._twist.add(samples)
+        if self.suspicious or self._seen < _FIRST:  # only an inquiry asks for it
+            self._twist.add(samples)
         if window is not None:
             self._windows.append(window)
             self._seen += 1
@@ -167,7 +168,7 @@ def with_undeclared_orbit(judgement: Verdict, distribution: MeanAndCovariance, l
             found = distribution.mean[begin]
             own = begin - BODY.stop
             square = float(found @ np.linalg.solve(distribution.of_unknowns[own[:, None], own], found))
-            if square > chi_square.limit(_FALSE_ALARM, len(found)):
+            if square > chi_square_limit(_FALSE_ALARM, len(found)):
                 rate = rate_of(unknown.factor @ distribution.mean[place])
                 return replace(judgement.with_cause(Cause(orbit_fixed_frame(rate), 0.5 * square)), adequate=False)
     return judgement

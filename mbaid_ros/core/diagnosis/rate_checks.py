@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.errors import listing
-from mbaid_ros.core.geometry import Array, Flags, log, rotate, rotate_back, skew
+from mbaid_ros.core.geometry import Array, Flags, log, rotate, rotate_back
 from mbaid_ros.core.results.status import Reason, Severity
 from mbaid_ros.core.samples import ArrayRecord, Samples
 from mbaid_ros.core.sensors.noise import white_noise
@@ -43,7 +43,7 @@ class Motion(ArrayRecord):
 
     def misfit(self, meant: Array) -> float:
         """Return the mean normalised square of the steps less (W, k)."""
-        return float(np.mean(((self.step - meant) / self.noise) ** 2))
+        return float((((self.step - meant) / self.noise) ** 2).sum()) / meant.size
 
     def turned(self, turn: Callable[[Array, Array], Array]) -> Array:
         """Return (W, 6) of the twist with both parts turned, by a function of rotations and (W, 3) of it."""
@@ -71,16 +71,21 @@ class RateCheck:
     ) -> None:
         self._motion, self._error, self._severity = motion, error, severity
         self._seen: deque[Motion] = deque(maxlen=_KEPT)
+        self._misfits: deque[float] = deque(maxlen=_KEPT)  # of each as it is read
 
     def add(self, window: Samples) -> None:
         """Add a window."""
         motion = self._motion(window) if len(window) >= _FEWEST_SAMPLES else None
-        if motion is not None and np.all(np.isfinite(motion.step + motion.read + motion.noise)):
+        misfit = motion.misfit(motion.read) if motion is not None else np.nan
+        if motion is not None and np.isfinite(misfit):
             self._seen.append(motion)
+            self._misfits.append(misfit)
 
     def reason(self) -> Reason | None:
         """Return the contradiction that the latest windows show."""
-        text, gain = self._error(Motion.concatenate(self._seen)) if len(self._seen) >= _FEWEST else ('', 0.0)
+        if len(self._seen) < _FEWEST or sum(self._misfits) < _CONTRADICTS * len(self._seen):
+            return None
+        text, gain = self._error(Motion.concatenate(self._seen))
         return Reason(text, self._severity, gain) if text else None
 
     def update(self, window: Samples) -> Reason | None:
@@ -110,37 +115,56 @@ def _likeliest(motion: Motion, meanings: Meanings) -> tuple[str, float]:
     return text, 0.5 * (contradiction - left) * motion.step.size
 
 
-def _step(path: Array) -> Array:
-    """Return the mean of the last third of a path (N, ...) less that of the first: noise hardly averages out better."""
-    third = max(len(path) // 3, 1)
-    return np.asarray(np.mean(path[-third:], axis=0) - np.mean(path[:third], axis=0))
+def _ends(values: Array) -> Array:
+    """Return the first and the last third of (N, ...) values, joined: noise hardly averages out better than so."""
+    third = max(len(values) // 3, 1)
+    return np.concatenate((values[:third], values[-third:]))
+
+
+def _step(ends: Array) -> Array:
+    """Return the mean of the second half of (2 k, ...) values less that of the first."""
+    first, last = ends.reshape(2, len(ends) // 2, -1).sum(axis=1)
+    return np.asarray((last - first) / (len(ends) // 2))
+
+
+def _weights(time: Array) -> Array:
+    """Return the weights (N,), s, with which a rate makes the step of its integral (trapezoid) between the ends."""
+    place = np.arange(1, len(time))
+    half = 0.5 * np.diff(time) * np.minimum(np.minimum(place, place[::-1]) / max(len(time) // 3, 1), 1.0)
+    return np.append(half, 0.0) + np.append(0.0, half)
 
 
 def _path(time: Array, rate: Array) -> Array:
-    """Return the integral of a rate (N, ...) since the first of N times (trapezoid)."""
-    step = np.diff(time).reshape(-1, *(1,) * (rate.ndim - 1))
-    return np.concatenate((np.zeros((1, *rate.shape[1:])), np.cumsum(0.5 * step * (rate[1:] + rate[:-1]), axis=0)))
+    """Return the integral of a rate (N, k) since the first of N times (trapezoid)."""
+    steps = 0.5 * np.diff(time)[:, None] * (rate[1:] + rate[:-1])
+    return np.concatenate((np.zeros((1, rate.shape[1])), np.cumsum(steps, axis=0)))
 
 
 def _spread(covariance: Array) -> Array:
     """Return the (6,) variances, angular ones first, in any axes: the largest mean one of each three."""
-    variance = np.mean(np.diagonal(covariance, axis1=1, axis2=2), axis=0).reshape(2, 3)
-    return np.repeat(np.max(variance, axis=1)[::-1], 3)
+    variance = np.einsum('nii->i', covariance).reshape(2, 3) / len(covariance)
+    return np.repeat(variance.max(axis=1)[::-1], 3)
+
+
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # cyclic neighbours of the three axes
 
 
 def _twist_motion(window: Samples) -> Motion | None:
     """Return the motion of the base, odometry axes, by poses and twists; None without a twist."""
     if window.missing_rates[1]:
         return None
-    time, rotation, angular = window.time, window.base_rotation, window.base_angular_velocity
-    moved = np.concatenate((log(rotation @ rotation[0].T), window.base_position), axis=1)
-    read = _path(time, np.concatenate((angular, window.base_linear_velocity), axis=1))
-    arm = _path(time, skew(angular) @ rotation)
-    count, length = len(time), float(time[-1] - time[0])
+    time, rotation, count = window.time, window.base_rotation, len(window)
+    turned = log(_ends(rotation) @ rotation[0].T)
+    step = _step(np.concatenate((turned, _ends(window.base_position)), axis=1))
+    weights, length = _weights(time), float(time[-1] - time[0])
+    angular = weights[:, None] * window.base_angular_velocity
+    read = np.concatenate((angular.sum(axis=0), weights @ window.base_linear_velocity))
+    products = (angular.T @ rotation.reshape(count, 9)).reshape(3, 3, 3)
+    arm = products[_NEXT, _LAST] - products[_LAST, _NEXT]  # the integral of [w]x R
     # Of means over thirds; the twist's noise is that of a mean, too, by trapezoids of weights.
     variance = 6.0 / count * _spread(window.pose_covariance)
     variance += 5.0 / 9.0 * length**2 / count * _spread(window.twist_covariance)
-    rows = _step(moved), _step(read), np.sqrt(variance), _step(arm), rotation[count // 2]
+    rows = step, read, np.sqrt(variance), arm, rotation[count // 2]
     return Motion(*(row[None] for row in rows))
 
 
@@ -212,9 +236,9 @@ def _gyro_motion(window: Samples) -> Motion | None:
     if not window.gyro.shape[1]:
         return None
     rotation, count = window.base_rotation, len(window)
-    step = _step(log(rotation[0].T @ rotation))
+    step = _step(log(rotation[0].T @ _ends(rotation)))
     noise = np.sqrt(6.0 / count * _spread(window.pose_covariance)[:3])
-    rows = step, _step(window.gyro), noise, np.zeros((3, 3)), rotation[0]
+    rows = step, _step(_ends(window.gyro)), noise, np.zeros((3, 3)), rotation[0]
     return Motion(*(row[None] for row in rows))
 
 
@@ -261,27 +285,30 @@ class JointRates:
 
     def applied(self, window: Samples) -> Samples:
         """Return the next window, without velocities that are no rates."""
-        velocity, time = window.joint_velocity, window.time
+        position, velocity, time = window.joint_position, window.joint_velocity, window.time
         if len(window) < _FEWEST_READINGS or not velocity.shape[1] or window.missing_rates[0]:
             return window
-        step, turned = np.diff(time), _path(time, velocity)
-        position = window.joint_position
-        size = np.maximum(np.std(position, axis=0), np.std(turned, axis=0))
-        noise = np.hypot(white_noise(position, 2), np.mean(step) * np.sqrt(len(window)) * white_noise(velocity, 2))
+        turned = _path(time, velocity)
+        paths = np.concatenate((position, turned, position - turned), axis=1)
+        moved, turned, apart = np.std(paths, axis=0).reshape(3, -1)
+        size = np.maximum(moved, turned)
+        read, of_rates = white_noise(np.concatenate((position, velocity), axis=1), 2).reshape(2, -1)
+        noise = np.hypot(read, (time[-1] - time[0]) / (len(time) - 1) * np.sqrt(len(window)) * of_rates)
         moves = size > np.maximum(_FAR * noise, _MOVES)
-        wrong = moves & (np.std(position - turned, axis=0) > np.maximum(_FAR * noise, _PART * size))
+        wrong = moves & (apart > np.maximum(_FAR * noise, _PART * size))
         self._wrong += wrong
         self._moved += moves
-        self._zero &= ~np.any(velocity, axis=0)
-        self._left_out |= (self._wrong >= _SURE_OF_JOINTS) & (self._wrong > _MOST * self._moved)
-        if np.any(wrong | self._left_out):
+        self._zero &= turned == 0.0
+        if wrong.any():
+            self._left_out |= (self._wrong >= _SURE_OF_JOINTS) & (self._wrong > _MOST * self._moved)
+        if wrong.any() or self._left_out.any():
             return replace(window, joint_velocity=np.full_like(velocity, np.nan))
         return window
 
     def reason(self) -> Reason | None:
         """Return which velocities are no rates of the positions; None where none is known to be."""
         wrong = self._left_out
-        if not np.any(wrong):
+        if not wrong.any():
             return None
         names = listing(name for name, each in zip(self._names, wrong, strict=True) if each)
         how = 'zero while the positions change' if np.all(self._zero[wrong]) else 'no rates of the positions'

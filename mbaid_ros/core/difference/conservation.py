@@ -15,10 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core import chi_square
 from mbaid_ros.core.difference.sliding_window import SlidingWindow
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.linear_algebra import inverse_root, square_root
+from mbaid_ros.core.linear_algebra import chi_square_limit, inverse_root, square_root
 
 # Chance of an undisturbed window to be taken for a jump, and of all together to seem too far from their predictions:
 # once in years of windows.
@@ -53,7 +52,7 @@ class Conservation:
     def __init__(self, momentum: slice) -> None:
         self._momentum = momentum
         self._size = momentum.stop - momentum.start
-        self._limit = chi_square.limit(_FALSE_ALARM, self._size)
+        self._limit = chi_square_limit(_FALSE_ALARM, self._size)
         self._starts: list[float] = []
         self._innovations = 0.0
         self._equations = 0
@@ -64,7 +63,7 @@ class Conservation:
     def excessive(self) -> bool:
         """Whether the windows differ more from their predictions than the noise explains."""
         enough = self._equations >= _ENOUGH and self.mean > _LARGEST_MEAN
-        return enough and self._innovations > chi_square.limit(_FALSE_ALARM, self._equations)
+        return enough and self._innovations > chi_square_limit(_FALSE_ALARM, self._equations)
 
     def update(self, window: SlidingWindow, start: float, covariance: Array, surplus: float) -> None:
         """Test a run after another window.

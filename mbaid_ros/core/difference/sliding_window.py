@@ -10,12 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core import chi_square
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White, first_solutions
 from mbaid_ros.core.difference.marginalised import CrossInformation, MarginalisedPrior
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.linear_algebra import solve_definite, solve_symmetric
+from mbaid_ros.core.linear_algebra import chi_square_limit, solve_definite, solve_symmetric
 from mbaid_ros.core.samples import S
 
 _ITERATIONS_AT_START = 12  # at most: from first solutions far away, steps are halved again and again
@@ -180,7 +179,7 @@ class SlidingWindow:
         redundancy = blocks.offset.size + self._marginalised.equations - len(self.x)
         if self.x[0] > 0.0 and redundancy >= _ENOUGH:
             white = self.windows.whitened_at(self.x)
-            limit = chi_square.limit(_UNLIKELY, redundancy)
+            limit = chi_square_limit(_UNLIKELY, redundancy)
             if white is not None and self._total_cost(white.cost, self.x) < limit:
                 self.windows.linearise(self.x, white)
                 return

@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from mbaid_ros.core import chi_square
 from mbaid_ros.core.filter.square_root import SquareRootInformation, update_together
 from mbaid_ros.core.filter.state import MOMENTUM
 from mbaid_ros.core.filter.time_update import (
@@ -23,6 +22,7 @@ from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import Axes, WhitenedWindow
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.linear_algebra import chi_square_limit
 
 # N s / sqrt(s) / kg of the known bodies: random walk of the momentum that stands for a force which is not constant.
 _CHANGING_FORCE = 5e-5
@@ -190,7 +190,7 @@ def _update_group(group: Bank, window: Window, white: WhitenedWindow, variables:
     first = entered(group[0].gaussian, window, white, variables)
     before = [each.gaussian.sharing(first) for each in group]
     usual = update_together(before, white)
-    limit = chi_square.limit(_FALSE_ALARM, len(white.value))
+    limit = chi_square_limit(_FALSE_ALARM, len(white.value))
     after = [
         replace(filtered, gaussian=gaussian, jumped=0, previous=previous)
         for filtered, gaussian, previous in zip(group, usual, before, strict=True)

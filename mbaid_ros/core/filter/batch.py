@@ -12,7 +12,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from mbaid_ros.core import chi_square
 from mbaid_ros.core.filter.bank import LONGEST, MARGIN, Bank, HypothesisFilter, update_bank
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, LINEAR, Layout, Point, near_part
@@ -21,6 +20,7 @@ from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import LINEARISED, LinearisationCache, WhitenedWindow
 from mbaid_ros.core.filter.window import Stack, Window
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.linear_algebra import chi_square_limit
 from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, is_physical, project
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import unknown_scale
@@ -79,7 +79,7 @@ class BatchResult:
     def consistent(self) -> bool:
         """Whether the solution explains the windows."""
         gaussian = self.filtered.gaussian
-        return self.converged and self.physical and gaussian.nis < chi_square.limit(_UNLIKELY, gaussian.measured)
+        return self.converged and self.physical and gaussian.nis < chi_square_limit(_UNLIKELY, gaussian.measured)
 
     @property
     def acceptable(self) -> bool:

@@ -21,6 +21,7 @@ from mbaid_ros.core.filter.whitened import Axes, WhitenedWindow
 from mbaid_ros.core.geometry import Array, Integers
 from mbaid_ros.core.results.status import Innovations
 
+
 @dataclass(frozen=True, eq=False)
 class SquareRootInformation:
     """A Gaussian of the scaled variables: those of `Variables`, then those of a constant force where there is one."""
@@ -41,7 +42,7 @@ class SquareRootInformation:
     def of(
         triangle: Array, value: Array, forces: Sequence[Axes], variables: Variables, likelihood: float = 0.0
     ) -> list[SquareRootInformation]:
-        """Return R x = z, (v, v) and (v,), before the first window, with a force of unit variance in each of some axes."""
+        """Return R x = z, (v, v) and (v,), at first, with a force of unit variance in each of some axes."""
         acting, count = tuple(axes for axes in forces if axes != 'none'), variables.force.shape[1]
         right = np.zeros((len(value), 2 + len(acting) * count), order='F')
         right[:, 1] = value
@@ -53,9 +54,7 @@ class SquareRootInformation:
         ]
 
     @staticmethod
-    def priors(
-        variables: Variables, forces: Sequence[Axes], mass: float | None = None
-    ) -> list[SquareRootInformation]:
+    def priors(variables: Variables, forces: Sequence[Axes], mass: float | None = None) -> list[SquareRootInformation]:
         """Return the prior for a force in each of some axes, near a mass in kg if given."""
         mean, triangle, likelihood = variables.prior(mass)
         return SquareRootInformation.of(triangle, triangle @ mean, forces, variables, likelihood)
@@ -121,7 +120,8 @@ def update_together(gaussians: Sequence[SquareRootInformation], window: Whitened
     after, moved, left = gaussians[0].conditional.updated(window)
     updated, count = [], len(left)
     for gaussian in gaussians:
-        force, residual, diagonal = gaussian.force, left[:, count + 1], np.ones(count)
+        force, residual = gaussian.force, np.asarray(left[:, count + 1])
+        diagonal: Array = np.ones(count)
         if len(force):
             own = after.columns(gaussian.axes)
             force, residual, diagonal = _with_force(force, left[:, count:], own)

@@ -161,7 +161,8 @@ class MultiStart:
         longest = result.filtered.longest
         bank: Bank = (result.filtered,)
         if others:
-            bank = (result.filtered, *(yield from self.batch.filter(result.windows, self.batch.priors(others, longest))))
+            followed = yield from self.batch.filter(result.windows, self.batch.priors(others, longest))
+            bank = (result.filtered, *followed)
             bank = bank if result.mass_held else joined(bank)
         leading = best(bank).hypothesis
         if leading is first:

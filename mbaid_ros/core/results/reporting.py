@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array, Flags, skew
+from mbaid_ros.core.linear_algebra import chi_square_limit
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, is_physical, project, project_planar
@@ -180,7 +180,7 @@ class Reporting:
             text = f'residuals are {residual:.1f} times as large as the noise parameters explain'
             # Few equations leave large residuals by chance.
             square = residual**2 * solution.redundancy
-            large = solution.redundancy > 0 and square > chi_square.limit(_BY_CHANCE, solution.redundancy)
+            large = solution.redundancy > 0 and square > chi_square_limit(_BY_CHANCE, solution.redundancy)
             yield Reason(text, serious if large else 'note')
         if correction > _LARGE_CORRECTION and identifiable.any():
             text = f'the estimate was {correction:.1f} standard deviations away from any real body'

@@ -9,8 +9,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from mbaid_ros.core import chi_square
 from mbaid_ros.core.geometry import Array, Integers
+from mbaid_ros.core.linear_algebra import chi_square_limit
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Status
 
 Severity = Literal['note', 'contradiction', 'conflict']
@@ -238,7 +238,7 @@ def judge(evidence: Evidence) -> Verdict:
 
 def _too_far(distance: Distance) -> bool:
     square, twice, degrees = distance
-    return degrees > 0 and square > chi_square.limit(_NEVER, degrees) and twice > chi_square.limit(_NOT_TWICE, degrees)
+    return degrees > 0 and square > chi_square_limit(_NEVER, degrees) and twice > chi_square_limit(_NOT_TWICE, degrees)
 
 
 def widening(innovations: Innovations, nis: float) -> float:
@@ -258,7 +258,7 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
     causes = [
         Cause(f'{what} is further off than declared: check it, or raise its standard deviation', 0.5 * square)
         for what, (square, _, degrees) in evidence.distances.items()
-        if degrees and square > chi_square.limit(_RARELY, degrees)
+        if degrees and square > chi_square_limit(_RARELY, degrees)
     ]
     innovations = evidence.innovations
     for place, sensor in enumerate(SENSORS):

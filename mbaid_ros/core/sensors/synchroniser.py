@@ -14,8 +14,7 @@ from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, 
 from mbaid_ros.core.sensors.base import hermite
 from mbaid_ros.core.sensors.gyro import Gyro
 from mbaid_ros.core.sensors.levels import FoundNoise
-from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, Outliers, joint_channels
-from mbaid_ros.core.sensors.repeats import JOINTS_HELD, Repeats
+from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, JOINTS_HELD, Outliers, Repeats, joint_channels
 
 LARGEST_BACKLOG = 100_000  # measurements of one stream waiting for the other: more are memory without an end
 

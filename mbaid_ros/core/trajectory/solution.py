@@ -7,13 +7,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from mbaid_ros.core import chi_square
 from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array, Flags, cross
+from mbaid_ros.core.linear_algebra import chi_square_limit
 from mbaid_ros.core.results.estimate import (
     PULSE,
     SYMPTOM,
@@ -44,7 +44,7 @@ def forces(filtered: HypothesisFilter, distribution: MeanAndCovariance) -> tuple
         return ()
     value, factor = distribution.force, distribution.force_factor
     significance = float(value @ np.linalg.pinv(factor @ factor.T, hermitian=True) @ value)
-    if significance < chi_square.limit(_NOTHING, len(value)):
+    if significance < chi_square_limit(_NOTHING, len(value)):
         return ()
     return (Event(0.0, 'ramp', value[:3], value[3:], constant_force(axes)),)
 

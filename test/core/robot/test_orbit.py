@@ -16,10 +16,9 @@ from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion, skew, 
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import express, load_model
-from mbaid_ros.core.robot.orbit import Orbit, Turning, about, brought, of_bodies, of_link
+from mbaid_ros.core.robot.orbit import FallingFrame, Orbit, Turning, about, brought, of_bodies, of_link
 from mbaid_ros.core.samples import BaseStream
 from mbaid_ros.core.sensors.base import orientation_only
-from mbaid_ros.core.sensors.falling_frame import FallingFrame, bodies_of
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.simulation import Truth, seen_from_orbit, total_momentum
@@ -241,7 +240,7 @@ def test_it_is_the_gravity_gradient_torque_about_the_common_centre_of_mass() -> 
     samples = observe(pushed(), MID)[:2]
     frame = FallingFrame(orbit, model, relative_twist=True, located=False)
     tide = frame.applied(samples, 0).tide
-    bodies, length = bodies_of(model), float(samples.time[1] - samples.time[0])
+    bodies, length = model.body_parameters(), float(samples.time[1] - samples.time[0])
     brought = of_bodies(tide.reshape(2, -1, 6, 10), bodies)[1] / length
     placed = Kinematics(model).configure(samples.base_rotation, samples.joint_position)
     whole = np.sum(express(bodies, placed.rotation, placed.position), axis=1)[0]

@@ -11,8 +11,15 @@ import pytest
 from mbaid_ros.core.geometry import Array, Flags, exp
 from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 from mbaid_ros.core.sensors.joints import JointMerge
-from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, OUTLIER, Outliers, joint_channels
-from mbaid_ros.core.sensors.repeats import JOINTS_HELD, REPEATED_POSE, Repeats
+from mbaid_ros.core.sensors.outliers import (
+    JOINT_OUTLIER,
+    JOINTS_HELD,
+    OUTLIER,
+    REPEATED_POSE,
+    Outliers,
+    Repeats,
+    joint_channels,
+)
 from measured import base_stream, piece
 
 GAP = 100_000_000  # ns
