@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 import recorded
 from benchmarks.precapture import free_model, free_urdf, perturbed
-from captured import sensed
+from captured import LINKS, PRIORS, free_motion, sensed
 from checked import answer
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
@@ -32,7 +32,6 @@ from mbaid_ros.simulation.motion import random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, without_linear_momentum
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 from observed import configured_motion, kernel, true_body
-from servicing import LINKS, PRIORS, free_motion
 from simulated import state
 
 PARAMETERS = """

@@ -12,6 +12,7 @@ import pytest
 from scipy.linalg import block_diag
 
 from benchmarks.precapture import free_model
+from captured import LINKS, standard_parameters
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
@@ -30,7 +31,6 @@ from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
 from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact, nominal_model, with_known_errors
 from mbaid_ros.session.session import Session
 from mbaid_ros.session.settings import declared_uncertainty
-from servicing import LINKS, standard_parameters
 from simulated import robot
 from streams import run, urdf
 

@@ -10,6 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 from benchmarks.precapture import WEIGHED, factors, free_model, perturbed
+from captured import PRIORS, all_unknown, free_motion, standard_parameters
 from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.calibration.result import Calibration, Mechanism
 from mbaid_ros.core.geometry import Array, vec
@@ -23,7 +24,6 @@ from mbaid_ros.simulation.motion import random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, without_linear_momentum
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 from observed import MID, configured_motion, estimator, kernel, nees, observe, true_body, windows
-from servicing import PRIORS, all_unknown, free_motion, standard_parameters
 from simulated import robot, state
 
 SIZES = ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
