@@ -12,10 +12,9 @@ from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.config.trajectory import read_trajectory
 from mbaid_ros.core.errors import DataError, ParameterError, listing
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.robot.momentum import standard
+from mbaid_ros.core.robot.momentum import is_physical, standard
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, Target, ThrustSimulation
 from mbaid_ros.simulation.dynamics import State

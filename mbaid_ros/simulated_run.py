@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from mbaid_ros import outgoing
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
@@ -16,7 +15,18 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.outgoing import Frames, MessageTypes, SensorMessages, inertia_message
+from mbaid_ros.outgoing import Frames, MessageTypes, inertia_message, time_message
+from mbaid_ros.sensor_messages import (
+    SENSOR_TYPES,
+    Imu,
+    Joints,
+    Readings,
+    StoredMomentum,
+    Thrust,
+    imu_of,
+    in_order,
+    poses_of,
+)
 from mbaid_ros.simulated_robot import (
     make_imu,
     make_model_errors,
@@ -27,12 +37,11 @@ from mbaid_ros.simulated_robot import (
     steered,
 )
 from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, ThrustSimulation
-from mbaid_ros.simulation.sensors import SensedSimulation, Sensors
+from mbaid_ros.simulation.sensors import JointReadings, SensedSimulation, Sensors
 from mbaid_ros.simulation.simulation import LONGEST_STEP, total_momentum
 from mbaid_ros.simulation.steered import Steered
 from mbaid_ros.simulation.true_robot import true_robot
 
-Topic = Literal['joint_states', 'odom', 'thrust', 'stored_momentum', 'imu']
 _COMMANDS = 0.1  # s, between two of thrust
 
 
@@ -41,7 +50,7 @@ class TimedMessage:
     """A message and when it is due."""
 
     time: float  # s since the start of the run
-    topic: Topic  # the one it belongs on
+    topic: str  # the one it belongs on
     message: Any  # JointState, Odometry, WrenchStamped, Vector3Stamped or Imu
 
 
@@ -80,8 +89,6 @@ class SimulatedRun:
         self.target = self.robot.link(target)
         self._types = types
         self.wheels = make_wheels(config, self.model)
-        in_joint_states = config.wheels.names if config.wheels.publish == 'joint_states' else ()
-        self._messages = SensorMessages(types, self.model, config.odom_frame, in_joint_states, config.flexible.joints)
         self.start = 0
         self._motion = steered(make_motion(config, self.robot))
         simulation = make_simulation(config, self.robot, self._motion)
@@ -108,7 +115,7 @@ class SimulatedRun:
             'thrust': self.pulse is not None and self.config.thrust.publish,
             'stored_momentum': self.wheels is not None and self.config.wheels.publish == 'stored_momentum',
         }
-        return {topic: kind for topic, kind in outgoing.SENSOR_TYPES.items() if wanted.get(topic, True)}
+        return {topic: kind for topic, kind in SENSOR_TYPES.items() if wanted.get(topic, True)}
 
     @property
     def target_inertia(self) -> Array:
@@ -126,7 +133,7 @@ class SimulatedRun:
 
     def clock(self, time: float) -> Any:
         """Return a rosgraph_msgs/Clock of a time (s) since the start of the run."""
-        return self._types.find('rosgraph_msgs/msg/Clock')(clock=outgoing.time_message(self.stamp(time), self._types))
+        return self._types.find('rosgraph_msgs/msg/Clock')(clock=time_message(self.stamp(time), self._types))
 
     def stamp(self, time: float) -> int:
         """Return the stamp in ns of a time (s) since the start of the run."""
@@ -152,26 +159,32 @@ class SimulatedRun:
         self._read = max(self._read, until)
         due = [command for command in self._commands if command[0] <= until]
         del self._commands[: len(due)]
-        frame = (
-            self.pulse.link.name if self.pulse is not None and self.pulse.link is not None else self.config.odom_frame
-        )
-        stamp, types, made = self.stamp, self._types, self._messages
-        momenta = self.wheels.stored(joints.wheel_speed) if self.wheels and 'stored_momentum' in self.topics else ()
-        messages: list[TimedMessage] = []
-        add = messages.append
-        for t, wrench in due:
-            add(TimedMessage(t, 'thrust', outgoing.wrench_message(types, stamp(t), frame, wrench)))
-        for t, momentum in zip(joints.time.tolist(), momenta, strict=False):
-            message = outgoing.vector_message(types, stamp(t), self.model.base_link, momentum)
-            add(TimedMessage(t, 'stored_momentum', message))
-        for i, t in enumerate(base.time.tolist()):
-            add(TimedMessage(t, 'odom', made.odometry(base, i, stamp(t))))
-        for i, t in enumerate(joints.time.tolist()):
-            add(TimedMessage(t, 'joint_states', made.joint_state(joints, i, stamp(t))))
-        if imu is not None:
-            for i, t in enumerate(imu.time.tolist()):
-                add(TimedMessage(t, 'imu', made.imu(imu, i, stamp(t + self.config.imu.delay))))
-        return sorted(messages, key=lambda message: message.time)
+        parts: list[Readings] = []
+        if due and self.pulse is not None:
+            frame = self.config.odom_frame if self.pulse.link is None else self.pulse.link.name
+            times, wrenches = zip(*due, strict=True)
+            parts.append(Thrust(np.array(times), np.array(wrenches), frame))
+        if self.wheels is not None and 'stored_momentum' in self.topics:
+            stored = self.wheels.stored(joints.wheel_speed)
+            parts.append(StoredMomentum(joints.time, stored, self.model.base_link))
+        parts += [poses_of(base, self.model.base_link, self.config.odom_frame), self._reported(joints)]
+        parts += [] if imu is None else [imu_of(imu, self.model.base_link)]
+        return [TimedMessage(*each) for each in in_order(parts, self._types, self._stamp)]
+
+    def _stamp(self, part: Readings, time: float) -> int:
+        return self.stamp(time + self.config.imu.delay if isinstance(part, Imu) else time)
+
+    def _reported(self, readings: JointReadings) -> Joints:
+        """Return the joints that JointState has: all but passive ones, and wheels with their speeds alone."""
+        every, passive = self.model.joint_names, self.config.flexible.joints
+        kept = [place for place, name in enumerate(every) if name not in passive]
+        position, velocity, effort = (part[:, kept] for part in (readings.position, readings.velocity, readings.effort))
+        wheels = self.config.wheels.names if self.config.wheels.publish == 'joint_states' else ()
+        still = np.zeros((len(readings.time), len(wheels)))
+        names = (*(every[place] for place in kept), *wheels)
+        turning = readings.wheel_speed if wheels else still
+        columns = ((position, still), (velocity, turning), (effort, still))
+        return Joints(names, readings.time, *(np.concatenate(both, axis=1) for both in columns))
 
 
 def commands(pulse: Pulse) -> list[tuple[float, Array]]:

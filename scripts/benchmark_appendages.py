@@ -19,13 +19,13 @@ from benchmarks.appendages import (
     with_panels,
 )
 from benchmarks.frame import Frame, Runs, number, percent, provenance, statuses, table
+from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
 

@@ -13,15 +13,15 @@ import numpy as np
 from benchmarks.data import CONFIG, NOISE, RATE, START, history, model, simulator_config
 from benchmarks.frame import Frame, Runs, declared, number, percent
 from benchmarks.precapture import free_urdf
+from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.outgoing import SensorMessages, wrench_message
 from mbaid_ros.replay.campaigns.statistics import coverage
-from mbaid_ros.replay.run import BAG_TYPES
+from mbaid_ros.sensor_messages import Thrust, joints_of, poses_of
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_motion, make_simulation
 from mbaid_ros.simulated_run import commands
@@ -182,17 +182,18 @@ def run(work: tuple[Row, str, int]) -> Outcome:
 
 def _messages(row: Row, seed: int, session: Session) -> Iterator[tuple[Callable[[Any], Any], Any]]:
     (robot, truth, _, pulse), sensors = motion(row.case), Sensors(NOISE, seed)
-    joints, base = sensors.joints(truth), sensors.base(truth)
-    messages = SensorMessages(BAG_TYPES, robot, 'odom')
+    joints = joints_of(sensors.joints(truth), robot.joint_names)
+    base = poses_of(sensors.base(truth), robot.base_link)
     thrust = commands(pulse) if row.commanded and pulse is not None else []
     late = round(CASES[row.case].late * 1e9)
     for index, time in enumerate(truth.time):
         stamp = START + round(time * 1e9)
         while thrust and thrust[0][0] <= time:
             begin, wrench = thrust.pop(0)
-            yield session.add_thrust, wrench_message(BAG_TYPES, START + round(begin * 1e9), robot.base_link, wrench)
-        yield session.add_odometry, messages.odometry(base, index, stamp)
-        yield session.add_joint_state, messages.joint_state(joints, index, stamp + late)
+            thrust_now = Thrust(np.array([begin]), wrench[None], robot.base_link)
+            yield session.add_thrust, thrust_now.message(BAG_TYPES, 0, START + round(begin * 1e9))
+        yield session.add_odometry, base.message(BAG_TYPES, index, stamp)
+        yield session.add_joint_state, joints.message(BAG_TYPES, index, stamp + late)
 
 
 def main() -> None:

@@ -101,7 +101,7 @@ def run(work: tuple[Case, int]) -> Outcome:
     moved = _follow(model, last_state(truth), plan.trajectory, plan.trajectory.duration + REST)
     seen = _seen(moved, seed + 1000)
     final = _updated(method, replace(seen, time=seen.time + samples.time[-1] + 1.0 / RATE))
-    reached, normalised = _compared(final, plan, reporting.sizes(final.parameters[None])[0], own)
+    reached, normalised = _compared(final, plan, reporting.sizes(final.parameters), own)
     turned = _turned(model, last_state(truth), moved, plan.trajectory.duration)
     length = plan.trajectory.duration if plan.reached else np.nan
     numbers = np.asarray(length), np.asarray(best), np.asarray(searched), np.asarray(turned)

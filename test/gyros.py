@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.data import simulator_config
+from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
@@ -18,7 +19,6 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage

@@ -8,10 +8,8 @@ import numpy as np
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
-from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.results.parameters import SENSOR_NOISE, ErrorBudget
-from mbaid_ros.core.samples import Samples
 from mbaid_ros.replay.results import Run, TopicStatistics
 from simulated import CONFIG
 
@@ -88,18 +86,10 @@ def run(final: Estimate | None = None, **changes: Any) -> Run:
         'dropped': {'NaN or infinite value': 3},
         'warnings': ('3 messages not used: NaN or infinite value',),
         'urdf': (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8'),
-        'last': last_sample(7),
         'settings': values_of(EstimatorConfig()),
         **changes,
     }
     return Run(**values)
-
-
-def last_sample(joints: int) -> Samples:
-    """Return a sample at rest with each joint a little turned."""
-    zero: Array = np.zeros((1, 3))
-    place, six = np.linspace(0.2, 0.8, joints, dtype=np.float64)[None], np.eye(6)[None]
-    return Samples(np.zeros(1), place, 0.0 * place, zero, np.eye(3)[None], zero, zero, six, six)
 
 
 def event() -> Event:

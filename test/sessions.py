@@ -7,12 +7,12 @@ from collections.abc import Iterable
 import numpy as np
 
 from benchmarks.data import simulator_config
+from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.orbit import Orbit
-from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from observed import MID

@@ -11,9 +11,9 @@ import recorded
 from benchmarks.honesty.paths import servicer
 from captured import sensed
 from floating import float_freely, still
+from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.outgoing import wrench_message
-from mbaid_ros.replay.run import BAG_TYPES
+from mbaid_ros.sensor_messages import Thrust
 from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import configured_motion, kernel
 from simulated import robot
@@ -45,7 +45,8 @@ def pushed(*, thrust: bool = True) -> Truth:
 def command(time: float, wrench: Array, frame: str = 'base_link') -> Timed:
     """Return a command that comes when it is stamped, as in recorded.messages."""
     stamp = round(time * 1e9)
-    return '/thrust', wrench_message(BAG_TYPES, recorded.EPOCH * 1_000_000_000 + stamp, frame, wrench), stamp
+    thrust = Thrust(np.array([time]), wrench[None], frame)
+    return '/thrust', thrust.message(BAG_TYPES, 0, recorded.EPOCH * 1_000_000_000 + stamp), stamp
 
 
 def messages(seed: int, *commands: Timed, thrust: bool = True) -> list[Timed]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from mbaid_ros.core.filter.chain import WindowModel, window_models
+from mbaid_ros.core.filter.joint_noise import JointNoise
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots, averages
-from mbaid_ros.core.filter.measured_window import IntegratedTwist
+from mbaid_ros.core.filter.measured_window import IntegratedTwist, Measurement
 from mbaid_ros.core.filter.state import BODY, Layout, Point
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow, prepared
@@ -33,8 +34,8 @@ def window_of(samples: Samples, spacing: float, correlation_time: float = 0.0) -
 def residuals(model: WindowModel, x: Array) -> tuple[Array, Array, Array]:
     """Return what pose and twist leave unexplained, and the pose error at the next window."""
     return (
-        model.pose_value - model.pose_rows @ x,
-        model.twist_value - model.twist_rows @ x,
+        model.pose.value - model.pose.rows @ x,
+        model.twist.value - model.twist.rows @ x,
         model.transition @ x + model.drift,
     )
 
@@ -89,13 +90,18 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
     turn = 0.1 * rng.normal(size=(6, STATE))
     turn[:, :6] += np.eye(6)
     return WindowModel(
-        *(rng.normal(size=6), rng.normal(size=(6, STATE)), positive(rng)),
-        *(rng.normal(size=6), rng.normal(size=(6, STATE)), positive(rng)),
+        Measurement(rng.normal(size=6), rng.normal(size=(6, STATE)), positive(rng)),
+        Measurement(rng.normal(size=6), rng.normal(size=(6, STATE)), positive(rng)),
         transition=turn,
         drift=rng.normal(size=6),
-        process=np.sqrt(process) * rng.normal(size=(6, 8)),
-        joints=rng.normal(size=(6, 3)),
-        joints_by_unknowns=rng.normal(size=(6, NUMBERS, 3)),
+        noise=JointNoise(
+            process=np.sqrt(process) * rng.normal(size=(6, 8)),
+            pose=rng.normal(size=(6, 3)),
+            by_unknowns=rng.normal(size=(6, NUMBERS, 3)),
+            stored=np.zeros((6, 0)),
+            stepped=np.zeros((6, 0)),
+            gained=np.zeros(0),
+        ),
         joints_of_gyro=np.zeros((3, 3)),
         joints_in_twist=np.array(rng.uniform(0.5, 2.0)),
         length=np.array(0.5),
@@ -103,8 +109,6 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
         position=rng.normal(size=3),
         centre=rng.normal(size=3),
         brought=np.zeros((6, STATE)),
-        stepped=np.zeros((6, 0)),
-        gained=np.zeros(0),
         body=rng.normal(size=10),
         integrated=IntegratedTwist.none(1, STATE)[0],
     )

@@ -72,22 +72,6 @@ def in_blocks(messages: Iterable[Raw]) -> Iterator[Block]:
     yield _block(part)
 
 
-def of_length(blocks: Iterable[Block], length: int) -> Iterator[Block]:
-    """Yield the same messages in blocks of a length, the last one shorter, and those of very large messages."""
-    waiting = _block([])
-    for block in blocks:
-        waiting = waiting.with_more(block)
-        whole = len(waiting) // length * length
-        for begin in range(0, whole, length):
-            yield waiting.part(begin, begin + length)
-        waiting = waiting.part(whole)
-        if sum(map(len, waiting.contents)) > limits.BLOCK_BYTES:
-            yield waiting
-            waiting = waiting.part(len(waiting))
-    if len(waiting):
-        yield waiting
-
-
 def _block(messages: Sequence[Raw]) -> Block:
     topics, contents, times = zip(*messages, strict=True) if messages else ((), (), ())
     return Block(list(topics), list(contents), np.array([min(time, LATEST) for time in times], dtype=np.int64))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path, PurePath
@@ -15,7 +16,6 @@ from mbaid_ros import limits
 from mbaid_ros.bags.chunks import MCAP_MAGIC
 from mbaid_ros.bags.compression import unpack_file
 from mbaid_ros.bags.sources import DAMAGE, IndexedSource, SalvagedSource, Source
-from mbaid_ros.bags.sqlite import unread_log
 from mbaid_ros.bags.writer import parse_yaml
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.files import require_regular
@@ -97,6 +97,15 @@ def open_file(file: Path, scratch: ExitStack) -> Source:
         if log := unread_log(file):
             raise DataError(f"bag '{file}' cannot be read: {log}") from error
         raise DataError(f"'{file}' is not a bag; accepted: a rosbag2 folder, an .mcap file or a .db3 file") from error
+
+
+def unread_log(file: Path) -> str:
+    """Return a warning about the log that a killed writer leaves beside a database; empty where there is none."""
+    log = file.with_name(f'{file.name}-wal')
+    if not log.is_file() or not log.stat().st_size:
+        return ''
+    command = shlex.join(['sqlite3', str(file), 'PRAGMA wal_checkpoint(TRUNCATE)'])
+    return f"'{log}' holds messages not yet written into its bag, and is not read: {command} writes them there"
 
 
 def _natural_order(path: Path) -> list[int | str]:

@@ -16,11 +16,10 @@ from rosbags.typesys import TypesysError
 from rosbags.typesys.store import Typestore
 
 from mbaid_ros import limits
-from mbaid_ros.bags.chunks import Block, Raw, Recorded, Timed, in_blocks, of_length
+from mbaid_ros.bags.chunks import Block, Raw, Recorded, Timed, in_blocks
 from mbaid_ros.bags.compression import is_compressed, unpacked
-from mbaid_ros.bags.opening import files_of, open_file, reason_of
+from mbaid_ros.bags.opening import files_of, open_file, reason_of, unread_log
 from mbaid_ros.bags.sources import DAMAGE, Source, Topic, by_name
-from mbaid_ros.bags.sqlite import unread_log
 from mbaid_ros.bags.types import ADDED, defined, is_standard, message_types
 from mbaid_ros.cdr import packer
 from mbaid_ros.core.errors import DataError, listing
@@ -151,13 +150,18 @@ class BagReader:
             yield topic, deserializers[topic](data, time), time
 
     def read_packed(self, topics: Collection[str], at_once: int) -> Iterator[Recorded]:
-        """Yield messages in recorded order, so many at once; a DataError if a message is not of its type.
+        """Yield messages in recorded order, so many at once at most; a DataError if a message is not of its type.
 
         Messages of the types that `mbaid_ros.cdr` knows are packets, which takes a fraction of the time; they are
         objects where the bag defines the type in another way than ROS 2 Jazzy, or the bytes are not understood.
         """
         make = {name: self._maker(name) for name in topics}
-        for block in of_length(self.blocks(topics), at_once):
+        parts = (
+            block.part(begin, begin + at_once)
+            for block in self.blocks(topics)
+            for begin in range(0, len(block), at_once)
+        )
+        for block in parts:
             messages, times = {}, {}
             for name in dict.fromkeys(block.topics):
                 of_it = list(map(name.__eq__, block.topics))

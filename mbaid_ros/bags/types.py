@@ -9,11 +9,13 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from mbaid_ros.core.errors import DataError
+from mbaid_ros.outgoing import MessageTypes
 
 ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'
 EVENT_TYPE = 'mbaid_msgs/msg/MomentumEvent'
@@ -35,6 +37,9 @@ def message_class(type_name: str) -> Any:
     """Return the class of a message type, for messages that `serialize` takes; a DataError if it is not known."""
     _ensure(type_name)
     return message_types().types[type_name]
+
+
+BAG_TYPES = MessageTypes(find=message_class, flags=np.asarray)  # of messages made without a graph
 
 
 def serialize(message: object, type_name: str) -> bytes:

@@ -103,16 +103,8 @@ class CalibrationConfig:
     """Links to calibrate; the others count as known. Empty means every link that has an <inertial>."""
 
 
-@dataclass(frozen=True)
-class CalibrationParameters:
-    """All settings of `calibrate`."""
-
-    estimator: EstimatorConfig  # noise, windows, frames, and the uncertainty of the robot: as for the estimator
-    unknown_links: tuple[str, ...]  # as of CalibrationConfig
-
-
-def calibration_parameters(values: Mapping[str, object]) -> CalibrationParameters:
-    """Return the parameters of dotted names: the estimator's, and ``unknown_links``.
+def calibration_parameters(values: Mapping[str, object]) -> tuple[EstimatorConfig, tuple[str, ...]]:
+    """Return the parameters of dotted names: the estimator's, and the names of `CalibrationConfig.unknown_links`.
 
     Those of a run that follows the calibration do not count: target, capture and the calibration itself.
 
@@ -126,4 +118,4 @@ def calibration_parameters(values: Mapping[str, object]) -> CalibrationParameter
         target_prior=TargetPriorConfig(),
         capture=CaptureConfig(),
     )
-    return CalibrationParameters(estimator, build(CalibrationConfig, own).unknown_links)
+    return estimator, build(CalibrationConfig, own).unknown_links

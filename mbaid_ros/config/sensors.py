@@ -62,12 +62,9 @@ class NoiseConfig:
 class PoseConfig:
     """Poses of the base without a twist: a PoseStamped or the like on the topic pose, or a transform on /tf."""
 
-    frame: str = parameter('')
-    """Frame on the base that a PoseStamped locates: the base link, another link fixed to it, or the frame of marker.
-    Empty: the frame of marker if it is set, otherwise the base link."""
     tf_child_frame: str = parameter('')
-    """Take the pose of the base from /tf: child frame of the transform, which is the frame on the base unless
-    pose.frame names another. Empty: /tf is not read."""
+    """Take the pose of the base from /tf: child frame of the transform, a link of the base or, with marker.position, a
+    marker. Empty: /tf is not read."""
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,6 @@ class Identifier:
         self._window = window
         self._notes: dict[str, float] = {}  # notes on the data for the user, and since when (s)
         self.used = 0
-        self.last: Samples | None = None  # sample
         self.end_of_window: int | None = None  # ns, stamp that closes the window that is open
         self._dropped: Counter[str] = Counter()
 
@@ -141,7 +140,6 @@ class Identifier:
         if samples is None:
             return []
         self.used += len(samples)
-        self.last = samples[-1:]
         number = np.floor((samples.time[-1] + 1e-9) / self._window) + 1.0
         self.end_of_window = self.synchroniser.origin + round(number * self._window * 1e9)
         return self._estimates(self._windows.push(samples))

@@ -107,3 +107,19 @@ def inverse(reference: Array, matrix: Array) -> Array:
 def chi_square_limit(chance: float, degrees: int) -> float:
     """Return the value that a chi-square variable of some degrees of freedom exceeds with a given probability."""
     return float(chdtri(degrees, chance))
+
+
+def composed(transition: Array, gain: Array) -> Array:
+    """Return x at all m + 1 instants, (m + 1, B, s, s + c), by the first x and c numbers: x' = transition x + gain.
+
+    Parameters
+    ----------
+    transition, gain : (m, B, s, s), (m, B, s, c)
+    """
+    count, windows, size, _ = transition.shape
+    steps: Array = np.zeros((count + 1, windows, size, size + gain.shape[-1]))
+    steps[0, ..., :size] = np.eye(size)
+    for index in range(count):
+        np.matmul(transition[index], steps[index], out=steps[index + 1])
+        steps[index + 1, ..., size:] += gain[index]
+    return steps

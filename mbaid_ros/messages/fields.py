@@ -72,14 +72,12 @@ class PoseReader:
 
     Parameters
     ----------
-    frame : name of the frame on the base that a PoseStamped locates
-    of_transforms : name of the one that transforms locate; empty is their child frame
+    frame : name of the frame on the base that a PoseStamped locates; a transform locates its child frame
     tf_child : child frame of the transform that locates the base, which has one parent in a tree
     """
 
-    def __init__(self, frame: str, of_transforms: str, tf_child: str) -> None:
+    def __init__(self, frame: str, tf_child: str) -> None:
         self._frame = frame
-        self._of_transforms = of_transforms
         self._tf_child = tf_child.lstrip('/')
 
     def read(self, message: Any) -> Iterator[BasePose]:
@@ -97,8 +95,8 @@ class PoseReader:
             yield _pose(message, self._frame, pose.position, pose.orientation, covariance)
 
     def _transform(self, message: Any) -> BasePose:
-        transform, frame = message.transform, self._of_transforms or message.child_frame_id
-        return _pose(message, frame, transform.translation, transform.rotation, _NOT_SET)
+        transform = message.transform
+        return _pose(message, message.child_frame_id, transform.translation, transform.rotation, _NOT_SET)
 
 
 def _pose(message: Any, frame: str, position: Any, turn: Any, covariance: Any) -> BasePose:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import gc
 from collections import Counter
 from collections.abc import Callable
@@ -25,11 +26,10 @@ from mbaid_ros.config.estimator import DebrisConfig, EstimatorConfig
 from mbaid_ros.config.files import read_robot_description
 from mbaid_ros.config.model_errors import KnownLinksConfig
 from mbaid_ros.core.errors import DataError, MbaidError
-from mbaid_ros.nodes.arguments import estimator_arguments
 from mbaid_ros.nodes.diagnostics import Diagnostics
 from mbaid_ros.nodes.publishers import EstimatePublication
 from mbaid_ros.nodes.reports import RunLog, RunState, remarks
-from mbaid_ros.nodes.runner import declare_parameters, own_arguments, ros, spin
+from mbaid_ros.nodes.runner import Interrupt, declare_parameters, spin
 from mbaid_ros.nodes.subscriptions import DescriptionSubscription, Subscriptions, qos, quiet_publisher, tf_message
 from mbaid_ros.session.planning import advice  # at the start: an import in a run would delay estimates
 from mbaid_ros.session.session import Session
@@ -266,9 +266,7 @@ class EstimatorNode(Node):
         gc.collect()  # delays no estimate here: one has just been published, or none is due in a moment
 
 
-def main(argv: list[str]) -> int:
-    """Run the node on its arguments and return the exit code; `mbaid_ros.cli.run` catches its errors."""
-    estimator_arguments().parse(own_arguments(argv))
-    with ros(argv) as interrupt:
-        spin(EstimatorNode(), lambda: interrupt.requested)
+def main(_arguments: argparse.Namespace, interrupt: Interrupt) -> int:
+    """Run the node until it is interrupted, and return the exit code; `mbaid_ros.nodes.start` calls it within ROS."""
+    spin(EstimatorNode(), lambda: interrupt.requested)
     return 0

@@ -16,8 +16,7 @@ from tqdm import tqdm
 from mbaid_ros.bags import BagReader
 from mbaid_ros.cli import EXIT_NOT_DETERMINED, warn
 from mbaid_ros.core.errors import DataError, listing
-from mbaid_ros.nodes.arguments import player_arguments
-from mbaid_ros.nodes.runner import LATENCY, Interrupt, NoParameters, declare_parameters, own_arguments, ros
+from mbaid_ros.nodes.runner import LATENCY, Interrupt, NoParameters, declare_parameters
 from mbaid_ros.nodes.subscriptions import message_class, qos, why_no_topic
 
 NAME = 'player'
@@ -147,21 +146,15 @@ class PlayerNode(Node):
             self._clock_topic.publish(message)
 
 
-def _play(arguments: argparse.Namespace, bag: BagReader, interrupt: Interrupt) -> list[str]:
-    node = PlayerNode(bag, arguments.topics, arguments.rate, clock=arguments.clock, interrupt=interrupt)
-    if arguments.wait_for_subscribers:
-        node.wait_for_subscribers(arguments.wait_for_subscribers)
-    node.play()
-    while arguments.loop and not interrupt.requested:
-        node.play()
-    return [] if interrupt.requested else node.finish()
-
-
-def main(argv: list[str]) -> int:
-    """Run the node on its arguments and return the exit code; `mbaid_ros.cli.run` catches its errors."""
-    arguments = player_arguments().parse(own_arguments(argv))
+def main(arguments: argparse.Namespace, interrupt: Interrupt) -> int:
+    """Run the node until it is interrupted, and return the exit code; `mbaid_ros.nodes.start` calls it within ROS."""
     with BagReader(arguments.bag) as bag:
-        with ros(argv) as interrupt:
-            lost = _play(arguments, bag, interrupt)
+        node = PlayerNode(bag, arguments.topics, arguments.rate, clock=arguments.clock, interrupt=interrupt)
+        if arguments.wait_for_subscribers:
+            node.wait_for_subscribers(arguments.wait_for_subscribers)
+        node.play()
+        while arguments.loop and not interrupt.requested:
+            node.play()
+        lost = [] if interrupt.requested else node.finish()
         warn(NAME, [*bag.warnings, *lost])
     return EXIT_NOT_DETERMINED if lost else 0

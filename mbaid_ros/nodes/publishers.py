@@ -14,11 +14,12 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import String
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.results.estimate import DebrisPublication, Estimate, InertiaPublication, is_complete
+from mbaid_ros.core.capture.known_momentum import Capture
+from mbaid_ros.core.results.estimate import Debris, Estimate, is_complete
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.nodes.reports import RunLog, RunState
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, quiet_publisher
-from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
+from mbaid_ros.outgoing import Frames, Publications, estimate_message
 from mbaid_ros.session.session import Session
 
 _PATIENCE = Duration(nanoseconds=50_000_000)  # with a subscriber that has died, or has no time
@@ -45,15 +46,20 @@ class Publishers:
             self._node.destroy_publisher(publisher)
         for topic in self._topics:
             self._open(topic)
-        self._inertia = InertiaPublication()
+        self._publications = Publications(TYPES)
         self._described = False  # whether ~/robot_description holds a robot
 
-    def publish(self, estimate: Estimate, frames: Frames, urdf: str) -> None:
+    def publish(
+        self,
+        estimate: Estimate,
+        frames: Frames,
+        urdf: str,
+        alone: Debris | None = None,
+        capture: Capture | None = None,
+    ) -> None:
         """Publish an estimate in all the forms that it determines, and withdraw the last one from the others."""
-        self.send('~/estimate', estimate_message(estimate, TYPES, frames))
-        inertia = self._inertia.follow(estimate)
-        if inertia is not None:
-            self.send('~/inertia', inertia_message(inertia, TYPES, frames))
+        for name, message in self._publications.of(estimate, frames, alone, capture):
+            self.send(f'~/{name}', message)
         described, self._described = self._described, is_complete(estimate)
         if self._described:
             text = replace_inertial(urdf, frames.target_link, estimate.parameters)
@@ -98,7 +104,6 @@ class EstimatePublication:
         self._missing = missing
         self._publishers = Publishers(node, with_debris=config.debris.report)
         self._restarted = 0  # restarts of the session that have been reported
-        self._debris = DebrisPublication()
         self._waiting: tuple[str, ...] | None = None  # warnings of the last estimate of status 'waiting'
 
     def publish(self, session: Session, estimates: list[Estimate]) -> None:
@@ -107,13 +112,10 @@ class EstimatePublication:
             if session.restarted != self._restarted and session.restarts[-1] in estimate.warnings:
                 self._report_restart(session)
             self._state.estimate, self._state.stale = estimate, ''
-            frames = _frames(session)
-            self._publishers.publish(estimate, frames, session.robot.urdf)
+            robot = session.robot
+            alone, capture = robot.debris(estimate), robot.captured(estimate)
+            self._publishers.publish(estimate, _frames(session), robot.urdf, alone, capture)
             self._log.estimate(estimate)
-            debris = self._debris.follow(session.robot.debris(estimate))
-            if debris is not None:
-                message = debris_message(debris, estimate, TYPES, frames, session.robot.captured(estimate))
-                self._publishers.send('~/debris', message)
         if session.restarted != self._restarted:
             self._report_restart(session)
 
@@ -148,7 +150,6 @@ class EstimatePublication:
         if not warned:  # a session that has been reset or replaced
             self._restarted = 0
         self._log.begin(warned=warned)
-        self._debris = DebrisPublication()
         self._publishers.clear()
         self.publish_waiting()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -19,8 +20,7 @@ from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import one_line
 from mbaid_ros.config.recorder import RecorderConfig
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.nodes.arguments import recorder_arguments
-from mbaid_ros.nodes.runner import Interrupt, declare_parameters, own_arguments, ros
+from mbaid_ros.nodes.runner import Interrupt, declare_parameters
 from mbaid_ros.nodes.subscriptions import message_class, qos, why_no_topic
 
 NAME = 'recorder'
@@ -164,14 +164,12 @@ def record(node: RecorderNode, interrupt: Interrupt) -> None:
         idle = 0 if node.messages > before else idle + 1
 
 
-def main(argv: list[str]) -> int:
-    """Run the node on its arguments and return the exit code; `mbaid_ros.cli.run` catches its errors."""
-    recorder_arguments().parse(own_arguments(argv))
-    with ros(argv) as interrupt:
-        node = RecorderNode()
-        try:
-            record(node, interrupt)
-        finally:
-            account = node.close()
-        print(one_line(account))
+def main(_arguments: argparse.Namespace, interrupt: Interrupt) -> int:
+    """Run the node until it is interrupted, and return the exit code; `mbaid_ros.nodes.start` calls it within ROS."""
+    node = RecorderNode()
+    try:
+        record(node, interrupt)
+    finally:
+        account = node.close()
+    print(one_line(account))
     return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import math
 import time
 from collections import deque
@@ -20,8 +21,7 @@ from mbaid_ros.config.files import read_robot_description
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.messages.joints import trajectory_of
-from mbaid_ros.nodes.arguments import simulator_arguments
-from mbaid_ros.nodes.runner import declare_parameters, own_arguments, ros, spin
+from mbaid_ros.nodes.runner import Interrupt, declare_parameters, spin
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, message_class, qos
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 
@@ -181,10 +181,8 @@ class SimulatorNode(Node):
         )
 
 
-def main(argv: list[str]) -> int:
-    """Run the node on its arguments and return the exit code; `mbaid_ros.cli.run` catches its errors."""
-    simulator_arguments().parse(own_arguments(argv))
-    with ros(argv) as interrupt:
-        node = SimulatorNode()
-        spin(node, lambda: interrupt.requested or node.over)
+def main(_arguments: argparse.Namespace, interrupt: Interrupt) -> int:
+    """Run the node until it is interrupted, and return the exit code; `mbaid_ros.nodes.start` calls it within ROS."""
+    node = SimulatorNode()
+    spin(node, lambda: interrupt.requested or node.over)
     return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import math
 import os
 import shutil
@@ -26,8 +27,7 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, ErrorBudget, rounded
 from mbaid_ros.messages.fields import parameters_of
-from mbaid_ros.nodes.arguments import watch_arguments
-from mbaid_ros.nodes.runner import NoParameters, declare_parameters, own_arguments, ros, spin
+from mbaid_ros.nodes.runner import Interrupt, NoParameters, declare_parameters, spin
 from mbaid_ros.nodes.subscriptions import qos
 
 NARROWEST = 20  # columns
@@ -248,18 +248,16 @@ def _hint(text: str) -> None:
     print(f'mbaid_ros {NAME}: {one_line(text)}', file=sys.stderr, flush=True)
 
 
-def main(argv: list[str]) -> int:
-    """Run the node on its arguments and return the exit code; `mbaid_ros.cli.run` catches its errors."""
-    arguments = watch_arguments().parse(own_arguments(argv))
+def main(arguments: argparse.Namespace, interrupt: Interrupt) -> int:
+    """Run the node until it is interrupted, and return the exit code; `mbaid_ros.nodes.start` calls it within ROS."""
     wanted = arguments.estimator
     if wanted and not all(part.isidentifier() and part.isascii() for part in wanted.strip('/').split('/')):
         raise ParameterError(f"estimator '{wanted}' is not accepted; accepted: a node or topic, as /servicer/estimator")
     # A stream that cannot take the sign shows its code.
     cast('TextIOWrapper', sys.stdout).reconfigure(errors='backslashreplace')
     on_terminal = sys.stdout.isatty() and os.environ.get('TERM', 'dumb') != 'dumb' and not arguments.once
-    with ros(argv) as interrupt:
-        node = WatchNode(wanted, show_screen if on_terminal else show_line, _hint)
-        if sys.stdout.isatty():
-            print(f'waiting for {wanted or "an estimator"} ...', flush=True)
-        spin(node, lambda: interrupt.requested or (arguments.once and node.seen))
+    node = WatchNode(wanted, show_screen if on_terminal else show_line, _hint)
+    if sys.stdout.isatty():
+        print(f'waiting for {wanted or "an estimator"} ...', flush=True)
+    spin(node, lambda: interrupt.requested or (arguments.once and node.seen))
     return 0

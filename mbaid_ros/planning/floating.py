@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.filter.exponential import composed, steps_of
+from mbaid_ros.core.filter.exponential import steps_of
 from mbaid_ros.core.filter.knots import Midpoints
 from mbaid_ros.core.filter.passive_prediction import started
 from mbaid_ros.core.filter.state import Layout, Point, in_plane
 from mbaid_ros.core.filter.twist_prediction import predict
 from mbaid_ros.core.geometry import Array, cross, log, rotate, rotate_back
+from mbaid_ros.core.linear_algebra import composed
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from mbaid_ros.core.samples import ArrayRecord

@@ -13,14 +13,12 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
 
-from mbaid_ros.core.filter.chain import window_models
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY, Point
-from mbaid_ros.core.filter.swing import SwingCourse
 from mbaid_ros.core.filter.time_update import advance
-from mbaid_ros.core.filter.whitened import TOGETHER, WhitenedWindow, prepared
-from mbaid_ros.core.filter.window import Stack, Window, WindowNoise
+from mbaid_ros.core.filter.whitened import TOGETHER, LinearisationCache, WhitenedWindow
+from mbaid_ros.core.filter.window import Window, WindowNoise, in_stacks
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.reporting import Reporting, relative_std
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian
@@ -168,14 +166,9 @@ class Information:
 
     def _linearised(self, windows: Sequence[Window]) -> list[WhitenedWindow]:
         """Return windows as the filter takes them; those of passive joints in the order of one motion."""
-        layout = self._known.layout
-        course = SwingCourse(layout) if layout.kernel.springs.count else None
-        made: list[WhitenedWindow] = []
-        for begin in range(0, len(windows), TOGETHER):
-            part = tuple(windows[begin : begin + TOGETHER])
-            models = window_models(layout, [Stack(part, tuple(range(len(part))))], self._point, course)
-            made += prepared(models, self._known.variables)
-        return made
+        linearised = LinearisationCache(self._known.layout, self._known.variables)
+        parts = in_stacks(windows, TOGETHER)
+        return [white for part in parts for _, white in linearised.all_whitened(part, self._point)]
 
     def _knots(self, grid: Grid, position: Array, base: BaseMotion, number: int, each: int) -> Knots:
         begin = number * grid.knots
@@ -220,7 +213,7 @@ class Information:
         variables = self._known.variables
         rows = np.zeros((gaussian.size, 10), order='F')
         rows[: len(variables.scale)] = variables.spread[BODY].T
-        own, _ = dtrtrs(gaussian.root[:, : gaussian.size], rows, trans=1)
+        own, _ = dtrtrs(gaussian.triangle, rows, trans=1)
         return np.asarray(own.T @ own + variables.outside[BODY, BODY])
 
     def _relative(self, covariance: Array) -> Array:

@@ -18,7 +18,8 @@ from mbaid_ros.core.geometry import (
     rotation_from_quaternion,
 )
 from mbaid_ros.files import read_text
-from mbaid_ros.recordings.recording import Imu, Joints, Recording, StoredMomentum, resource
+from mbaid_ros.recordings.recording import Recording, resource
+from mbaid_ros.sensor_messages import Imu, Joints, StoredMomentum
 
 JOINTS = ('sarj_port', 'sarj_starboard')
 _ANGLES = ('S0000003', 'S0000004')

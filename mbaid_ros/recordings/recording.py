@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -12,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from mbaid_ros import outgoing
-from mbaid_ros.bags import BagWriter, message_class
+from mbaid_ros.bags import BAG_TYPES, BagWriter, message_class
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.files import write_text
+from mbaid_ros.sensor_messages import SENSOR_TYPES, Imu, Joints, Poses, StoredMomentum, Thrust, in_order
 
 JOINT_STATES, ODOMETRY, THRUST, IMU = '/joint_states', '/odom', '/thrust', '/imu'
 STORED_MOMENTUM = '/stored_momentum'
@@ -25,61 +24,6 @@ DESCRIPTION = '/robot_description'
 MODEL_FILE, PARAMETER_FILE, TRUTH_FILE = 'robot.urdf', 'estimator.yaml', 'truth.json'
 ODOMETRY_FRAME = 'odom'
 _LATEST = 4e9  # s, about the largest stamp
-
-_CLASSES = outgoing.MessageTypes(find=message_class, flags=np.asarray)
-
-
-@dataclass(frozen=True)
-class Joints:
-    """N readings (N,) s of n joints, or commands to them: position (N, n) rad or m, velocity too where it is logged."""
-
-    names: tuple[str, ...]
-    time: Array
-    position: Array
-    velocity: Array | None = None
-
-
-@dataclass(frozen=True)
-class Poses:
-    """N poses of the base, or of a frame on it, at times (N,) s."""
-
-    time: Array
-    position: Array  # (N, 3) m, in the odometry frame
-    orientation: Array  # (N, 4) quaternion x, y, z, w from the frame on the base to the odometry frame
-    twist: Array  # (N, 6) linear and angular velocity in that frame's axes, m/s and rad/s; NaN where it is not logged
-    frame: str = 'base_link'
-
-
-@dataclass(frozen=True)
-class Thrust:
-    """N commanded wrenches."""
-
-    time: Array  # (N,) s, from when on each counts
-    wrench: Array  # (N, 6) force and torque about the frame's origin in its axes, N and N m
-    frame: str = 'base_link'  # a link, or the odometry frame
-
-
-@dataclass(frozen=True)
-class Imu:
-    """N readings (N,) s of an IMU on a link: rad/s and m/s^2 without gravity's pull, (N, 3) in axes of the link.
-
-    `orientation` (N, 4) x, y, z, w is of the link in the frame of an orientation sensor beside it; None without one.
-    """
-
-    time: Array
-    angular_velocity: Array
-    linear_acceleration: Array
-    frame: str = 'base_link'
-    orientation: Array | None = None
-
-
-@dataclass(frozen=True)
-class StoredMomentum:
-    """N angular momenta (N, 3) N m s of wheels or gyros in axes of a link, at times (N,) s."""
-
-    time: Array
-    momentum: Array
-    frame: str = 'base_link'
 
 
 @dataclass(frozen=True)
@@ -123,7 +67,7 @@ def write_recording(recording: Recording, path: Path) -> int:
             bag.add_topic(DESCRIPTION, 'std_msgs/msg/String', latched=True)
             bag.write(DESCRIPTION, message_class('std_msgs/msg/String')(data=recording.robot), messages[0][0])
         for topic in dict.fromkeys(own for _, own, _ in messages):
-            bag.add_topic(topic, outgoing.SENSOR_TYPES[topic[1:]])
+            bag.add_topic(topic, SENSOR_TYPES[topic[1:]])
         for stamp, topic, message in messages:
             bag.write(topic, message, stamp)
     texts = {
@@ -155,51 +99,15 @@ def _between(part: Any, begin: float, end: float) -> Any:
 
 
 def _in_order(recording: Recording) -> list[tuple[int, str, Any]]:
-    """Return stamps (ns), topics and messages in the order of the stamps, joint states last."""
-    parts: tuple[tuple[str, Any, Callable[[Any, int, int], Any]], ...] = (
-        (THRUST, recording.thrust, _wrench),
-        (IMU, recording.imu, _imu),
-        (STORED_MOMENTUM, recording.stored, _vector),
-        (ODOMETRY, recording.poses, _odometry),
-        (JOINT_STATES, recording.joints, _joint_state),
-    )
-    messages = [
-        (stamp, topic, make(part, index, stamp))
-        for topic, part, make in parts
-        if part is not None
-        for index, stamp in enumerate(_stamps(part.time))
-    ]
-    return sorted(messages, key=lambda entry: entry[0])
+    """Return stamps (ns), topics and messages in the order of the stamps, joint states last.
 
-
-def _stamps(time: Array) -> list[int]:
-    """Return the stamps of readings, ns; refuse times that cannot be stamps."""
-    bad = ~((time >= 0.0) & (time < _LATEST))
-    if np.any(bad):
-        raise DataError(f'the log has a time of {time[bad][0]:g} s; accepted: 0 to {_LATEST:g} s')
-    return list(map(round, (time * 1e9).tolist()))
-
-
-def _joint_state(joints: Joints, index: int, stamp: int) -> Any:
-    none = np.zeros(0)
-    velocity = none if joints.velocity is None else joints.velocity[index]
-    return outgoing.joint_state_message(_CLASSES, stamp, joints.names, joints.position[index], velocity, none)
-
-
-def _odometry(poses: Poses, index: int, stamp: int) -> Any:
-    pose, twist = (poses.position[index], poses.orientation[index]), poses.twist[index]
-    return outgoing.odometry_message(_CLASSES, stamp, (ODOMETRY_FRAME, poses.frame), pose, (twist[:3], twist[3:]))
-
-
-def _imu(imu: Imu, index: int, stamp: int) -> Any:
-    orientation = None if imu.orientation is None else (imu.orientation[index], np.zeros(9))
-    rate, acceleration = imu.angular_velocity[index], imu.linear_acceleration[index]
-    return outgoing.imu_message(_CLASSES, stamp, imu.frame, rate, acceleration, orientation)
-
-
-def _vector(stored: StoredMomentum, index: int, stamp: int) -> Any:
-    return outgoing.vector_message(_CLASSES, stamp, stored.frame, stored.momentum[index])
-
-
-def _wrench(thrust: Thrust, index: int, stamp: int) -> Any:
-    return outgoing.wrench_message(_CLASSES, stamp, thrust.frame, thrust.wrench[index])
+    Raises DataError: A time cannot be a stamp.
+    """
+    every = (recording.thrust, recording.imu, recording.stored, recording.poses, recording.joints)
+    parts = [part for part in every if part is not None]
+    for part in parts:
+        bad = ~((part.time >= 0.0) & (part.time < _LATEST))
+        if np.any(bad):
+            raise DataError(f'the log has a time of {part.time[bad][0]:g} s; accepted: 0 to {_LATEST:g} s')
+    messages = in_order(parts, BAG_TYPES, lambda _, time: round(time * 1e9))
+    return [(round(time * 1e9), f'/{topic}', message) for time, topic, message in messages]

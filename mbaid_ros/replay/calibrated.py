@@ -10,7 +10,7 @@ import numpy as np
 
 from mbaid_ros.calibration.result import Calibration, LinkResult
 from mbaid_ros.cli import one_line
-from mbaid_ros.config.calibration import CalibrationParameters
+from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import BAND, PARAMETERS, rounded
@@ -33,7 +33,7 @@ class Calibrated:
     calibration: Calibration
     motions: tuple[BagMotions, ...]
     kernel: MomentumKernel
-    parameters: CalibrationParameters
+    config: EstimatorConfig
 
     @property
     def contradicted(self) -> bool:
@@ -50,7 +50,7 @@ class Calibrated:
     def unmoved(self) -> str:
         """The cause that joints of the messages do not move in the robot description; empty if all do."""
         heard = dict.fromkeys(name for motion in self.motions for name in motion.heard)
-        return unmoved_joints(heard, self.kernel.model, self.parameters.estimator.wheels.names)
+        return unmoved_joints(heard, self.kernel.model, self.config.wheels.names)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

@@ -13,7 +13,8 @@ from mbaid_ros.calibration.calibrate import calibrate as estimate_bodies
 from mbaid_ros.calibration.result import Calibration, LinkResult
 from mbaid_ros.calibration.unknowns import OF_A_JOINT, OF_A_LINK, OF_THE_MOUNT
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line
-from mbaid_ros.config.calibration import NODE, CalibrationParameters, calibration_parameters
+from mbaid_ros.config.calibration import NODE, calibration_parameters
+from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import given_parameters, read_robot_description
 from mbaid_ros.config.model_errors import KnownLinksConfig
 from mbaid_ros.core.errors import DataError, ModelError, ParameterError, listing
@@ -44,17 +45,17 @@ def calibrate(arguments: argparse.Namespace) -> int:
     values = given_parameters(arguments, 'estimator', NODE)
     if arguments.unknown is not None:
         values['unknown_links'] = arguments.unknown
-    parameters = calibration_parameters(values)
+    config, names = calibration_parameters(values)
     urdf = read_robot_description(arguments.model)
-    kernel = _kernel(load_model(urdf, parameters.estimator.base_link), parameters)
-    settings = _settings(kernel, parameters)
-    inputs = Inputs.from_arguments(arguments, parameters.estimator)
-    motions = [read_motions(bag, parameters.estimator, urdf, inputs) for bag in arguments.bags]
+    kernel = _kernel(load_model(urdf, config.base_link), config, names)
+    settings = _settings(kernel, config)
+    inputs = Inputs.from_arguments(arguments, config)
+    motions = [read_motions(bag, config, urdf, inputs) for bag in arguments.bags]
     for motion in motions:
         if not motion.runs:
             raise DataError(f"bag '{motion.bag}' holds no complete window; {'; '.join(motion.warnings)}")
     calibration = estimate_bodies(kernel, [windows for each in motions for windows in each.runs], settings)
-    result = Calibrated(calibration, tuple(motions), kernel, parameters)
+    result = Calibrated(calibration, tuple(motions), kernel, config)
     reason = why_not(result)
     if reason:
         print(f'mbaid_ros calibrate: {one_line(reason)}', file=sys.stderr)
@@ -82,9 +83,8 @@ def _text(result: Calibrated, arguments: argparse.Namespace) -> str:
     return f'{text}\n--json FILE keeps the uncertainty of {output}, for known_links.calibration'
 
 
-def _kernel(model: RobotModel, parameters: CalibrationParameters) -> MomentumKernel:
-    """Return the momentum of a robot with the unknown links that the parameters name, or all that have an inertia."""
-    names = parameters.unknown_links
+def _kernel(model: RobotModel, config: EstimatorConfig, names: tuple[str, ...]) -> MomentumKernel:
+    """Return the momentum of a robot with the unknown links of some names; of none, with all that have an inertia."""
     if not names:
         names = tuple(link.name for link in model.links if link.parameters[0] > 0.0)
     twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
@@ -92,13 +92,13 @@ def _kernel(model: RobotModel, parameters: CalibrationParameters) -> MomentumKer
         raise ParameterError(f'--unknown names {listing(twice)} twice; accepted: each link once')
     if not names:
         raise ModelError('no link of the robot description has an <inertial>; accepted: one at least')
-    kernel = MomentumKernel(model, *names).storing(storage(parameters.estimator.wheels, model))
-    return kernel.swinging(springs(parameters.estimator.flexible, model))
+    kernel = MomentumKernel(model, *names).storing(storage(config.wheels, model))
+    return kernel.swinging(springs(config.flexible, model))
 
 
-def _settings(kernel: MomentumKernel, parameters: CalibrationParameters) -> CalibrationSettings:
+def _settings(kernel: MomentumKernel, estimator: EstimatorConfig) -> CalibrationSettings:
     """Return noise and priors, which are the estimator's; refuse those of a link that the robot does not have."""
-    estimator, model = parameters.estimator, kernel.model
+    model = kernel.model
     for link in estimator.known_links.links:
         model.link(link)
     total = weighed(estimator.known_links)

@@ -25,11 +25,12 @@ from mbaid_ros.config.files import given_parameters, read_robot_description
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.output import as_json, check_outputs, texts, write_results
+from mbaid_ros.replay.output import as_json, check_outputs, write_results
 from mbaid_ros.replay.provenance import hashes, made_by
 from mbaid_ros.replay.results import DEFAULT_FRACTION, LONG_ENOUGH, Holdout, Run, holdout_of
 from mbaid_ros.replay.run import EstimateWriter, progress_bar, replay_bag
 from mbaid_ros.replay.saved import Truth, read_truth, truth_beside
+from mbaid_ros.replay.text import texts
 
 T = TypeVar('T')
 

@@ -20,11 +20,11 @@ from mbaid_ros.config.files import read_robot_description
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, unvec, vec
 from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import (
     box_sizes,
     ellipsoid_radii,
+    is_physical,
     physical,
     principal,
     standard,

@@ -1,4 +1,4 @@
-"""A replay's result as JSON, which scripts rely on, as text for a terminal, and where an executable writes them."""
+"""A replay's result as JSON, which scripts rely on, and where an executable writes its results."""
 
 from __future__ import annotations
 
@@ -12,21 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from mbaid_ros.cli import one_line
 from mbaid_ros.core.capture.known_momentum import Capture
-from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.estimate import WITHHELD, Debris, Estimate, PassiveJoint
-from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
+from mbaid_ros.core.results.estimate import Debris, PassiveJoint
+from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
-from mbaid_ros.core.two_stage import FIRST_STAGE
 from mbaid_ros.files import as_utf8, require_writable, write_text
-from mbaid_ros.messages.fields import JOINT_MISSING
 from mbaid_ros.replay.results import Run
 from mbaid_ros.session.continuation import continuation_as_json
 
 STDOUT = '-'
-_EVENTS = 5  # that a terminal shows
 
 
 def check_outputs(arguments: argparse.Namespace, *options: str) -> None:
@@ -187,118 +182,3 @@ def _capture(capture: Capture) -> dict[str, Any]:
             'samples': chaser.samples,
         },
     }
-
-
-# -- text
-
-
-def texts(runs: Sequence[Run]) -> str:
-    """Return the results for a terminal: each model summary that is new, then each run's table."""
-    parts = []
-    for run, before in zip(runs, (None, *runs), strict=False):
-        if run.survey is not None and (before is None or run.survey != before.survey):
-            parts.append('\n'.join(map(one_line, run.survey.lines)))
-        parts.append(summary(run))
-    return '\n\n'.join(parts)
-
-
-def summary(run: Run) -> str:
-    """Return the result as a table for a terminal."""
-    final = run.final
-    rows = [one_line(f'{run.bag}: {verdict(run)}'), '']
-    rows += _parameter_lines(final.parameters, final.std)
-    rows += _debris_lines(run)
-    if run.capture is not None:
-        rows += _capture_lines(run.capture)
-    label = '' if np.all(np.isnan(final.std)) else '; ± 95 %'
-    rows.append(f'  {final.samples} samples, {final.time:.3g} s, method {method(final)}{label}')
-    if final.budget is not None and not run.contradicted:
-        budget = {MAIN_CAUSES: final.budget.main_causes(final.std), UNOBSERVABLE: final.budget.unobservable()}
-        rows += [f'  {what}: {one_line(causes)}' for what, causes in budget.items() if causes]
-    rows += [f'  next: {run.advice}'] if run.advice else []
-    rows += [] if run.holdout is None else [f'  {run.holdout.sentence}']
-    rows += [] if run.contradicted else [f'  passive joint: {one_line(str(joint))}' for joint in final.flexible]
-    rows += [] if final.noise is None else [f'  noise: {line}' for line in final.noise.differences()]
-    rows += [f'  {one_line(line)}' for line in (*_event_lines(run), *likely_causes(run))]
-    return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])
-
-
-def _parameter_lines(parameters: Array, stds: Array) -> list[str]:
-    lines = []
-    for name, unit, value, std in zip(PARAMETERS, UNITS, parameters, stds, strict=True):
-        shown, band = rounded(value, std)
-        spread = f' ± {band}' if band else ''
-        lines.append(f'  {name:6} {shown:>13}{spread} {unit}' if shown else f'  {name:6} not determined')
-    return lines
-
-
-def _debris_lines(run: Run) -> list[str]:
-    """Return the captured body alone where it was asked for."""
-    if run.debris is None:
-        return ['  captured body alone: not determined'] if run.settings.get('debris.report') else []
-    head = f"  captured body alone, in the frame of {one_line(run.target_link)}, less that link's <inertial>:"
-    return [head, *_parameter_lines(run.debris.parameters, run.debris.std)]
-
-
-def _event_lines(run: Run) -> list[str]:
-    if run.contradicted:
-        return []
-    found = run.final.events
-    lines = [f'event: {event}' for event in found[:_EVENTS]]
-    return lines + ([f'and {len(found) - _EVENTS} more events'] if len(found) > _EVENTS else [])
-
-
-def likely_causes(run: Run) -> list[str]:
-    """Return the likely causes of a contradiction; each would explain the data by itself."""
-    return [
-        f'likely cause {place}: {cause} (alone, log-likelihood {gain:+.0f})'
-        for place, (cause, gain) in enumerate(run.final.likely_causes[:3], 1)
-    ]
-
-
-def _capture_lines(capture: Capture) -> list[str]:
-    rows = [f'  captured at {capture.time:.6g} s; before that the captured body had']
-    std = np.sqrt(np.diag(capture.covariance))
-    for kind, part, unit in (('linear', slice(0, 3), 'N s'), ('angular', slice(3, 6), 'N m s')):
-        values = ', '.join(with_band(*pair, digits=4) for pair in zip(capture.momentum[part], std[part], strict=True))
-        rows.append(f'  {kind} momentum ({values}) {unit}')
-    return rows
-
-
-def with_band(value: float, std: float, none: str = 'not determined', digits: int = 6) -> str:
-    """Return a value with its 95 % band, as far as they are known."""
-    shown, band = rounded(value, std, digits=digits)
-    return f'{shown} ± {band}' if band else shown or none
-
-
-def method(estimate: Estimate) -> str:
-    """Return the method of an estimate, and the stage where that is another."""
-    if estimate.stage in {'', estimate.method}:
-        return estimate.method
-    return f'{estimate.method} (stage {estimate.stage})'
-
-
-def verdict(run: Run) -> str:
-    """Return the result in one sentence."""
-    missing = ', '.join(name for name, known in zip(PARAMETERS, run.final.identifiable, strict=True) if not known)
-    rest = f'; not determined by this motion: {missing}' if missing else ''
-    if run.final.status == 'inconsistent':
-        why = 'robot description, noise values or conservation of momentum are not as assumed'
-        return f'the data contradict the model, so the numbers of {run.target_link} must not be trusted: {why}'
-    if not run.reached or run.phase != 'post_capture':
-        return f'no estimate of {run.target_link}: {_why_none(run)}'
-    if run.final.status == 'converged':
-        return f'the inertia of {run.target_link} is identified{rest}'
-    return f'the inertia of {run.target_link} is estimated, but the estimate has not converged{rest}'
-
-
-def _why_none(run: Run) -> str:
-    if run.phase != 'post_capture':
-        time = run.settings.get('capture.time')
-        return 'the data end before the capture: capture.time ' + (f'puts it at {time:g} s' if time else 'is not given')
-    if run.final.status == 'waiting':
-        why = f'; {JOINT_MISSING}: {listing(run.missing_joints)}' if run.missing_joints else ''
-        return f'the data hold no complete window{why}'
-    if FIRST_STAGE in run.final.warnings:
-        return FIRST_STAGE
-    return WITHHELD if run.contradicted else 'the motion does not determine any of its parameters'

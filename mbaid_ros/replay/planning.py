@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from mbaid_ros.bags import BagWriter
+from mbaid_ros.bags import BAG_TYPES, BagWriter
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line, warn
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import given_parameters, read_robot_description
@@ -29,7 +29,7 @@ from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import check_outputs, plain, write_results
 from mbaid_ros.replay.provenance import made_by
 from mbaid_ros.replay.results import Run
-from mbaid_ros.replay.run import BAG_TYPES, progress_bar, replay_bag
+from mbaid_ros.replay.run import progress_bar, replay_bag
 from mbaid_ros.session.planning import make_planner
 
 TOPIC, TYPE = '/joint_trajectory', 'trajectory_msgs/msg/JointTrajectory'

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbaid_ros.core.capture.known_momentum import Capture
 from mbaid_ros.core.results.estimate import CapturePhase, Debris, Estimate
-from mbaid_ros.core.samples import Samples, Stamps
+from mbaid_ros.core.samples import Stamps
 from mbaid_ros.core.sensors.levels import SensorLevels
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.session.model_summary import ModelSummary
@@ -98,7 +98,6 @@ class Run:
     dropped: Mapping[str, int]  # messages that were not used, by cause
     warnings: tuple[str, ...]  # of the bag and of the run, one line each
     urdf: str = ''  # text of the robot description
-    last: Samples | None = None  # the last sample, with the robot's pose; None without one
     settings: Mapping[str, object] = field(default_factory=dict)  # every parameter of the estimator with its value
     debris: Debris | None = None  # the captured body alone, None where not asked for or not determined
     phase: CapturePhase = 'post_capture'  # in which the bag ends

@@ -10,26 +10,24 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from mbaid_ros.bags import BagReader, BagWriter, Recorded, message_class
+from mbaid_ros.bags import BAG_TYPES, BagReader, BagWriter, Recorded
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.capture.known_momentum import Capture
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator
-from mbaid_ros.core.results.estimate import Debris, DebrisPublication, Estimate, InertiaPublication
+from mbaid_ros.core.results.estimate import Debris, Estimate
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.messages.fields import stamps_of
-from mbaid_ros.outgoing import Frames, MessageTypes, debris_message, estimate_message, inertia_message
+from mbaid_ros.outgoing import Frames, Publications
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.results import Arrivals, History, Run, TopicStatistics
 from mbaid_ros.session.explanation import intake_warnings, missing_joints
 from mbaid_ros.session.session import Session
 
-BAG_TYPES = MessageTypes(find=message_class, flags=np.asarray)  # of messages made without a graph
 ESTIMATE_TOPIC = '/estimator/estimate'
-DEBRIS_TOPIC = '/estimator/debris'
-INERTIA_TOPIC = '/estimator/inertia'
+_DEBRIS = '/estimator/debris'
 
 # How the calls are spread does not change the numbers; this many messages keep the arrays long and the memory short.
 _MESSAGES_AT_ONCE = 4_000
@@ -46,11 +44,12 @@ def feed(bag: BagReader, inputs: Inputs, add: Callable[[Recorded], None], progre
     """
     topics = inputs.topics(bag)
     total = sum(bag.topics[topic].count for topic in topics)
-    count = 0
+    count = done = 0
     for part in bag.read_packed(topics, _MESSAGES_AT_ONCE):
         add(part)
         count += len(part)
-        if len(part) == _MESSAGES_AT_ONCE:
+        if count - done >= _MESSAGES_AT_ONCE:
+            done = count
             yield
             if progress:
                 progress(count, total)
@@ -81,23 +80,17 @@ class EstimateWriter:
     """
 
     def __init__(self, bag: BagWriter, *, with_debris: bool = False) -> None:
-        self._bag = bag
-        self._inertia, self._debris = InertiaPublication(), DebrisPublication()
-        for topic in (ESTIMATE_TOPIC, DEBRIS_TOPIC) if with_debris else (ESTIMATE_TOPIC,):
+        self._bag, self._publications = bag, Publications(BAG_TYPES)
+        for topic in (ESTIMATE_TOPIC, _DEBRIS) if with_debris else (ESTIMATE_TOPIC,):
             bag.add_topic(topic, 'mbaid_msgs/msg/InertiaEstimate', latched=True)
-        bag.add_topic(INERTIA_TOPIC, 'geometry_msgs/msg/InertiaStamped', latched=True)
+        bag.add_topic('/estimator/inertia', 'geometry_msgs/msg/InertiaStamped', latched=True)
 
     def write(
         self, estimate: Estimate, frames: Frames, alone: Debris | None = None, capture: Capture | None = None
     ) -> None:
         """Write an estimate at the stamp of the last sample it uses, and the captured body alone where it is given."""
-        time = max(0, estimate.stamp)
-        self._bag.write(ESTIMATE_TOPIC, estimate_message(estimate, BAG_TYPES, frames), time)
-        inertia, body = self._inertia.follow(estimate), self._debris.follow(alone)
-        if inertia is not None:
-            self._bag.write(INERTIA_TOPIC, inertia_message(inertia, BAG_TYPES, frames), time)
-        if body is not None:
-            self._bag.write(DEBRIS_TOPIC, debris_message(body, estimate, BAG_TYPES, frames, capture), time)
+        for name, message in self._publications.of(estimate, frames, alone, capture):
+            self._bag.write(f'/estimator/{name}', message, max(0, estimate.stamp))
 
 
 def replay_bag(
@@ -144,7 +137,6 @@ def replay_bag(
         survey=survey,
         warnings=warnings,
         urdf=robot.urdf,
-        last=session.last,
         settings=values_of(config),
         debris=robot.debris(history.last) if history.last else None,
         phase=robot.phase,

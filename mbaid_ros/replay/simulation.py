@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from mbaid_ros.bags import BagWriter
+from mbaid_ros.bags import BAG_TYPES, BagWriter
 from mbaid_ros.cli import one_line
 from mbaid_ros.config.files import given_parameters, read_robot_description
 from mbaid_ros.config.parameters import build, values_of
@@ -21,7 +21,6 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.files import write_text
 from mbaid_ros.replay.output import shaped
-from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.replay.saved import TRUTH_FILE
 from mbaid_ros.simulated_run import SimulatedRun
 

@@ -189,7 +189,4 @@ def _other_source(session: Session) -> str:
 def _wrong_child_frame(session: Session) -> str:
     given = session.intake.odometry_reader.other_child_frame[:60]
     links = listing(f"'{name}'" for name in _links_on_base(session))
-    return (
-        f"child_frame_id is '{given}'; accepted: {links}; or, with marker.position, any that is no link of the robot"
-        + ('; or name it by pose.frame' if session.base_source.kind != 'odom' else '')
-    )
+    return f"child_frame_id is '{given}'; accepted: {links}; or, with marker.position, any that is no link of the robot"

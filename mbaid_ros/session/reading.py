@@ -12,7 +12,6 @@ import numpy as np
 from mbaid_ros.cdr import Packets
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.diagnosis.plain_faults import PlainFaults
-from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream
 from mbaid_ros.core.sensors.base import AttachedFrame, measured_orientation
@@ -121,28 +120,17 @@ class MessageQueue:
 class BaseSource:
     """The messages that locate the base: of the source that comes first, or of the one that the parameters name.
 
-    Raises ParameterError: A frame that the parameters name is not on the base.
-
     Attributes
     ----------
     kind, dropped : of the source, None before the first message; number of messages of other sources
     """
 
     def __init__(self, config: EstimatorConfig, robot: Robot) -> None:
-        pose = config.pose
-        links = {config.frame_prefix + link.name: link.body for link in robot.model.links}
-        carried = [name for name, body in links.items() if body == 0]
-        if pose.frame and pose.frame not in carried and (robot.marker is None or pose.frame in links):
-            raise ParameterError(
-                f"parameter 'pose.frame' is '{pose.frame}'; accepted: {listing(carried)}, or with marker.position one "
-                'that is no link of the robot'
-            )
-        base = config.frame_prefix + robot.model.base_link
-        # A frame without a name is no link's: that of the marker.
-        frame = pose.frame or ('' if robot.marker is not None else base)
-        self._poses = PoseReader(frame, pose.frame, pose.tf_child_frame)
+        # Of poses without a name: that of the marker, a frame that is no link's.
+        frame = '' if robot.marker is not None else config.frame_prefix + robot.model.base_link
+        self._poses = PoseReader(frame, config.pose.tf_child_frame)
         self._needed = not config.imu.alone
-        self.kind: Source | None = 'tf' if pose.tf_child_frame else None
+        self.kind: Source | None = 'tf' if config.pose.tf_child_frame else None
         self.dropped: Counter[str] = Counter()
 
     def poses(self, messages: Sequence[Any]) -> Sequence[Any]:
@@ -179,7 +167,7 @@ def _kinds(messages: Sequence[Any]) -> set[Source]:
 class Intake:
     """The readers of a run's messages, and the measurements that wait until their order is sure.
 
-    Raises ParameterError: A frame that the parameters name is not on the base.
+    Raises ParameterError: The IMU cannot be on the frame that the parameters name.
 
     Attributes
     ----------

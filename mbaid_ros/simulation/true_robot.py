@@ -9,10 +9,9 @@ import numpy as np
 
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array, cross
-from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors, changing_link, in_frame_of, relative_factor, with_bodies
-from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.core.robot.momentum import is_physical, physical
 from mbaid_ros.core.robot.urdf_edit import displace_joint, replace_inertial
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.simulation import Truth

@@ -6,10 +6,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from benchmarks.data import DURATION, NOISE, RATE, START, endless_motion, model
-from mbaid_ros.bags import BagWriter
+from mbaid_ros.bags import BAG_TYPES, BagWriter
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.outgoing import SensorMessages
-from mbaid_ros.replay.run import BAG_TYPES
+from mbaid_ros.sensor_messages import joints_of, poses_of
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Truth
 
@@ -19,16 +18,16 @@ JOINTS, ODOMETRY = '/joint_states', '/odom'
 
 def write_bag(path: Path, robot: RobotModel, sensors: Sensors, parts: Iterable[tuple[float, Truth]]) -> None:
     """Write a bag, a JointState and an Odometry a sample; parts of the motion with the times (s) when they begin."""
-    messages = SensorMessages(BAG_TYPES, robot, 'odom')
     with BagWriter(path) as bag:
         bag.add_topic(JOINTS, 'sensor_msgs/msg/JointState')
         bag.add_topic(ODOMETRY, 'nav_msgs/msg/Odometry')
         for begin, truth in parts:
-            joints, base = sensors.joints(truth), sensors.base(truth)
+            joints = joints_of(sensors.joints(truth), robot.joint_names)
+            base = poses_of(sensors.base(truth), robot.base_link)
             for index, time in enumerate(truth.time.tolist()):
                 stamp = START + round((begin + time) * 1e9)
-                bag.write(ODOMETRY, messages.odometry(base, index, stamp), stamp)
-                bag.write(JOINTS, messages.joint_state(joints, index, stamp), stamp)
+                bag.write(ODOMETRY, base.message(BAG_TYPES, index, stamp), stamp)
+                bag.write(JOINTS, joints.message(BAG_TYPES, index, stamp), stamp)
 
 
 def make_bag(path: Path, minutes: float, rate: float = RATE) -> None:

@@ -14,8 +14,8 @@ from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, express, load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
-from mbaid_ros.recordings import spot as bench_2023
-from mbaid_ros.recordings.spot import BASE, CHASER_2021, COMMANDS_FILE, LINKS, planar_urdf
+from mbaid_ros.recordings.recording import resource
+from mbaid_ros.recordings.spot import BASE, COMMANDS_FILE
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import Push
 from mbaid_ros.simulation.motion import Sinusoids
@@ -46,7 +46,7 @@ def spot_2021(folder: Path, seed: int, duration: float = 32.0, tracking: float =
     The useful part lasts `duration` s; the joints deviate from their commands by `tracking` rad, a standard deviation.
     """
     rng = np.random.default_rng(seed)
-    described = load_model(planar_urdf(CHASER_2021, ''))
+    described = load_model(resource('spot_2021.urdf'))
     base = physical(described.link(BASE).parameters)
     # The base is the target: it differs from the nominal one.
     base[[0, 1, 2, 9]] = (
@@ -116,13 +116,11 @@ def spot_2023(folder: Path, seed: int, duration: float = 60.0, links: float = 0.
     The useful part lasts `duration` s; `links` is the relative standard deviation of the known bodies.
     """
     rng = np.random.default_rng(seed)
-    described = load_model(planar_urdf(bench_2023.CHASER_2023, ''))
+    described = load_model(resource('spot_2023.urdf'))
     body = np.array([10.8, rng.uniform(0.25, 0.35), rng.uniform(-0.05, 0.05), 0.0, 0.1, 0.0, 0.0, 0.1, 0.0, 0.2])
-    true = load_model(replace_inertial(described.urdf, LINKS[-1], body))
-    errors = draw(
-        true, LINKS[-1], ErrorSizes(links_relative_std=links, zero_std=2e-3, origin_std=5e-4), generator(seed)
-    )
-    robot, motion = true_robot(true, errors, (LINKS[-1],)), _arm(rng)
+    true = load_model(replace_inertial(described.urdf, 'hand', body))
+    errors = draw(true, 'hand', ErrorSizes(links_relative_std=links, zero_std=2e-3, origin_std=5e-4), generator(seed))
+    robot, motion = true_robot(true, errors, ('hand',)), _arm(rng)
     scale = rng.uniform(0.7, 1.1)
     time = np.arange(0.0, duration, 0.05)
     commands = rng.choice((-1.0, 1.0), (1 + len(time) // _COMMAND, 6)) * _THRUST  # always on, one way or the other

@@ -12,11 +12,10 @@ from benchmarks.data import NOISE, RATE, model, readings, simulation
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import BodyDeviations, ModelErrors
-from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.core.robot.momentum import is_physical, physical
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.streams import Windows

@@ -90,7 +90,7 @@ def test_packets_are_the_messages(recorded: Path, at_once: int) -> None:
     with BagReader(recorded) as bag:
         parts = list(bag.read_packed(topics, at_once))
         objects = list(bag.read(topics))
-    assert [len(part) for part in parts[:-1]] == [at_once] * (len(parts) - 1)
+    assert all(0 < len(part) <= at_once for part in parts)
     packed = [message for part in parts for message in part]
     assert [(topic, time) for topic, _, time in packed] == [(topic, time) for topic, _, time in objects]
     for (topic, packet, _), (_, message, _) in zip(packed, objects, strict=True):

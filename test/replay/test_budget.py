@@ -17,9 +17,10 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS, SENSOR_NOISE, ErrorBudget
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.output import as_json, summary
+from mbaid_ros.replay.output import as_json
 from mbaid_ros.replay.report.page import html
 from mbaid_ros.replay.run import replay_bag
+from mbaid_ros.replay.text import summary
 from simulated import robot
 
 

@@ -16,7 +16,7 @@ import pytest
 
 from checked import answer
 from made_runs import BODY, estimate, planar, run
-from mbaid_ros.bags import BagWriter
+from mbaid_ros.bags import BAG_TYPES, BagWriter
 from mbaid_ros.bags.types import ESTIMATE_TYPE
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
 from mbaid_ros.core.results.estimate import Estimate
@@ -26,7 +26,7 @@ from mbaid_ros.core.robot.momentum import box_sizes
 from mbaid_ros.outgoing import Frames, estimate_message
 from mbaid_ros.replay.output import as_json
 from mbaid_ros.replay.provenance import made_by
-from mbaid_ros.replay.run import BAG_TYPES, EstimateWriter
+from mbaid_ros.replay.run import EstimateWriter
 from mbaid_ros.replay.start import export as main
 from simulated import CONFIG
 

@@ -15,11 +15,12 @@ from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import WITHHELD, Debris, Estimate, Event, PassiveJoint, Status
 from mbaid_ros.replay.command import exit_code
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.output import as_json, passive_joints, summary
+from mbaid_ros.replay.output import as_json, passive_joints
 from mbaid_ros.replay.report.page import html
 from mbaid_ros.replay.results import Arrivals, History, Run, TopicStatistics, holdout_of
 from mbaid_ros.replay.run import replay_bag
 from mbaid_ros.replay.start import _replay_parser
+from mbaid_ros.replay.text import summary
 from simulated import robot
 
 

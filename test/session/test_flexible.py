@@ -10,6 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 from benchmarks.appendages import PANELS, SLOSH, with_fuel, with_panel_on_the_target, with_panels
+from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.model_errors import EXACT
@@ -17,7 +18,6 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from simulated import CONFIG

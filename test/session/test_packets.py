@@ -24,7 +24,8 @@ from mbaid_ros.core.samples import Samples
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.session.known_robot import KnownRobot
 from mbaid_ros.session.methods import make_estimator
-from mbaid_ros.session.session import PART, Session
+from mbaid_ros.session.segment import PART
+from mbaid_ros.session.session import Session
 from simulated import CONFIG
 from streams import run, urdf
 from wire import as_bytes

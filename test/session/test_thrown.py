@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbaid_ros.bags import BagWriter
+from mbaid_ros.bags import BAG_TYPES, BagWriter
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.replay.start import calibrate, replay
 from mbaid_ros.simulated_run import SimulatedRun
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots, averages, bridged, with_course
+from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots, averages, bridged
 from mbaid_ros.core.filter.window import Window, WindowNoise, window_noises, with_truncation
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, crossed, skew
 from mbaid_ros.core.samples import Samples, SensorNoise
 
 _KNOT = 0.05  # s, wanted spacing of knots: errors of the fourth-order formulas are then below the noise
@@ -104,7 +104,7 @@ class KnotAveraging:
         """Return knots with the effect of the gyro's errors on the orientation, window by window."""
         parts = []
         for begin in range(0, len(knots), count):
-            followed, self._course = with_course(knots[begin : begin + count], self._length / count, self._course)
+            followed, self._course = _with_course(knots[begin : begin + count], self._length / count, self._course)
             parts.append(followed)
         return Knots.concatenate(parts)
 
@@ -160,6 +160,24 @@ class KnotAveraging:
             origin=self.origin,
             gap=0.0 if earlier or self._end is None else start - self._end,
         )
+
+
+def _with_course(knots: Knots, spacing: float, begin: Array) -> tuple[Knots, Array]:
+    """Return knots oriented by the gyro alone with the effect of its errors, and that (36,) at the end of the last.
+
+    Parameters
+    ----------
+    knots, spacing : in a row, s
+    begin : (36,) before the first of them
+    """
+    rate = np.gradient(knots.gyro, spacing, axis=0)
+    errors = np.zeros((len(knots), 3, 12))
+    errors[:, :, :3], errors[:, :, 6:9], errors[:, :, 9:] = np.eye(3), skew(rate), crossed(rate)
+    errors[:, [0, 1, 2], [3, 4, 5]] = rate
+    # After an empty knot the chain begins anew.
+    steps = np.nan_to_num(spacing * (knots.base_rotation @ errors)).reshape(len(knots), -1)
+    sums = np.cumsum(np.concatenate((begin[None], steps)), axis=0)
+    return replace(knots, course=0.5 * (sums[1:] + sums[:-1])), sums[-1]
 
 
 def knots_a_window(window: Samples, length: float, wanted: float, *, alike: bool = False) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -112,23 +112,20 @@ class HypothesisFilter:
         pushed = self.pushed if force == 'none' else self.pushed + white.push(force)
         return replace(self, gaussian=self.gaussian.sharing(step), pushed=pushed)
 
+    def updated(self, before: SquareRootInformation, after: SquareRootInformation) -> HypothesisFilter:
+        """Return the same with the Gaussian after a window, from the root of `before`."""
+        return replace(self, gaussian=after, jumped=0, previous=self.gaussian.sharing(before))
+
     def jumped_in(
         self, window: Window, before: SquareRootInformation, after: SquareRootInformation, variables: Variables
     ) -> HypothesisFilter:
-        """Return the same with the Gaussian after a window, in which the momentum jumps."""
-        jumps = self.jumps
+        """Return the same as `updated` by a window in which the momentum jumps."""
+        jumps, previous = self.jumps, self.gaussian.sharing(before)
         if not self.jumped:
-            mean = before.least_squares[: len(variables.scale)]
+            mean = previous.least_squares[: len(variables.scale)]
             earlier = self.previous if len(jumps) < _REMEMBERED else None
             jumps = (*jumps, Jump(window.start, variables.spread[MOMENTUM] @ mean, earlier, self.pushed))
-        return replace(
-            self,
-            gaussian=after,
-            previous=before,
-            jumps=jumps,
-            jumped=self.jumped + 1,
-            inflations=self.inflations + 1,
-        )
+        return replace(self.updated(before, after), jumps=jumps, jumped=self.jumped + 1, inflations=self.inflations + 1)
 
     @property
     def misfit(self) -> float:
@@ -187,35 +184,33 @@ def _by_root(bank: Bank, step: Callable[[Bank], Bank]) -> Bank:
 
 def _update_group(group: Bank, window: Window, white: WhitenedWindow, variables: Variables) -> Bank:
     """Return hypotheses that share a root, updated by a window; those under which the momentum jumps share another."""
-    first = entered(group[0].gaussian, window, white, variables)
-    before = [each.gaussian.sharing(first) for each in group]
-    usual = update_together(before, white)
+    before = entered(group[0].gaussian, window, white, variables)
+    usual = dict(zip(group, _after(before, group, white), strict=True))
     limit = chi_square_limit(_FALSE_ALARM, len(white.value))
-    after = [
-        replace(filtered, gaussian=gaussian, jumped=0, previous=previous)
-        for filtered, gaussian, previous in zip(group, usual, before, strict=True)
+    unlikely = [
+        each for each, after in usual.items() if after.last_nis > limit and after.measured > after.last_measured
     ]
-    unlikely = [gaussian.last_nis > limit and gaussian.measured > gaussian.last_measured for gaussian in usual]
-    jumping = [place for place, each in enumerate(group) if unlikely[place] and each.jumped != each.longest]
+    jumping = [each for each in unlikely if each.jumped != each.longest]
     if not jumping:
-        return tuple(after)
-    loose = momentum_inflation(first, white, variables, _JUMP * variables.typical_momentum)
-    found = _after(loose, before, jumping, white)
-    broken = [place for place in jumping if found[place].last_nis > limit]
-    if broken:  # more than a jump: the chain is broken
-        found |= _after(pose_reset(loose, variables), before, broken, white)
-    for place, gaussian in found.items():
-        jumped = replace(gaussian, log_likelihood=as_usual(usual[place]))
-        after[place] = group[place].jumped_in(window, before[place], jumped, variables)
-    return tuple(after)
+        return tuple(each.updated(before, after) for each, after in usual.items())
+    loose = momentum_inflation(before, white, variables, _JUMP * variables.typical_momentum)
+    jumped = dict(zip(jumping, _after(loose, jumping, white), strict=True))
+    broken = [each for each in jumping if jumped[each].last_nis > limit]
+    if broken:  # more than a jump of the momentum: of the pose error, too
+        jumped |= zip(broken, _after(pose_reset(loose, variables), broken, white), strict=True)
+    return tuple(
+        each.jumped_in(window, before, replace(jumped[each], log_likelihood=as_usual(after)), variables)
+        if each in jumped
+        else each.updated(before, after)
+        for each, after in usual.items()
+    )
 
 
 def _after(
-    root: SquareRootInformation, before: list[SquareRootInformation], places: list[int], white: WhitenedWindow
-) -> dict[int, SquareRootInformation]:
-    """Return those at some places with another root, after a window."""
-    updated = update_together([before[place].sharing(root) for place in places], white)
-    return dict(zip(places, updated, strict=True))
+    before: SquareRootInformation, group: Sequence[HypothesisFilter], white: WhitenedWindow
+) -> list[SquareRootInformation]:
+    """Return the Gaussians of hypotheses after a window, from the root of another one before it."""
+    return update_together([each.gaussian.sharing(before) for each in group], white)
 
 
 def as_usual(after: SquareRootInformation) -> float:

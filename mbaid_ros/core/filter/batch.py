@@ -21,10 +21,10 @@ from mbaid_ros.core.filter.whitened import LINEARISED, LinearisationCache, White
 from mbaid_ros.core.filter.window import Stack, Window
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.linear_algebra import chi_square_limit
-from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, is_physical, project
+from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, project
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import unknown_scale
-from mbaid_ros.core.robot.momentum import physical_shift
+from mbaid_ros.core.robot.momentum import is_physical, physical_shift
 
 Outcome = TypeVar('Outcome')
 Work = Generator[int, None, Outcome]  # yields the cost of each piece, in steps of the filter; returns the outcome

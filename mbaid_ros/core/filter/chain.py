@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.filter.exponential import composed
 from mbaid_ros.core.filter.joint_noise import JointNoise, joint_noise
 from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.measured_window import (
     IntegratedTwist,
+    Measurement,
     integrated_twist,
     pose_measurement,
     readings,
@@ -29,6 +29,7 @@ from mbaid_ros.core.filter.swing import BESIDE, Motions, SwingCourse
 from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, by_deflections, predict
 from mbaid_ros.core.filter.window import Stack
 from mbaid_ros.core.geometry import Array, cross, exp
+from mbaid_ros.core.linear_algebra import composed
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.samples import ArrayRecord
 
@@ -42,21 +43,12 @@ class WindowModel(ArrayRecord):
     All arrays have a first axis of the windows, which the shapes below leave out.
     """
 
-    pose_value: Array  # (6,): value = rows x + noise
-    pose_rows: Array  # (6, s)
-    pose_covariance: Array  # (6, 6) of the noise
-    # twist_value, twist_rows, twist_covariance: the same of the twist; with an IMU its angular velocity after it, (9,),
-    # (9, s), (9, 9); value NaN if not measured
-    twist_value: Array
-    twist_rows: Array
-    twist_covariance: Array
+    pose: Measurement  # (6,), mean over the knots
+    twist: Measurement  # (6,); with an IMU its angular velocity after it, (9,)
     # transition, drift: (6, s), (6,): pose error at the next window's first knot = transition x + drift
     transition: Array
     drift: Array
-    process: Array  # (6, n) factor of the joint noise that accumulates until then
-    # joints, joints_by_unknowns: (6, n), (6, 10 + e, n) the joints' part of the pose's noise, as of `JointNoise`
-    joints: Array
-    joints_by_unknowns: Array
+    noise: JointNoise  # of the joints; the part in the pose as it is measured
     joints_of_gyro: Array  # (3, n) that a gyro on a link has beside it
     joints_in_twist: Array  # () its variance in the twist over that in the pose
     length: Array  # () s
@@ -65,9 +57,6 @@ class WindowModel(ArrayRecord):
     position: Array
     centre: Array  # (3,) m, the common centre of mass there
     brought: Array  # (6, s) change of (P, L) until the next window by the unknowns
-    # stepped, gained: (6, f), (f,) as of `JointNoise`, there
-    stepped: Array
-    gained: Array
     body: Array  # (10,) standard parameters of the target at the linearisation point
     integrated: IntegratedTwist  # it takes the place of the twist where it counts
 
@@ -150,15 +139,17 @@ def _models(
         whole = integrated_twist(layout, stack, motion, predicted, errors, point, rates=rates)
         whole = replace(whole, counts=integrated)
     return WindowModel(
-        *pose_measurement(errors, change, pose, point.readings),
-        stack.pose_covariance / stack.samples + ends * of_joints,
-        *twist_measurement(errors, prediction, middle, point, twist),
-        twist_covariance(stack, middle, (noise.pose, in_gyro), noise.stored),
+        Measurement(
+            *pose_measurement(errors, change, pose, point.readings),
+            stack.pose_covariance / stack.samples + ends * of_joints,
+        ),
+        Measurement(
+            *twist_measurement(errors, prediction, middle, point, twist),
+            twist_covariance(stack, middle, (noise.pose, in_gyro), noise.stored),
+        ),
         transition=state_rows(errors[-1], np.zeros_like(pose)),
         drift=errors[-1][..., -1],
-        process=noise.process,
-        joints=np.sqrt(ends) * noise.pose,
-        joints_by_unknowns=np.sqrt(ends)[..., None] * noise.by_unknowns,
+        noise=replace(noise, pose=np.sqrt(ends) * noise.pose, by_unknowns=np.sqrt(ends)[..., None] * noise.by_unknowns),
         joints_of_gyro=np.sqrt(ends) * in_gyro,
         joints_in_twist=telescoped(len(middle), spacing) / ends[:, 0, 0],
         length=np.full(len(stack.windows), len(middle) * spacing),
@@ -166,8 +157,6 @@ def _models(
         position=middle.base_position[-1] + 0.5 * middle.step[-1],
         centre=centre,
         brought=brought,
-        stepped=noise.stepped,
-        gained=noise.gained,
         body=np.tile(point.body, (len(stack.windows), 1)),
         integrated=whole,
     )

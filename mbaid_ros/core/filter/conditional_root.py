@@ -106,3 +106,22 @@ class ConditionalRoot:
         right[:, 0] += moved
         after = replace(before, triangle=triangle, right=np.asfortranarray(right[:, :width]))
         return after, moved, dgeqrf(np.concatenate((left[:, width:], left[:, :width]), axis=1))[0]
+
+
+def with_force(force: Array, left: Array, own: slice) -> tuple[Array, Array, Array]:
+    """Return a force's triangle after a window, and the innovations as that explains and normalises them (w,).
+
+    Third, the diagonal (w,) of the triangle that normalises them.
+
+    Parameters
+    ----------
+    force, own : (f, f + 2) before, and its columns in the next
+    left : (w, 2 + g) of the window, as of `ConditionalRoot.right`
+    """
+    size, count = len(force), len(left)
+    wide = np.zeros((size + count, size + count + 2), order='F')
+    wide[:size, :size], wide[:size, -2:] = force[:, :-2], force[:, -2:]
+    wide[size:, :size], wide[size:, size:-2], wide[size:, -2:] = left[:, own], identity(count), left[:, :2]
+    triangle = dgeqrf(wide, overwrite_a=True)[0]
+    after = np.concatenate((upper_ones(size) * triangle[:size, :size], triangle[:size, -2:]), axis=1)
+    return after, triangle[size:, -1], triangle.diagonal()[size:]

@@ -39,22 +39,6 @@ def steps_of(mean: Array, by_state: Array, driven: Array, spacing: float) -> tup
     return onward, here @ driven[:-1] + midway @ _midway(driven) + there @ driven[1:]
 
 
-def composed(transition: Array, gain: Array) -> Array:
-    """Return x at all m + 1 instants, (m + 1, B, s, s + c), by the first x and c numbers: x' = transition x + gain.
-
-    Parameters
-    ----------
-    transition, gain : (m, B, s, s), (m, B, s, c)
-    """
-    count, windows, size, _ = transition.shape
-    steps: Array = np.zeros((count + 1, windows, size, size + gain.shape[-1]))
-    steps[0, ..., :size] = np.eye(size)
-    for index in range(count):
-        np.matmul(transition[index], steps[index], out=steps[index + 1])
-        steps[index + 1, ..., size:] += gain[index]
-    return steps
-
-
 def _midway(values: Array) -> Array:
     """Return the values between neighbours along the first axis, cubic; at the ends quadratic."""
     middle = np.empty((len(values) - 1, *values.shape[1:]))

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.linalg.lapack import dtrtrs
 
-from mbaid_ros.core.filter.measured_window import IntegratedTwist
+from mbaid_ros.core.filter.measured_window import IntegratedTwist, Measurement
 from mbaid_ros.core.filter.state import ANGULAR_FIRST, BODY, LINEAR, Layout
 from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, gains_by_unknowns, joint_gains
 from mbaid_ros.core.filter.variables import Variables
@@ -209,36 +209,27 @@ class TwistLink:
 
 
 def linked(
-    twist: IntegratedTwist,
-    pose: tuple[Array, Array, Array],
-    joints: tuple[Array, Array],
-    variables: Variables,
+    twist: IntegratedTwist, pose: Measurement, noise_of_joints: JointNoise, variables: Variables
 ) -> tuple[list[tuple[Array, Array, Array, TwistLink]], Array]:
     """Return value, rows, log_noise and link of B windows by pose and integrated twist, as in `WhitenedWindow`.
 
     Second, (B, 6, 6) S^-1 of these measurements as the joints' noise is in them. The measured way, free of that noise,
     takes the place of the change of xi that whitens the mean pose.
-
-    Parameters
-    ----------
-    twist, variables : of the B windows; of the filter
-    pose : value (B, 6), rows (B, 6, s) and covariance (B, 6, 6)
-    joints : (B, 6, n), (B, 6, n') factors of their noise in the mean pose, and on the way
     """
-    select, (value, rows, covariance), (of_joints, process) = variables.measured, pose, joints
+    select, of_joints = variables.measured, noise_of_joints.pose
     size, change = len(select), twist.change[:, None]
     values = np.concatenate(
-        ((value - change * twist.way_value) @ select.T, twist.mean_value @ select.T),
+        ((pose.value - change * twist.way_value) @ select.T, twist.mean_value @ select.T),
         axis=1,
     )
     by_state = np.concatenate(
-        (select @ (rows - change[..., None] * twist.way_rows), select @ twist.mean_rows),
+        (select @ (pose.rows - change[..., None] * twist.way_rows), select @ twist.mean_rows),
         axis=1,
     )
     common = of_joints @ np.swapaxes(of_joints, -1, -2)
     factor = np.linalg.cholesky(select @ twist.white @ select.T)
-    noise = np.zeros((len(value), 2 * size, 2 * size))
-    noise[:, :size, :size] = select @ covariance @ select.T
+    noise = np.zeros((len(pose), 2 * size, 2 * size))
+    noise[:, :size, :size] = select @ pose.covariance @ select.T
     noise[:, :size, size:] = noise[:, size:, :size] = select @ common @ select.T
     noise[:, size:, size:] = select @ (common + twist.left[:, None, None] * twist.white) @ select.T
     by_noise = np.concatenate((-change[..., None] * factor, twist.share[:, None, None] * factor), axis=1)
@@ -252,7 +243,7 @@ def linked(
         twist.way_value @ select.T,
         select @ variables.rows(twist.way_rows),
         np.linalg.inv(factor),
-        select @ process,
+        select @ noise_of_joints.process,
     )
     both = block_diag(select, select).reshape(2, size, 2, 6).sum(axis=2).reshape(2 * size, 6)
     certain = _certain(noise + by_noise @ np.swapaxes(by_noise, -1, -2), by_carried, factor)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Flags, cross, crossed, exp, log, moved_base, skew
+from mbaid_ros.core.geometry import Array, Flags, cross, exp, log, moved_base
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about
 from mbaid_ros.core.samples import ArrayRecord, Samples
 
@@ -108,30 +108,6 @@ def at_the_base(knots: Knots, mount: Array) -> Knots:
     twist = knots.base_twist.copy()
     rotation, away, twist[..., :3] = moved_base(knots.base_rotation, twist[..., :3], twist[..., 3:], mount)
     return replace(knots, base_rotation=rotation, base_position=knots.base_position + away, base_twist=twist)
-
-
-def with_course(knots: Knots, spacing: float, begin: Array) -> tuple[Knots, Array]:
-    """Return knots oriented by the gyro alone with the effect of its errors, and that (36,) at the end of the last.
-
-    Parameters
-    ----------
-    knots, spacing : in a row, s
-    begin : (36,) before the first of them
-    """
-    rate = np.gradient(knots.gyro, spacing, axis=0)
-    errors = np.zeros((len(knots), 3, 12))
-    errors[:, :, :3], errors[:, :, 6:9], errors[:, :, 9:] = np.eye(3), skew(rate), crossed(rate)
-    errors[:, [0, 1, 2], [3, 4, 5]] = rate
-    # After an empty knot the chain begins anew.
-    steps = np.nan_to_num(spacing * (knots.base_rotation @ errors)).reshape(len(knots), -1)
-    sums = np.cumsum(np.concatenate((begin[None], steps)), axis=0)
-    return replace(knots, course=0.5 * (sums[1:] + sums[:-1])), sums[-1]
-
-
-def turned_back(knots: Knots, errors: Array) -> Knots:
-    """Return knots whose orientation and angular velocity are those of a gyro without (12,) errors."""
-    away = knots.course.reshape(*knots.course.shape[:-1], 3, 12) @ errors
-    return replace(knots, base_rotation=exp(-away) @ knots.base_rotation)
 
 
 def bridged(knots: Knots) -> Knots:

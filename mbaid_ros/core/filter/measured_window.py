@@ -19,6 +19,15 @@ from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.unknowns.declaration import ImuMotion, Reading
 
 
+@dataclass(frozen=True)
+class Measurement(ArrayRecord):
+    """What windows measure of the state x: value = rows x + noise, NaN where it is not measured."""
+
+    value: Array  # (k,)
+    rows: Array  # (k, s)
+    covariance: Array  # (k, k) of the noise
+
+
 def readings(
     layout: Layout,
     stack: Stack,

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg.lapack import dgeqrf, dpotri, dtrtri, dtrtrs
+from scipy.linalg.lapack import dpotri, dtrtri, dtrtrs
 
-from mbaid_ros.core.filter.conditional_root import ConditionalRoot, identity, upper_ones
+from mbaid_ros.core.filter.conditional_root import ConditionalRoot, upper_ones, with_force
 from mbaid_ros.core.filter.joint_noise import InformationCorrection
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout
@@ -67,12 +67,16 @@ class SquareRootInformation:
     @cached_property
     def root(self) -> Array:
         """The triangle (n, n + 2) of variables and force, Fortran order, beside it z as of `ConditionalRoot`."""
-        shared = self.conditional.unlinked
-        own, size = shared.right[:, shared.columns(self.axes)], self.size
-        root = np.zeros((size, size + 2), order='F')
-        root[: len(own), :-2] = np.concatenate((shared.triangle, own), axis=1)
-        root[: len(own), -2:], root[len(own) :, len(own) :] = shared.right[:, :2], self.force
+        shared, size = self.conditional.unlinked, self.size
+        root, own = np.zeros((size, size + 2), order='F'), len(shared.triangle)
+        root[:own, :own], root[:own, -2:] = shared.triangle, shared.right[:, :2]
+        root[:own, own:size], root[own:, own:] = shared.right[:, shared.columns(self.axes)], self.force
         return root
+
+    @property
+    def triangle(self) -> Array:
+        """The triangle (n, n) alone."""
+        return self.root[:, :-2]
 
     @property
     def misfit(self) -> float:
@@ -89,7 +93,7 @@ class SquareRootInformation:
 
         Raises LinAlgError: The information has a direction without any.
         """
-        both, info = dtrtrs(self.root[:, :-2], self.root[:, -2:])
+        both, info = dtrtrs(self.triangle, self.root[:, -2:])
         if info:
             raise np.linalg.LinAlgError('a direction of the state has no information')
         return both[:, 0] + both[:, 1], both[:, 0]
@@ -97,12 +101,12 @@ class SquareRootInformation:
     @property
     def factor(self) -> Array:
         """A factor of the covariance, (n, n)."""
-        return np.asarray(dtrtri(self.root[:, :-2])[0])
+        return np.asarray(dtrtri(self.triangle)[0])
 
     @property
     def least_squares(self) -> Array:
         """The mean without the correction for shared noise, (n,)."""
-        return np.asarray(dtrtrs(self.root[:, :-2], self.root[:, -1])[0])
+        return np.asarray(dtrtrs(self.triangle, self.root[:, -1])[0])
 
     def sharing(self, other: SquareRootInformation) -> SquareRootInformation:
         """Return the same measurements with the variables' root of another Gaussian."""
@@ -118,15 +122,15 @@ def update(gaussian: SquareRootInformation, window: WhitenedWindow) -> SquareRoo
 def update_together(gaussians: Sequence[SquareRootInformation], window: WhitenedWindow) -> list[SquareRootInformation]:
     """Return Gaussians that share a root after a window's measurements; they share the next one."""
     after, moved, left = gaussians[0].conditional.updated(window)
-    updated, count = [], len(left)
+    updated, count = list[SquareRootInformation](), len(left)
     for gaussian in gaussians:
-        force, residual = gaussian.force, np.asarray(left[:, count + 1])
-        diagonal: Array = np.ones(count)
+        force, residual, diagonal = gaussian.force, left[:, count + 1], left.diagonal()
         if len(force):
             own = after.columns(gaussian.axes)
-            force, residual, diagonal = _with_force(force, left[:, count:], own)
+            force, residual, by_force = with_force(force, left[:, count:], own)
             force[:, -2] -= dtrtrs(force[:, :-2], after.right[:, own].T @ moved, trans=1)[0]
-        nis, diagonal = float(residual @ residual), diagonal * left.diagonal()
+            diagonal = diagonal * by_force
+        nis = float(residual @ residual)
         growth = -2.0 * float(np.add.reduce(np.log(np.abs(diagonal))))
         updated.append(
             SquareRootInformation(
@@ -145,25 +149,6 @@ def update_together(gaussians: Sequence[SquareRootInformation], window: Whitened
     return updated
 
 
-def _with_force(force: Array, left: Array, own: slice) -> tuple[Array, Array, Array]:
-    """Return a force's triangle after a window, and the innovations as that explains and normalises them (w,).
-
-    Third, the diagonal (w,) of the triangle that normalises them.
-
-    Parameters
-    ----------
-    force, own : (f, f + 2) before, and its columns in the next
-    left : (w, 2 + g) of the window, as of `ConditionalRoot.right`
-    """
-    size, count = len(force), len(left)
-    wide = np.zeros((size + count, size + count + 2), order='F')
-    wide[:size, :size], wide[:size, -2:] = force[:, :-2], force[:, -2:]
-    wide[size:, :size], wide[size:, size:-2], wide[size:, -2:] = left[:, own], identity(count), left[:, :2]
-    triangle = dgeqrf(wide, overwrite_a=True)[0]
-    after = np.concatenate((upper_ones(size) * triangle[:size, :size], triangle[:size, -2:]), axis=1)
-    return after, triangle[size:, -1], triangle.diagonal()[size:]
-
-
 @dataclass(frozen=True, eq=False)
 class MeanAndCovariance:
     """Mean (s,) and covariance of the state, SI units.
@@ -180,10 +165,10 @@ class MeanAndCovariance:
     @staticmethod
     def of(gaussian: SquareRootInformation, variables: Variables) -> MeanAndCovariance:
         """Return them of a Gaussian in information form."""
-        mean, shift = gaussian.mean_and_shift()
-        count, spread = len(variables.scale), variables.spread
-        force = variables.force[:, : gaussian.size - count] @ mean[count:]
-        return MeanAndCovariance(gaussian, variables, spread @ mean[:count], spread @ shift[:count], force)
+        both, count = np.column_stack(gaussian.mean_and_shift()), len(variables.scale)
+        force = variables.force[:, : gaussian.size - count] @ both[count:, 0]
+        mean, shift = variables.of_state(both[:count]).T
+        return MeanAndCovariance(gaussian, variables, mean, shift, force)
 
     @cached_property
     def factor(self) -> Array:
@@ -210,7 +195,7 @@ class MeanAndCovariance:
         """Return a covariance factor (m, v) of numbers (m, w) that are linear in the first w variables."""
         right = np.zeros((self.gaussian.size, len(numbers)), order='F')
         right[: numbers.shape[1]] = numbers.T
-        return np.asarray(dtrtrs(self.gaussian.root[:, :-2], right, trans=1, overwrite_b=True)[0]).T
+        return np.asarray(dtrtrs(self.gaussian.triangle, right, trans=1, overwrite_b=True)[0]).T
 
     def by_force(self, pushed: Array) -> Array:
         """Return the (6,) change of the momentum by a constant force, of `pushed` (p, f) as of `HypothesisFilter`."""
@@ -231,8 +216,8 @@ class MeanAndCovariance:
 
         With the correction for noise in the rows (trajectory.md, eq. 14), and the priors scaled (eq. 7).
         """
-        body, attenuation = self._attenuated
         part = self.factor_of(self.variables.spread[rows])
+        body, attenuation = self._attenuated
         times = self.amplification(part, rows)
         columns = [times @ part, self.by_score(part)]
         if not prior_scales.as_declared:
@@ -260,7 +245,7 @@ class MeanAndCovariance:
 
     def with_variables(self, factor: Array) -> Array:
         """Return the covariance (v, m) of the variables with numbers of a covariance factor (m, v)."""
-        return np.asarray(dtrtrs(self.gaussian.root[:, :-2], factor.T)[0])
+        return np.asarray(dtrtrs(self.gaussian.triangle, factor.T)[0])
 
     def unknowns(self, layout: Layout) -> tuple[Array, Array]:
         """Return the unknowns' numbers (e,), of unit variance about zero a priori, and their covariance (e, e).
@@ -280,7 +265,7 @@ class MeanAndCovariance:
         count = len(self.variables.scale) - first
         if not count:  # LAPACK complains of empty triangles, on the terminal
             return np.zeros((0, 0))
-        upper = dpotri(self.gaussian.root[first:, first:-2])[0][:count, :count]
+        upper = dpotri(self.gaussian.triangle[first:, first:])[0][:count, :count]
         return np.where(upper_ones(count), upper, upper.T)
 
     def prior_scales(self, layout: Layout, moved: Array | None = None) -> PriorScaleFactors:

@@ -10,7 +10,7 @@ import numpy as np
 from mbaid_ros.core.filter.bank import LONGEST_AT_A_GUESS, NO_JUMPS, Bank, best, clamped, far_better, joined
 from mbaid_ros.core.filter.batch import MASS, BatchIteration, BatchResult, Work
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
-from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout, Point
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout, Point, mobility_and_joint_momentum
 from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.filter.window import STACK, Stack, Window, in_stacks, stacked
@@ -18,7 +18,6 @@ from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.flexible import SpringErrors, StartingSwing, SwingNoise
 
@@ -43,9 +42,8 @@ def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Wi
             continue
         placed = kernel.kinematics.configure(middle.base_rotation, middle.joint_position)
         joints = kernel.kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
-        mobility, moving = mobility_and_momentum(express(known, placed.rotation, placed.position), joints)
-        if kernel.storage.count:
-            moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, middle.stored), axis=1)
+        bodies = express(known, placed.rotation, placed.position)
+        mobility, moving = mobility_and_joint_momentum(kernel, middle, bodies, placed, joints)
         # V = M^-1 (h - b), no linear momentum: solve with the angular part of M^-1 alone.
         at_rest = (mobility @ moving[..., None])[..., 0]
         rate = rotate(middle.base_rotation, middle.gyro) + at_rest[:, 3:]
@@ -55,7 +53,7 @@ def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Wi
 
 # Guessed bodies: balls of part of the known bodies' mass and size, at rest. The size is that of at most so many links:
 # an unknown body is not the larger, the more joints lead to it.
-_GUESSED_MASSES, _GUESSED_RADIUS, _LINKS = (0.1, 0.3, 1.0), 0.25, 7
+_GUESSED_MASSES, _GUESSED_RADIUS, _LINKS = (0.3, 0.1, 1.0), 0.25, 7
 _LARGEST_SHIFT = 1.0  # standard deviations that noise in the rows may move a result by: above, it may explain the gain
 
 
@@ -129,14 +127,21 @@ class MultiStart:
             result = yield from self.batch.converge(stacks, guess, self.batch.prior(self.hypotheses[0]))
             return [] if result is None else [result]
         batch, *stages = from_loose_swing(self.batch)
+        free: list[BatchResult] = []
+        anyhow = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS)
         for guess in self._guesses([window for stack in stacks[0] for window in stack.windows], batch.layout):
             prior = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS, float(guess.parameters[MASS]))
             result = yield from batch.converge(stacks, guess, prior, mass_held=True)
             held += [] if result is None else [result]
-        free: list[BatchResult] = []
-        for start in sorted(held, key=lambda each: each.merit, reverse=True):
-            prior = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS)
-            result = yield from batch.converge(stacks, start.point, prior)
+            # Iterations with passive joints are dear: the first guess that leads to a sure solution is enough.
+            if result is None or not batch.layout.kernel.springs.count or not result.consistent:
+                continue
+            result = yield from batch.converge(stacks, result.point, anyhow)
+            if result is not None and result.acceptable and result.consistent and self._is_hardly_shifted(result):
+                free.append(result)
+                break
+        for start in sorted(held, key=lambda each: each.merit, reverse=True) if not free else []:
+            result = yield from batch.converge(stacks, start.point, anyhow)
             free += [] if result is None else [result]
             if result is not None and result.acceptable:
                 break

@@ -226,18 +226,15 @@ def layout_of(kernel: MomentumKernel, uncertainty: Uncertainty, detector: PlaneD
 
 
 def mobility_and_joint_momentum(
-    layout: Layout, point: Point, middle: Midpoints, bodies: Array, placed: Configuration, body_twist: Array
+    kernel: MomentumKernel, middle: Midpoints, bodies: Array, placed: Configuration, body_twist: Array
 ) -> tuple[Array, Array]:
     """Return M^-1 and the momentum of the joint motion at a resting base, that stored inside bodies included.
 
     `bodies` (N, b, 10) are those of `placed`, in common axes about the base's origin.
     """
-    storage = point.side.kernel.storage
     mobility, moving = mobility_and_momentum(bodies, body_twist)
-    if storage.count:
-        moving[:, 3:] += np.sum(storage.momenta(placed.rotation, middle.stored), axis=1)
-    if layout.plane is not None:
-        mobility = in_plane(mobility, layout.plane)
+    if kernel.storage.count:
+        moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, middle.stored), axis=1)
     return mobility, moving
 
 

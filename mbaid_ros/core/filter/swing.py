@@ -14,19 +14,20 @@ from itertools import pairwise
 
 import numpy as np
 
-from mbaid_ros.core.filter.exponential import composed, steps_of
+from mbaid_ros.core.filter.exponential import steps_of
 from mbaid_ros.core.filter.knots import Midpoints
 from mbaid_ros.core.filter.passive_prediction import PassiveColumns, started, starting_columns
 from mbaid_ros.core.filter.state import Layout, Point
-from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, predict
+from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, predict, swing_rates
 from mbaid_ros.core.filter.window import Stack, Window
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.linear_algebra import composed
 
 BESIDE = 2  # intervals on either side of a window that its steps are interpolated from
 _SWEEPS = 8  # of Newton's iteration along the windows, at most: each squares the error
 # rad or m, change of deflection, and of its rate over the natural one, by the last sweep: the prediction follows it to
-# first order.
-_CONVERGED = 1e-6
+# first order, and the rest is below 1e-7.
+_CONVERGED = 1e-3
 _LARGEST = 30.0  # rad or m, of such a change: no appendage swings as far
 _POINTS, _WINDOWS = 8, 1_000  # linearisation points, and windows, that are remembered
 
@@ -74,6 +75,7 @@ class SwingCourse:
         self._guesses: OrderedDict[int, tuple[Array, Point]] = OrderedDict()
         # By the interval after a window: the least and the highest deflections, (2, f), and whether it was closed.
         self._deflections: OrderedDict[int, tuple[Array, bool]] = OrderedDict()
+        self._largest: Array | None = None  # (f,) deflections in the closed ones of these; None where they have changed
 
     def predict(
         self, stacks: Sequence[Stack], motions: Motions, point: Point
@@ -88,6 +90,14 @@ class SwingCourse:
         position, velocity = flat.joint_position.copy(), flat.joint_velocity.copy()
         zeros, velocity[:, joints] = position[:, joints], 0.0
         x = np.concatenate([self._guessed(part, point) for part in parts])
+        if not all(end in self._guesses for part in parts for end in part.ends):
+            # The first sweep of new windows never converges: it needs no derivatives by the parameters.
+            position[:, joints] = zeros + x[:, :size]
+            placed = replace(flat, joint_position=position, joint_velocity=velocity)
+            slope, by_state = swing_rates(self._layout, placed, point, x[:, size:])
+            rest = slope[..., None] - by_state @ x[..., None]
+            x = self._followed(parts, by_state, rest, point)[..., 0]
+            _largest(x[:, :size])
         for _ in range(_SWEEPS):
             position[:, joints] = zeros + x[:, :size]
             placed = replace(flat, joint_position=position, joint_velocity=velocity)
@@ -99,10 +109,7 @@ class SwingCourse:
             columns = self._followed(parts, passive.by_state, driven, point)
             step, x = columns[..., 0] - x, columns[..., 0]
             faster = (passive.by_state @ step[..., None])[:, :size, 0]
-            change = float(np.max(np.abs((step[:, :size], faster / springs.rate))))
-            if not change < _LARGEST:  # nor where it is NaN
-                raise np.linalg.LinAlgError('the passive joints swing without bounds')
-            if change < _CONVERGED:
+            if _largest(np.stack((step[:, :size], faster / springs.rate))) < _CONVERGED:
                 break
         prediction.twist[...] += (passive.twist_by_state @ step[..., None])[..., 0]
         prediction.by_parameters[...] += passive.twist_by_state @ columns[..., 1:]
@@ -121,8 +128,10 @@ class SwingCourse:
         A window that is still open is linearised once, maybe far from the solution: only its latest state counts.
         """
         own, _ = self._deflections[_end(window)]
-        closed = [each for each, whole in self._deflections.values() if whole]
-        return np.vstack((np.abs([own, *closed]).max(axis=(0, 1)), own))
+        if self._largest is None:
+            closed = [each for each, whole in self._deflections.values() if whole]
+            self._largest = np.abs([np.zeros_like(own), *closed]).max(axis=(0, 1))
+        return np.vstack((np.maximum(self._largest, np.abs(own).max(axis=0)), own))
 
     def _guessed(self, part: _Part, point: Point) -> Array:
         """Return the states (m B, 2 f) near those of the point before, or else zero."""
@@ -137,10 +146,11 @@ class SwingCourse:
     def _followed(self, parts: Sequence[_Part], by_state: Array, driven: Array, point: Point) -> Array:
         """Return x and its derivatives at all instants, (N, 2 f, 1 + u), along windows in order.
 
-        `by_state` (N, 2 f, 2 f) are the derivatives of the rates of x, `driven` (N, 2 f, 1 + u) the rest of these.
+        `by_state` (N, 2 f, 2 f) are the derivatives of the rates of x, `driven` (N, 2 f, 1 + u) the rest of these, or
+        its first columns.
         """
-        mean, size = np.mean(by_state, axis=0), by_state.shape[-1]
-        results, first = np.zeros_like(driven), starting_columns(self._layout, point)
+        mean, size, columns = np.mean(by_state, axis=0), by_state.shape[-1], driven.shape[-1]
+        results, first = np.zeros_like(driven), starting_columns(self._layout, point)[..., :columns]
         steps = []  # by part, linear in x one interval before the own ones
         for part in parts:
             onward = steps_of(mean, part.divided(by_state), part.divided(driven), part.stack.windows[0].spacing)
@@ -158,7 +168,7 @@ class SwingCourse:
                 instant = part.instants.start + begin * len(part.ends) + index
                 start = result[:begin] = started(first, by_state[instant], driven[instant])
             else:
-                start, result[:begin] = before[1], before[:begin]
+                start, result[:begin] = before[1, :, :columns], before[:begin, :, :columns]
             result[begin:] = step[..., :size] @ start + step[..., size:]
             ends[part.ends[index]] = result[stop - 2 : stop]
         return results
@@ -182,7 +192,7 @@ class SwingCourse:
         self._ends.move_to_end(point)
         deflections = columns[part.inside, :, : self._layout.kernel.springs.count, 0]
         extremes = np.stack((deflections.min(axis=0), deflections.max(axis=0)), axis=1)
-        closed = part.inside.stop < part.intervals  # there are knots after it
+        closed, self._largest = part.inside.stop < part.intervals, None  # closed: there are knots after it
         self._deflections.update((end, (each, closed)) for end, each in zip(part.ends, extremes, strict=True))
         for window, end in enumerate(part.ends):
             own = columns[:, window].copy()
@@ -195,6 +205,14 @@ class SwingCourse:
         ):
             while len(kept) > most:
                 kept.popitem(last=False)
+
+
+def _largest(change: Array) -> float:
+    """Return the largest number, rad or m; raises LinAlgError where no appendage swings as far."""
+    largest = float(np.max(np.abs(change)))
+    if not largest < _LARGEST:  # nor where it is NaN
+        raise np.linalg.LinAlgError('the passive joints swing without bounds')
+    return largest
 
 
 def _parts(stacks: Sequence[Stack], motions: Motions) -> list[_Part]:

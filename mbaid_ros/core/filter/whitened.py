@@ -10,6 +10,7 @@ import numpy as np
 
 from mbaid_ros.core.filter.chain import WindowModel, window_models
 from mbaid_ros.core.filter.joint_noise import TwistLink, errors_in_variables_bias, linked
+from mbaid_ros.core.filter.measured_window import Measurement
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, POSE, Layout, Point
 from mbaid_ros.core.filter.swing import SwingCourse
 from mbaid_ros.core.filter.variables import Variables
@@ -40,7 +41,7 @@ class WhitenedWindow:
     moved: Array  # (6, 6) derivative of the next pose error by the momentum, SI units
     brought: Array  # (p, v) change of the momentum until the next window by the variables
     pushes: Array  # (3, p, f) change of the momentum by a constant force and torque, acting as in `_ACTING`
-    stepped: Array  # (p, f) as of `WindowModel`
+    stepped: Array  # (p, f) as of `JointNoise`
     gained: Array  # (f,) the same
     length: float  # s
     places: Integers  # (k,) of the values among the numbers that a window may measure, as of `Innovations`
@@ -59,34 +60,32 @@ class WhitenedWindow:
 
 def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
     """Return B windows in the filter's variables."""
-    known = np.isfinite(windows.pose_covariance)
+    known = np.isfinite(windows.pose.covariance)
     # In a run all windows measure the same parts: pose, orientation alone, or nothing.
     missing = ~np.diagonal(known, axis1=1, axis2=2).all(axis=0)
     select = variables.measured[~np.any(variables.measured[:, missing], axis=1)]
-    covariance = np.where(known, windows.pose_covariance, np.eye(6))
-    pose = _whitened(windows.pose_value, windows.pose_rows, covariance, variables, select)
+    measurement = replace(windows.pose, covariance=np.where(known, windows.pose.covariance, np.eye(6)))
+    pose = _whitened(measurement, variables, select)
     precision = pose.precision
-    weighed = pose.weighed(windows.joints, windows.joints_of_gyro)
+    weighed = pose.weighed(windows.noise.pose, windows.joints_of_gyro)
     places = np.arange(len(select))
     measured = [(*each, places) for each in zip(pose.value, pose.rows, pose.log_noise, strict=True)]
     links: list[TwistLink | None] = [None] * len(measured)
     integrated = windows.integrated.counts
     if integrated.any():
         chosen = windows[integrated]
-        parts = chosen.pose_value, chosen.pose_rows, chosen.pose_covariance
-        joined, precision[integrated] = linked(chosen.integrated, parts, (chosen.joints, chosen.process), variables)
-        weighed[integrated] = precision[integrated] @ chosen.joints
+        joined, precision[integrated] = linked(chosen.integrated, chosen.pose, chosen.noise, variables)
+        weighed[integrated] = precision[integrated] @ chosen.noise.pose
         for index, (value, rows, log_noise, link) in zip(np.flatnonzero(integrated).tolist(), joined, strict=True):
             measured[index], links[index] = (value, rows, log_noise, np.arange(len(value))), link
-    alone = np.where(integrated[:, None], np.nan, windows.twist_value)
+    alone = np.where(integrated[:, None], np.nan, windows.twist.value)
     for moving, select, of_rates in _rates(alone, variables):
-        parts = (windows.twist_value, windows.twist_rows, windows.twist_covariance)
-        value, rows, covariance = (part[moving] for part in parts)
-        value = np.nan_to_num(value)  # of those outside this selection
-        twist = _whitened(value, rows, covariance, variables, select)
+        measurement = windows.twist[moving]
+        measurement = replace(measurement, value=np.nan_to_num(measurement.value))  # of those outside this selection
+        twist = _whitened(measurement, variables, select)
         times = windows.joints_in_twist[moving, None, None]
         precision[moving] += times * twist.precision
-        weighed[moving] += times * twist.weighed(windows.joints[moving], windows.joints_of_gyro[moving])
+        weighed[moving] += times * twist.weighed(windows.noise.pose[moving], windows.joints_of_gyro[moving])
         values = np.concatenate((pose.value[moving], twist.value), axis=1)
         both = np.concatenate((pose.rows[moving], twist.rows), axis=1)
         log_noise = pose.log_noise[moving] + twist.log_noise
@@ -103,15 +102,15 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
             (each[:3] for each in measured),
             transition,
             (turn @ windows.drift[..., None])[..., 0],
-            turn @ windows.process,
+            turn @ windows.noise.process,
             np.linalg.inv(head),
-            _shared(weighed, windows.joints_by_unknowns, variables),
-            errors_in_variables_bias(precision, windows.joints_by_unknowns, windows.body, variables),
+            _shared(weighed, windows.noise.by_unknowns, variables),
+            errors_in_variables_bias(precision, windows.noise.by_unknowns, windows.body, variables),
             windows.transition[..., MOMENTUM],
             variables.gather[variables.poses : variables.head, MOMENTUM] @ variables.rows(windows.brought),
             _pushes(windows, variables),
-            turn @ windows.stepped,
-            windows.gained,
+            turn @ windows.noise.stepped,
+            windows.noise.gained,
             windows.length.tolist(),
             (each[3] for each in measured),
             links,
@@ -167,17 +166,17 @@ def _rates(value: Array, variables: Variables) -> Iterator[tuple[Integers, Array
             yield windows, select[of_it], places[of_it]
 
 
-def _whitened(value: Array, rows: Array, covariance: Array, variables: Variables, select: Array) -> _White:
-    """Return measurements (B, k), rows (B, k, s), covariance (B, k, k), of combinations that hold, in white noise."""
-    factor = np.linalg.cholesky(select @ covariance @ select.T)
+def _whitened(measurement: Measurement, variables: Variables, select: Array) -> _White:
+    """Return a measurement of B windows in white noise, of the combinations that hold."""
+    factor = np.linalg.cholesky(select @ measurement.covariance @ select.T)
     whiten = np.linalg.inv(factor) @ select
     # The joints' noise is in the gyro's angular velocity as it is in that of the twist.
     folded = whiten[..., :6]
     if whiten.shape[-1] > 6:
         folded = np.concatenate((whiten[..., :3] + whiten[..., 6:], whiten[..., 3:6]), axis=-1)
     return _White(
-        value=(whiten @ value[..., None])[..., 0],
-        rows=whiten @ variables.rows(rows),
+        value=(whiten @ measurement.value[..., None])[..., 0],
+        rows=whiten @ variables.rows(measurement.rows),
         # One after the other along the first axis, in the same order for one window as for many.
         log_noise=2.0 * np.add.reduce(np.log(np.diagonal(factor, axis1=1, axis2=2).T.copy()), axis=0),
         whiten=folded,

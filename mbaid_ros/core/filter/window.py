@@ -8,9 +8,9 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from mbaid_ros.core.filter.knots import Knots, Midpoints, at_the_base, midpoints, turned_back, with_joints_later
+from mbaid_ros.core.filter.knots import Knots, Midpoints, at_the_base, midpoints, with_joints_later
 from mbaid_ros.core.filter.state import ANGULAR_FIRST
-from mbaid_ros.core.geometry import Array, Flags, cross, crossed, log, rotate_back
+from mbaid_ros.core.geometry import Array, Flags, cross, crossed, exp, log, rotate_back
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -136,7 +136,7 @@ class Stack:
         """
         middle = self.middle
         if side.gyro.any() and self.knots.course.shape[-1]:
-            middle = midpoints(turned_back(self.knots, side.gyro), self.windows[0].spacing)
+            middle = midpoints(_turned_back(self.knots, side.gyro), self.windows[0].spacing)
             read = rotate_back(middle.base_rotation, middle.turn / self.windows[0].spacing)
             bias, scale, turn, shared = side.gyro.reshape(4, 3)
             errors = bias + scale * read + cross(read, np.broadcast_to(turn, read.shape)) + crossed(read) @ shared
@@ -213,6 +213,12 @@ class Stack:
     def gyro_variance(self) -> Array:
         """Power density of the gyro's noise, (B, 1, 1) rad^2/s."""
         return np.array([window.noise.gyro**2 for window in self.windows])[:, None, None]
+
+
+def _turned_back(knots: Knots, errors: Array) -> Knots:
+    """Return knots whose orientation and angular velocity are those of a gyro without (12,) errors."""
+    away = knots.course.reshape(*knots.course.shape[:-1], 3, 12) @ errors
+    return replace(knots, base_rotation=exp(-away) @ knots.base_rotation)
 
 
 def stacked(windows: Sequence[Window]) -> list[Stack]:

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Flags, unvec, vec
-from mbaid_ros.core.linear_algebra import inverse_factor, is_positive, solve_definite
+from mbaid_ros.core.geometry import Array, unvec, vec
+from mbaid_ros.core.linear_algebra import inverse_factor, solve_definite
 from mbaid_ros.core.robot.kinematics import Plane
-from mbaid_ros.core.robot.momentum import pseudo_inertia, standard
+from mbaid_ros.core.robot.momentum import is_physical, pseudo_inertia, standard
 
 # Standard deviations of an estimate from the nearest real body, from which it is of none.
 IMPOSSIBLE = 4.0
@@ -31,18 +31,6 @@ _FALL = 0.03  # of the weight of the boundary, from one minimum to the next: a f
 _INTERIOR = 0.9  # of the way to the boundary that a step may go: beyond it there is no logarithm
 _STEPS = 100  # at most, of Newton's: a few for each weight
 _PSEUDO_INERTIAS = np.array([pseudo_inertia(parameters) for parameters in np.eye(10)])
-
-
-def is_physical(standard_parameters: Array) -> bool:
-    """Return whether (10,) standard parameters (m, h, I_o) belong to a real body."""
-    return bool(are_physical(standard_parameters[None])[0])
-
-
-def are_physical(standard_parameters: Array) -> Flags:
-    """Return which of (N, 10) standard parameters belong to a real body."""
-    finite = np.all(np.isfinite(standard_parameters), axis=1)
-    matrices = pseudo_inertia(np.where(finite[:, None], standard_parameters, 0.0))
-    return np.array([is_positive(each) for each in matrices])
 
 
 def project(standard_parameters: Array, covariance: Array, scale: Array) -> tuple[Array, float]:

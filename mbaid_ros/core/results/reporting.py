@@ -17,10 +17,10 @@ from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.linear_algebra import chi_square_limit
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, is_physical, project, project_planar
+from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, project, project_planar
 from mbaid_ros.core.results.status import Reason, Severity, status_of, with_reasons
 from mbaid_ros.core.robot.kinematics import Plane
-from mbaid_ros.core.robot.momentum import physical, physical_jacobian
+from mbaid_ros.core.robot.momentum import is_physical, physical, physical_jacobian
 
 # Standard deviations that a solution may move by: a bias of half of one costs a 95 % interval three of its
 # hundredths. Of equations that are near linear it moves by some hundredths, where the mass is known to a seventh by

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, bracket, cross, rotate, rotate_back, skew, unvec, vec
+from mbaid_ros.core.geometry import Array, Flags, bracket, cross, rotate, rotate_back, skew, unvec, vec
+from mbaid_ros.core.linear_algebra import is_positive
 from mbaid_ros.core.robot.model import Link
 
 # d vec(I)/dr of the Steiner term is assembled from these: E_k = d[r]x / dr_k.
@@ -77,6 +78,18 @@ def pseudo_inertia(standard_parameters: Array) -> Array:
     matrix[..., :3, 3] = matrix[..., 3, :3] = standard_parameters[..., 1:4]
     matrix[..., 3, 3] = standard_parameters[..., 0]
     return matrix
+
+
+def is_physical(standard_parameters: Array) -> bool:
+    """Return whether (10,) standard parameters (m, h, I_o) belong to a real body."""
+    return bool(are_physical(standard_parameters[None])[0])
+
+
+def are_physical(standard_parameters: Array) -> Flags:
+    """Return which of (N, 10) standard parameters belong to a real body."""
+    finite = np.all(np.isfinite(standard_parameters), axis=1)
+    matrices = pseudo_inertia(np.where(finite[:, None], standard_parameters, 0.0))
+    return np.array([is_positive(each) for each in matrices])
 
 
 @dataclass(frozen=True)

@@ -209,10 +209,9 @@ class TrajectoryEstimator:
 
     def _momentum_change(self, window: Samples, state: Array) -> Array:
         """Return how thrust and orbit have changed the momentum by the end of a window, (6,)."""
-        kernel = self._kernel
-        if window.tide.shape[1]:
-            kernel = self._runs.layout.point(state).side.kernel
-        return brought(window, kernel.with_target(state[BODY]))
+        if not window.tide.shape[1]:
+            return window.impulse[-1]
+        return brought(window, self._runs.layout.point(state).side.kernel.with_target(state[BODY]))
 
     def run_slice(self) -> bool:
         """Run a slice of the background work; return whether more is due before the next window."""

@@ -1,9 +1,8 @@
-"""Curves over a run: parameters, momentum, residual, identifiability; and several runs side by side."""
+"""Curves over a run: parameters, momentum, residual, identifiability."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -33,49 +32,24 @@ def convergence(run: Run, truth: Truth | None, name: str) -> str:
     time = _times(history)
     values = np.array([estimate.parameters for estimate in history])
     stds = np.array([estimate.std for estimate in history])
-    shown, chart, axes = _parameter_axes(values, 2, 1.7, sharex=True)
+    shown = np.flatnonzero(np.any(np.isfinite(values), axis=0)).tolist()
+    chart, every = new_axes(-(-len(shown) // 2), 2, 1.7, sharex=True)
+    axes = every[: len(shown)]
+    for axis in every[len(shown) :]:  # the last row may have a place left
+        axis.remove()
     for axis, index in zip(axes, shown, strict=True):
         value, spread = values[:, index], BAND * stds[:, index]
         curve(axis, time, value, stds[:, index])
         scale(axis, value, value - spread, value + spread)
         if truth is not None:
             level(axis, truth.parameters[index])
+        entitle(axis, f'{PARAMETERS[index]} [{SHOWN_UNITS[index]}]')
         _mark_events(axis, run)
         axis.set_xlim(0.0, max(time[-1], _SHORTEST))
         axis.tick_params(labelbottom=True)
     for axis in axes[-2:]:  # the lowest of each column
         axis.set_xlabel(TIME, color=Colour.INK, fontsize=8)
     return svg(chart, f'{name} convergence', 'Estimate of each parameter over time with its 95 % band')
-
-
-def comparison(runs: Sequence[Run], truth: Array | None) -> str:
-    """Return the estimates of several runs side by side."""
-    values = np.array([run.final.parameters for run in runs])
-    stds = np.array([run.final.std for run in runs])
-    columns = 2 if np.sum(np.any(np.isfinite(values), axis=0)) <= 4 else 3
-    shown, chart, axes = _parameter_axes(values, columns, 1.6)
-    places = np.arange(1, len(values) + 1)
-    for axis, index in zip(axes, shown, strict=True):
-        bars = BAND * np.nan_to_num(stds[:, index])
-        axis.errorbar(
-            places, values[:, index], bars, fmt='o', markersize=4, color=Colour.FIRST, capsize=3, linewidth=1.2
-        )
-        if truth is not None:
-            level(axis, truth[index])
-        axis.set_xticks(places, [f'({place})' for place in places])
-        axis.set_xlim(0.4, len(values) + 0.6)
-    return svg(chart, 'comparison', 'The estimates of each bag with their 95 % bars')
-
-
-def _parameter_axes(values: Array, columns: int, height: float, **options: bool) -> tuple[list[int], Any, list[Axes]]:
-    """Return the parameters (columns of `values`) that are ever known, and a figure with axes for each."""
-    shown = np.flatnonzero(np.any(np.isfinite(values), axis=0)).tolist()
-    chart, axes = new_axes(-(-len(shown) // columns), columns, height, **options)
-    for axis, index in zip(axes, shown, strict=False):
-        entitle(axis, f'{PARAMETERS[index]} [{SHOWN_UNITS[index]}]')
-    for axis in axes[len(shown) :]:  # the last row may have places left
-        axis.remove()
-    return shown, chart, list(axes[: len(shown)])
 
 
 def momentum(run: Run, truth: Truth | None, name: str) -> str:

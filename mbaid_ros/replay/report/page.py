@@ -1,4 +1,4 @@
-"""The page of runs: verdict first, then the table, the curves, the robot, the data, the settings."""
+"""The page of runs: verdict first, then the table, the curves, the data, the settings."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ import numpy as np
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
-from mbaid_ros.core.errors import MbaidError, listing
-from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import determined
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.replay import provenance
-from mbaid_ros.replay.output import events, likely_causes, method, verdict, with_band
+from mbaid_ros.replay.output import events
 from mbaid_ros.replay.report import figures
 from mbaid_ros.replay.report.markup import (
     NO_NUMBER,
@@ -28,7 +26,6 @@ from mbaid_ros.replay.report.markup import (
     table,
     text,
 )
-from mbaid_ros.replay.report.robot import drawing
 from mbaid_ros.replay.report.sections import (
     MOMENTUM,
     MOMENTUM_UNITS,
@@ -40,9 +37,9 @@ from mbaid_ros.replay.report.sections import (
 )
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.saved import Truth
+from mbaid_ros.replay.text import likely_causes, method, verdict
 
 _GOOD = {'converged', 'estimating'}
-_DISAGREEMENT = 3.0  # standard deviations
 
 
 def html(runs: Sequence[Run], truths: Sequence[Truth | None] = ()) -> str:
@@ -52,8 +49,7 @@ def html(runs: Sequence[Run], truths: Sequence[Truth | None] = ()) -> str:
         f'<section class="run">{_section(run, truth, f"run {place}")}</section>'
         for place, (run, truth) in enumerate(zip(runs, known, strict=True))
     ]
-    side_by_side = comparison(runs, known) if len(runs) > 1 else ''
-    return page('Inertia identification', [side_by_side, *sections, _foot(runs)])
+    return page('Inertia identification', [*sections, _foot(runs)])
 
 
 def _section(run: Run, truth: Truth | None, name: str) -> str:
@@ -77,8 +73,6 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
         captured_body(run),
         before_the_capture(run),
         *_curves(run, matching, name),
-        '<h3>The robot in its last pose</h3>',
-        _robot(run, name),
         '<h3>What arrived</h3>',
         _data(run),
         noise(run.final.noise),
@@ -171,15 +165,6 @@ def _triple(values: Sequence[float | None]) -> str:
     return f'({", ".join(NO_NUMBER if value is None else f"{value:.3g}" for value in values)})'
 
 
-def _robot(run: Run, name: str) -> str:
-    if run.last is None or not run.urdf:
-        return paragraph('Not drawn: the bag holds no sample that can be used.', 'note')
-    try:
-        return figure(*drawing(run, name))
-    except MbaidError as error:
-        return paragraph(f'Not drawn: {error}', 'note')
-
-
 def _data(run: Run) -> str:
     rows = [(each.topic, each.type, str(each.messages), number(each.rate, 4)) for each in run.topics]
     content = table(('topic', 'type', 'messages', 'rate [Hz]'), rows)
@@ -212,62 +197,3 @@ def _foot(runs: Sequence[Run]) -> str:
     lines += dict.fromkeys(line for run in runs if run.made_by for line in provenance.in_words(run.made_by))
     lines += [line for run in runs for line in provenance.files_in_words(run.bag, run.files)]
     return f'<footer>{"".join(paragraph(line, "note") for line in lines)}</footer>'
-
-
-def comparison(runs: Sequence[Run], truths: Sequence[Truth | None]) -> str:
-    """Return the section that compares several runs."""
-    names = [f'({place})' for place in range(1, len(runs) + 1)]
-    values = np.array([run.final.parameters for run in runs])
-    stds = np.array([run.final.std for run in runs])
-    apart = _apart(values, stds)
-    columns = zip(PARAMETERS, SHOWN_UNITS, values.T, stds.T, apart, strict=True)
-    rows = [
-        [parameter, unit, *(with_band(*pair, NO_NUMBER) for pair in zip(value, std, strict=True)), number(distance, 2)]
-        for parameter, unit, value, std, distance in columns
-    ]
-    look, sentence = _agreement(apart, runs)
-    parts = [
-        '<section>',
-        '<h2>Side by side</h2>',
-        listed([f'{name} {run.bag}: {verdict(run)}' for name, run in zip(names, runs, strict=True)]),
-        paragraph(sentence, f'verdict {look}'),
-        table(['parameter', 'unit', *names, 'apart [std]'], rows),
-    ]
-    if np.any(np.isfinite(values)):
-        drawn = figures.comparison(runs, _common(truths))
-        parts.append(figure(drawn, 'Bars: 95 %. Dotted: truth, where all bags share it.'))
-    return '\n'.join([*parts, '</section>'])
-
-
-def _apart(values: Array, stds: Array) -> Array:
-    """Return the largest difference of each parameter between two runs, in standard deviations of the difference."""
-    difference = np.abs(values[:, None] - values[None])
-    spread = np.sqrt(stds[:, None] ** 2 + stds[None] ** 2)
-    ratio = np.where(spread > 0.0, difference / np.where(spread > 0.0, spread, 1.0), np.nan)
-    ratio[np.arange(len(values)), np.arange(len(values))] = np.nan
-    ratio = ratio.reshape(-1, values.shape[1])
-    return np.where(np.all(np.isnan(ratio), axis=0), np.nan, np.max(np.nan_to_num(ratio), axis=0))
-
-
-def _agreement(apart: Array, runs: Sequence[Run]) -> tuple[str, str]:
-    """Return the look and the sentence of the verdict on several runs."""
-    wrong = [f'({place})' for place, run in enumerate(runs, start=1) if run.contradicted]
-    if wrong:
-        return 'wrong', f'The data of {listing(wrong)} contradict the model: numbers from them must not be trusted.'
-    if len({run.target_link for run in runs}) > 1:
-        return 'bad', 'The runs are about different links.'
-    if np.all(np.isnan(apart)):
-        return 'bad', 'The runs have no parameter with an uncertainty in common.'
-    worst = int(np.nanargmax(apart))
-    words = f'{PARAMETERS[worst]} differs most, by {apart[worst]:.1f} standard deviations'
-    if apart[worst] > _DISAGREEMENT:
-        return 'bad', f'The runs contradict each other: {words}.'
-    return 'good', f'The runs agree: {words}.'
-
-
-def _common(truths: Sequence[Truth | None]) -> Array | None:
-    first = truths[0]
-    if first is None:
-        return None
-    same = all(truth is not None and np.array_equal(truth.parameters, first.parameters) for truth in truths)
-    return first.parameters if same else None

@@ -17,6 +17,7 @@ from benchmarks.frame import Runs, declared
 from benchmarks.honesty.disturbed import CATALOGUE
 from benchmarks.honesty.readings import Readings, read
 from benchmarks.honesty.worlds import World, float_freely, swing
+from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import MbaidError
@@ -26,9 +27,8 @@ from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.two_stage import YOUNG
-from mbaid_ros.outgoing import SensorMessages
 from mbaid_ros.replay.campaigns.statistics import QUANTILE, nees
-from mbaid_ros.replay.run import BAG_TYPES
+from mbaid_ros.sensor_messages import joints_of, poses_of
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.simulation import Truth
 
@@ -90,9 +90,9 @@ def messages(
     session: Session, readings: Readings, robot: RobotModel, noise: SensorNoise
 ) -> Iterator[tuple[Callable[[Any], Any], Any]]:
     """Yield the messages of a run in the order of their stamps, each with the method that takes it."""
-    made = SensorMessages(BAG_TYPES, robot, 'odom')
     covariances = {'pose_covariance': noise.pose_covariance(), 'twist_covariance': noise.twist_covariance()}
-    joints, base = readings.joints, replace(readings.base, **covariances)
+    joints = joints_of(readings.joints, robot.joint_names)
+    base = poses_of(replace(readings.base, **covariances), robot.base_link)
     stamps = [np.round(part.time * 1e9).astype(np.int64) for part in (base, joints)]
     kind = np.repeat([0, 1], [len(part) for part in stamps])
     row = np.concatenate([np.arange(len(part)) for part in stamps])
@@ -100,9 +100,9 @@ def messages(
     for place in np.argsort(stamp, kind='stable'):
         index, at = int(row[place]), START + int(stamp[place])
         if kind[place]:
-            yield session.add_joint_state, made.joint_state(joints, index, at)
+            yield session.add_joint_state, joints.message(BAG_TYPES, index, at)
         else:
-            yield session.add_odometry, made.odometry(base, index, at)
+            yield session.add_odometry, base.message(BAG_TYPES, index, at)
 
 
 def _outcome(history: list[Estimate], sought: Array, since: float) -> Outcome:

@@ -16,11 +16,11 @@ from mbaid_ros.calibration.result import Calibration
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.core.filter.state import LINEAR
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import BodyDeviations
+from mbaid_ros.core.robot.momentum import is_physical
 from mbaid_ros.core.unknowns.bodies import KnownTarget
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Pushing

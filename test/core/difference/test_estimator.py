@@ -13,10 +13,9 @@ from floating import float_freely, pushing
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
-from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum import body_sizes, standard
+from mbaid_ros.core.robot.momentum import body_sizes, is_physical, standard
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.session import methods
 from mbaid_ros.simulation.motion import Sinusoids, random_sinusoids

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from mbaid_ros.core.filter.chain import WindowModel
-from mbaid_ros.core.filter.measured_window import IntegratedTwist
+from mbaid_ros.core.filter.measured_window import IntegratedTwist, Measurement
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR
 from mbaid_ros.core.filter.time_update import (
@@ -44,17 +44,17 @@ def batch(models: list[WindowModel], space: Variables) -> tuple[Array, Array, fl
     constant: Array = np.zeros(STATE)
     for model in models:
         for value, part, covariance in (
-            (model.pose_value, model.pose_rows, model.pose_covariance),
-            (model.twist_value, model.twist_rows, model.twist_covariance),
+            (model.pose.value, model.pose.rows, model.pose.covariance),
+            (model.twist.value, model.twist.rows, model.twist.covariance),
         ):
             rows.append(part @ whole)
             values.append(value - part @ constant)
             noise.append(covariance)
-        for covariance, size in ((model.pose_covariance, 1.0), (model.twist_covariance, model.joints_in_twist)):
+        for covariance, size in ((model.pose.covariance, 1.0), (model.twist.covariance, model.joints_in_twist)):
             # E[(d rows)^T covariance^-1 (d value)] of an error e of the joints, with unit covariance: d value is
             # joints e, d rows is the same of their derivative.
-            weighed = np.linalg.solve(covariance, model.joints)
-            score[BODY.start : BODY.start + NUMBERS] += size * np.einsum('aun,an->u', model.joints_by_unknowns, weighed)
+            weighed = np.linalg.solve(covariance, model.noise.pose)
+            score[BODY.start : BODY.start + NUMBERS] += size * np.einsum('aun,an->u', model.noise.by_unknowns, weighed)
         step = np.eye(STATE)
         step[:6] = model.transition
         whole, constant = step @ whole, step @ constant
@@ -241,7 +241,9 @@ def test_a_variance_may_shrink_by_more_than_double_precision_tells() -> None:
     model = window(rng)
     sharp = 1e-18
     model = replace(
-        model, pose_covariance=sharp * model.pose_covariance, twist_covariance=sharp * model.twist_covariance
+        model,
+        pose=replace(model.pose, covariance=sharp * model.pose.covariance),
+        twist=replace(model.twist, covariance=sharp * model.twist.covariance),
     )
     white = prepare(model, space)
     factor = update(SquareRootInformation.prior(space, 'inertial'), white).factor
@@ -271,22 +273,17 @@ def test_a_gyro_and_a_twist_have_the_joints_noise_in_common() -> None:
     space = variables(rng)
     model = window(rng)
     root = rng.normal(size=(9, 12))
-    model = replace(
-        model,
-        twist_value=rng.normal(size=9),
-        twist_rows=rng.normal(size=(9, STATE)),
-        twist_covariance=root @ root.T,
-    )
+    model = replace(model, twist=Measurement(rng.normal(size=9), rng.normal(size=(9, STATE)), root @ root.T))
     white = prepare(model, space)
     assert white.places.tolist() == list(range(15))
     rows = white.rows[6:] / space.scale
-    expected = model.twist_rows.T @ np.linalg.solve(model.twist_covariance, model.twist_rows)
+    expected = model.twist.rows.T @ np.linalg.solve(model.twist.covariance, model.twist.rows)
     assert rows.T @ rows == pytest.approx(expected)
-    unmeasured = model.twist_value.copy()
+    unmeasured = model.twist.value.copy()
     unmeasured[:6] = np.nan
-    alone = prepare(replace(model, twist_value=unmeasured), space)
+    alone = prepare(replace(model, twist=replace(model.twist, value=unmeasured)), space)
     assert alone.places.tolist() == [*range(6), 12, 13, 14]
-    expected = model.twist_rows[6:].T @ np.linalg.solve(model.twist_covariance[6:, 6:], model.twist_rows[6:])
+    expected = model.twist.rows[6:].T @ np.linalg.solve(model.twist.covariance[6:, 6:], model.twist.rows[6:])
     rows = alone.rows[6:] / space.scale
     assert rows.T @ rows == pytest.approx(expected)
 
@@ -300,9 +297,11 @@ def test_the_linked_filter_is_least_squares() -> None:  # noqa: PLR0915
         share, left, change = np.array(0.45), np.array(0.08), np.array(0.7)
         twist = IntegratedTwist(np.array(object=True), *way, 0.1 * positive(rng), share, left, change)
         model = window(rng)
-        common = model.joints @ model.joints.T
+        common = model.noise.pose @ model.noise.pose.T
         covariance = positive(rng) + common
-        models.append((replace(model, pose_covariance=covariance, integrated=twist), twist, common))
+        models.append(
+            (replace(model, pose=replace(model.pose, covariance=covariance), integrated=twist), twist, common)
+        )
     gaussian = SquareRootInformation.prior(space)
     for model, _, _ in models:
         white = prepare(model, space)
@@ -320,14 +319,14 @@ def test_the_linked_filter_is_least_squares() -> None:  # noqa: PLR0915
     for place, (model, twist, common) in enumerate(models):
         noise = np.zeros((6, size))
         noise[:, STATE + 6 + 6 * place : STATE + 12 + 6 * place] = np.linalg.cholesky(twist.white)
-        rows = (model.pose_rows - twist.change * twist.way_rows) @ whole - twist.change * noise
+        rows = (model.pose.rows - twist.change * twist.way_rows) @ whole - twist.change * noise
         of_mean = twist.mean_rows @ whole + carried + twist.share * noise
-        values = model.pose_value - twist.change * twist.way_value, twist.mean_value - carried_constant
+        values = model.pose.value - twist.change * twist.way_value, twist.mean_value - carried_constant
         values = (
-            values[0] - (model.pose_rows - twist.change * twist.way_rows) @ constant,
+            values[0] - (model.pose.rows - twist.change * twist.way_rows) @ constant,
             (values[1] - twist.mean_rows @ constant),
         )
-        covariance = np.block([[model.pose_covariance, common], [common, common + twist.left * twist.white]])
+        covariance = np.block([[model.pose.covariance, common], [common, common + twist.left * twist.white]])
         both = np.concatenate((rows, of_mean))
         information += both.T @ np.linalg.solve(covariance, both)
         right += both.T @ np.linalg.solve(covariance, np.concatenate(values))

@@ -52,7 +52,7 @@ def test_what_is_predicted_to_be_known_is_known_after_the_motion(
 ) -> None:
     plan, _, estimate, robot = executed
     reporting = make_reporting(EstimatorConfig(), robot.kernel)
-    reached = estimate.std / reporting.sizes(estimate.parameters[None])[0]
+    reached = estimate.std / reporting.sizes(estimate.parameters)
     # The filter linearises at numbers of its own: a few per cent. What the plan promises is kept within 20 %.
     assert reached / plan.after == pytest.approx(1.0, abs=0.15)
     assert np.all(plan.after < 0.9 * plan.before)

@@ -10,9 +10,9 @@ import pytest
 from checked import some
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
 from mbaid_ros.core.results.estimate import Estimate, debris
-from mbaid_ros.core.results.physical_consistency import is_physical, project, project_planar
+from mbaid_ros.core.results.physical_consistency import project, project_planar
 from mbaid_ros.core.robot.kinematics import Plane
-from mbaid_ros.core.robot.momentum import physical, pseudo_inertia, standard
+from mbaid_ros.core.robot.momentum import is_physical, physical, pseudo_inertia, standard
 
 SEEDS = range(12)
 SCALE = np.concatenate(([100.0], np.full(3, 100.0), np.full(6, 100.0)))

@@ -12,11 +12,10 @@ from made_runs import BODY as MADE_BODY
 from made_runs import estimate, planar
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate, InertiaPublication, Status, is_complete, is_usable
-from mbaid_ros.core.results.physical_consistency import is_physical
 from mbaid_ros.core.results.reporting import Curvature, Reporting, Solution
 from mbaid_ros.core.results.status import Reason, Severity, with_reasons
 from mbaid_ros.core.robot.kinematics import Plane
-from mbaid_ros.core.robot.momentum import physical_jacobian, standard
+from mbaid_ros.core.robot.momentum import is_physical, physical_jacobian, standard
 from mbaid_ros.core.two_stage import IntervalConsistency
 
 BODY = np.array([120.0, 0.3, -0.2, 0.7, 28.0, -3.0, 1.3, 37.0, -1.0, 30.0])

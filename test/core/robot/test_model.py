@@ -12,10 +12,9 @@ import pytest
 from mbaid_ros.core import geometry
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.physical_consistency import are_physical, is_physical
 from mbaid_ros.core.robot.model import RobotModel, displaced, load_model, parse
 from mbaid_ros.core.robot.model_errors import declared, with_bodies
-from mbaid_ros.core.robot.momentum import standard
+from mbaid_ros.core.robot.momentum import are_physical, is_physical, standard
 from mbaid_ros.core.robot.urdf import Mimic, transmission
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
 from random_robots import random_inertial, random_urdf

@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import MotionConfig, SimulatorConfig
 from mbaid_ros.core.errors import DataError, ModelError, ParameterError
@@ -16,7 +17,6 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf import Limit
-from mbaid_ros.replay.run import BAG_TYPES
 from mbaid_ros.simulated_robot import make_initial_state, make_motion, make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
 from mbaid_ros.simulation.dynamics import Dynamics, State

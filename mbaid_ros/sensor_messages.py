@@ -1,0 +1,189 @@
+"""Sensor readings, simulated or of a log, and their messages, duck-typed as in `outgoing`; stamps in ns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.outgoing import MessageTypes, stamped, vector
+from mbaid_ros.simulation.sensors import BaseReadings, ImuReadings, JointReadings
+
+SENSOR_TYPES = {
+    'joint_states': 'sensor_msgs/msg/JointState',
+    'odom': 'nav_msgs/msg/Odometry',
+    'imu': 'sensor_msgs/msg/Imu',
+    'thrust': 'geometry_msgs/msg/WrenchStamped',
+    'stored_momentum': 'geometry_msgs/msg/Vector3Stamped',
+}
+_ABSENT = np.array([-1.0, *np.zeros(8)])  # covariance of a quantity that is not measured (REP 145)
+
+_NOT_KNOWN = np.zeros(36)  # covariance
+
+
+@dataclass(frozen=True)
+class Joints:
+    """N readings (N,) s of n joints, or commands to them: position (N, n) rad or m, velocity and effort where known."""
+
+    TOPIC: ClassVar[str] = 'joint_states'
+
+    names: tuple[str, ...]
+    time: Array
+    position: Array
+    velocity: Array | None = None
+    effort: Array | None = None
+
+    def message(self, types: MessageTypes, index: int, stamp: int) -> Any:
+        """Return one of them as a sensor_msgs/JointState."""
+        position, velocity, effort = (
+            np.zeros(0) if each is None else np.ascontiguousarray(each[index])  # a serialiser takes no other memory
+            for each in (self.position, self.velocity, self.effort)
+        )
+        return types.find(SENSOR_TYPES['joint_states'])(
+            header=stamped(stamp, '', types),
+            name=list(self.names),
+            position=position,
+            velocity=velocity,
+            effort=effort,
+        )
+
+
+@dataclass(frozen=True)
+class Poses:
+    """N poses of the base, or of a frame on it, at times (N,) s."""
+
+    TOPIC: ClassVar[str] = 'odom'
+
+    time: Array
+    position: Array  # (N, 3) m, in the odometry frame
+    orientation: Array  # (N, 4) quaternion x, y, z, w from the frame on the base to the odometry frame
+    twist: Array  # (N, 6) linear and angular velocity in that frame's axes, m/s and rad/s; NaN where it is not logged
+    frame: str = 'base_link'
+    odometry_frame: str = 'odom'
+    covariances: tuple[Array, Array] = (_NOT_KNOWN, _NOT_KNOWN)  # of pose and twist, 36 numbers each
+
+    def message(self, types: MessageTypes, index: int, stamp: int) -> Any:
+        """Return one of them as a nav_msgs/Odometry."""
+        find, twist = types.find, self.twist[index]
+        of_pose, of_twist = (each.ravel() for each in self.covariances)
+        pose = find('geometry_msgs/msg/Pose')(
+            position=vector(self.position[index], types, 'Point'),
+            orientation=vector(self.orientation[index], types, 'Quaternion'),
+        )
+        motion = find('geometry_msgs/msg/Twist')(linear=vector(twist[:3], types), angular=vector(twist[3:], types))
+        return find(SENSOR_TYPES['odom'])(
+            header=stamped(stamp, self.odometry_frame, types),
+            child_frame_id=self.frame,
+            pose=find('geometry_msgs/msg/PoseWithCovariance')(pose=pose, covariance=of_pose),
+            twist=find('geometry_msgs/msg/TwistWithCovariance')(twist=motion, covariance=of_twist),
+        )
+
+
+@dataclass(frozen=True)
+class Imu:
+    """N readings (N,) s of an IMU on a link: rad/s, and m/s^2 without gravity's pull, (N, 3) in axes of the link.
+
+    `orientation` (N, 4) x, y, z, w is of the link in the frame of an orientation sensor beside it; None without one.
+    """
+
+    TOPIC: ClassVar[str] = 'imu'
+
+    time: Array
+    angular_velocity: Array
+    linear_acceleration: Array  # (N, 0) where it is not measured
+    frame: str = 'base_link'
+    orientation: Array | None = None
+    orientation_std: float = 0.0  # rad; 0 where not known
+
+    def message(self, types: MessageTypes, index: int, stamp: int) -> Any:
+        """Return one of them as a sensor_msgs/Imu."""
+        quaternion, covariance = np.array([0.0, 0.0, 0.0, 1.0]), _ABSENT
+        if self.orientation is not None:
+            quaternion, covariance = self.orientation[index], (self.orientation_std**2 * np.eye(3)).ravel()
+        acceleration = self.linear_acceleration[index]
+        return types.find(SENSOR_TYPES['imu'])(
+            header=stamped(stamp, self.frame, types),
+            orientation=vector(quaternion, types, 'Quaternion'),
+            orientation_covariance=covariance,
+            angular_velocity=vector(self.angular_velocity[index], types),
+            angular_velocity_covariance=np.zeros(9),
+            linear_acceleration=vector(acceleration if acceleration.size else np.zeros(3), types),
+            linear_acceleration_covariance=np.zeros(9) if acceleration.size else _ABSENT,
+        )
+
+
+@dataclass(frozen=True)
+class Thrust:
+    """N commanded wrenches."""
+
+    TOPIC: ClassVar[str] = 'thrust'
+
+    time: Array  # (N,) s, from when on each counts
+    wrench: Array  # (N, 6) force and torque about the frame's origin in its axes, N and N m
+    frame: str = 'base_link'  # a link, or the odometry frame
+
+    def message(self, types: MessageTypes, index: int, stamp: int) -> Any:
+        """Return one of them as a geometry_msgs/WrenchStamped."""
+        force, torque = self.wrench[index, :3], self.wrench[index, 3:]
+        value = types.find('geometry_msgs/msg/Wrench')(force=vector(force, types), torque=vector(torque, types))
+        return types.find(SENSOR_TYPES['thrust'])(header=stamped(stamp, self.frame, types), wrench=value)
+
+
+@dataclass(frozen=True)
+class StoredMomentum:
+    """N angular momenta (N, 3) N m s of wheels or gyros in axes of a link, at times (N,) s."""
+
+    TOPIC: ClassVar[str] = 'stored_momentum'
+
+    time: Array
+    momentum: Array
+    frame: str = 'base_link'
+
+    def message(self, types: MessageTypes, index: int, stamp: int) -> Any:
+        """Return one of them as a geometry_msgs/Vector3Stamped."""
+        header = stamped(stamp, self.frame, types)
+        return types.find(SENSOR_TYPES['stored_momentum'])(header=header, vector=vector(self.momentum[index], types))
+
+
+Readings = Joints | Poses | Imu | Thrust | StoredMomentum
+
+
+def in_order(
+    parts: Sequence[Readings], types: MessageTypes, stamp: Callable[[Readings, float], int]
+) -> list[tuple[float, str, Any]]:
+    """Return time (s), topic and message of all readings in the order of time; of one time in that of the parts.
+
+    `stamp` makes the stamp (ns) of a reading at a time (s).
+    """
+    messages = [
+        (time, part.TOPIC, part.message(types, index, stamp(part, time)))
+        for part in parts
+        for index, time in enumerate(part.time.tolist())
+    ]
+    return sorted(messages, key=lambda entry: entry[0])
+
+
+# -- Of a simulated robot
+
+
+def joints_of(readings: JointReadings, names: Sequence[str]) -> Joints:
+    """Return the readings of all joints, by their names."""
+    return Joints(tuple(names), readings.time, readings.position, readings.velocity, readings.effort)
+
+
+def poses_of(readings: BaseReadings, base_link: str, odometry_frame: str = 'odom') -> Poses:
+    """Return the readings of the base."""
+    twist = np.concatenate((readings.linear_velocity, readings.angular_velocity), axis=1)
+    covariances = readings.pose_covariance, readings.twist_covariance
+    return Poses(readings.time, readings.position, readings.orientation, twist, base_link, odometry_frame, covariances)
+
+
+def imu_of(readings: ImuReadings, base_link: str) -> Imu:
+    """Return the readings of an IMU."""
+    orientation = readings.orientation if readings.orientation.shape[1] else None
+    frame = readings.link or base_link
+    nothing = np.zeros((len(readings.time), 0))
+    return Imu(readings.time, readings.angular_velocity, nothing, frame, orientation, readings.orientation_std)
