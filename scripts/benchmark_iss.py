@@ -1,4 +1,4 @@
-"""Weigh the space station from a clone of its telemetry, and draw docs/images/iss.svg; nothing else is written."""
+"""Weigh the space station from a clone of its telemetry and draw docs/images/iss.svg, or weigh twins of it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter1d
 
+from benchmarks.iss_twin import NAMES, twin
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import Link, express, load_model
 from mbaid_ros.core.robot.momentum import physical
@@ -22,7 +23,6 @@ from mbaid_ros.recordings.recording import Recording, write_recording
 from mbaid_ros.replay import start
 
 PICTURE = Path(__file__).resolve().parents[1] / 'docs' / 'images' / 'iss.svg'
-NAMES = ('base_link', 'array_port', 'array_starboard')
 NEEDED = 'the telemetry has it'
 MOMENTS, BAND = [4, 7, 9], 1.96
 SMOOTH = 10  # samples, of the curves
@@ -79,14 +79,37 @@ def draw(flown: Recording) -> None:
     figure.savefig(PICTURE, metadata={'Date': None})
 
 
+def weigh_twins(flown: Recording, seeds: range) -> None:
+    """Print the errors of twins' moments in standard deviations, and how many lie within 95 %."""
+    errors: list[Array] = []
+    for seed in seeds:
+        readings, bodies = twin(flown, seed)
+        with TemporaryDirectory() as folder:
+            found = weighed(readings, Path(folder))
+        if found is None:
+            print(f'{seed}: nothing is published', flush=True)
+            continue
+        links = [load_model(flown.robot).link(name) for name in NAMES]
+        errors.append((found[0] - total(bodies.ravel(), links)) / found[1])
+        print(f'{seed}: {errors[-1].round(2)}, residual {found[2]:.2f}', flush=True)
+    inside, size = np.sum(np.abs(errors) < BAND), np.array(errors)
+    print(f'{inside} of {size.size} moments within 95 %, {len(size)} of {len(seeds)} twins published')
+    print(f'RMS {np.sqrt(np.mean(size**2, axis=0)).round(2)}, mean {np.mean(size, axis=0).round(2)}')
+
+
 def main() -> None:
     """Run."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('archive', type=Path, help='Pi/RecordedData/Data/Archive of a clone of ISS-Mimic at 41955ae')
-    parser.add_argument('--start', type=float, default=6861.75, help='h, as the files count')
-    parser.add_argument('--end', type=float, default=6863.005, help='h')
+    add = parser.add_argument
+    add('archive', type=Path, help='Pi/RecordedData/Data/Archive of a clone of ISS-Mimic at 41955ae')
+    add('--start', type=float, default=6861.75, help='h, as the files count')
+    add('--end', type=float, default=6863.005, help='h')
+    add('--twins', type=int, nargs=2, metavar=('FIRST', 'LAST'), help='weigh twins with these seeds instead')
     arguments = parser.parse_args()
     flown = read_iss(arguments.archive, arguments.start, arguments.end)
+    if arguments.twins:
+        weigh_twins(flown, range(arguments.twins[0], arguments.twins[1] + 1))
+        return
     draw(flown)
     with TemporaryDirectory() as folder:
         found = weighed(flown, Path(folder))

@@ -13,6 +13,7 @@ from mbaid_ros.calibration.iteration import (
     Motion,
     converge,
 )
+from mbaid_ros.calibration.misfit import corrected
 from mbaid_ros.calibration.result import Calibration, Mechanism
 from mbaid_ros.calibration.unknowns import Normals, Prior, make_prior
 from mbaid_ros.core.errors import DataError
@@ -105,7 +106,7 @@ def _filtered(
     if not any(motion.windows for motion in motions):
         raise DataError(_NO_WINDOWS)
     try:
-        settled = converge(motions, prior.mean[:10])
+        settled = corrected(motions, converge(motions, prior.mean[:10]))
     except np.linalg.LinAlgError as error:
         raise DataError(f'the windows cannot be weighed: {error}; noise values above 0 are accepted') from error
     before = Normals.before(prior, robot, uncertainty)

@@ -43,11 +43,10 @@ class Motion:
     windows: list[Window]  # of knots, in order
     origin: Array  # (3,) m, which positions and angular momentum are relative to
     variables: Variables  # of the filter
-    course: Array | None = None  # (K, 6) momentum in each window that these are linearised at; None: that of the point
 
     @property
     def pushed(self) -> bool:
-        """Whether a torque or force is declared that varies: the momentum is then another one in every window."""
+        """Whether a torque or force is declared that varies."""
         return any(each.pushes and np.isfinite(each.times).any() for each in self.layout.unknowns)
 
     @staticmethod
@@ -90,7 +89,6 @@ class CalibrationIteration:
     factor: Array
     momenta: Array  # (R, 6) of each motion, about its origin
     momentum_factors: list[Array]  # R factors of their covariances, (6, w) each
-    courses: list[Array | None]  # of each motion, as of `Motion`
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,9 +145,9 @@ def _iterate(motions: Sequence[Motion], common: Array, momenta: Array) -> Conver
     pace = 1.0
     result: Converged | None = None
     for _ in range(_ITERATIONS):
-        points = [_point(layout, common, momentum, deviation) for momentum in momenta]
+        points = [point_of(layout, common, momentum, deviation) for momentum in momenta]
         try:
-            passed = _pass(motions, points)
+            passed = filtered(motions, points)
         except np.linalg.LinAlgError:
             if result is None:
                 raise
@@ -159,8 +157,6 @@ def _iterate(motions: Sequence[Motion], common: Array, momenta: Array) -> Conver
         part = min(_massive(layout, common, step), near)
         sizes = np.array([np.sqrt(np.sum(factor**2, axis=1)) for factor in passed.momentum_factors])
         stays = is_converged(step, deviation) and is_converged(passed.momenta - momenta, sizes) and part == 1.0
-        stays = stays and all(motion.course is not None or not motion.pushed for motion in motions)
-        motions = [replace(motion, course=each) for motion, each in zip(motions, passed.courses, strict=True)]
         pace = 0.5 * pace if turns_back(step, before, deviation) else min(1.0, 1.5 * pace)
         part *= pace
         common, momenta, before = common + part * step, momenta + part * (passed.momenta - momenta), step
@@ -179,7 +175,8 @@ def _step(shared: Variables, passed: CalibrationIteration, common: Array) -> tup
     return step, np.sqrt(np.sum((spread @ passed.factor) ** 2, axis=1))
 
 
-def _point(layout: Layout, common: Array, momentum: Array, deviation: Array) -> Point:
+def point_of(layout: Layout, common: Array, momentum: Array, deviation: Array) -> Point:
+    """Return the linearisation point of a motion: what all share (s - 12,), its momentum (6,), deviations (s - 12,)."""
     state, deviations = np.zeros((2, layout.size))
     state[MOMENTUM], state[BODY.start :], deviations[BODY.start :] = momentum, common, deviation
     return layout.point(state, deviations)
@@ -191,7 +188,7 @@ def _massive(layout: Layout, common: Array, step: Array) -> float:
     body = layout.kernel.target.body
     for _ in range(_HALVINGS):
         there = common + part * step
-        masses = _point(layout, there, np.zeros(6), np.zeros(len(there))).side.kernel.known[:, 0].copy()
+        masses = point_of(layout, there, np.zeros(6), np.zeros(len(there))).side.kernel.known[:, 0].copy()
         masses[body] += there[0]
         before = layout.kernel.known[:, 0].copy()
         before[body] += common[0]
@@ -201,51 +198,52 @@ def _massive(layout: Layout, common: Array, step: Array) -> float:
     return part
 
 
-def _pass(motions: Sequence[Motion], points: Sequence[Point]) -> CalibrationIteration:
+def filtered(
+    motions: Sequence[Motion], points: Sequence[Point], score: Array | None = None, given: Array | None = None
+) -> CalibrationIteration:
+    """Return the outcome of the filter over all motions, each linearised at its point.
+
+    Parameters
+    ----------
+    score : (v - h,) to add to that of least squares, of what all motions share
+    given : (v - h,) values of some of this, known exactly; NaN elsewhere
+    """
     gaussian: SquareRootInformation | None = None
     heads = []
     for motion, point in zip(motions, points, strict=True):
         own = motion.variables
-        gaussian = SquareRootInformation.prior(own) if gaussian is None else new_motion(gaussian, own)
-        course = []
-        for number, (window, white) in enumerate(_linearised(motion, point), start=1):
-            before = entered(gaussian, window, white, own)
-            gaussian = update(before, white)
-            if motion.pushed:
-                # Before the window's readings: rows must not depend on the noise of these.
-                course.append(_of_momentum(before if number > 1 else gaussian, own))
+        if gaussian is None:
+            gaussian = SquareRootInformation.prior(own)
+            gaussian = gaussian if score is None else _scored(gaussian, score)
+        else:
+            gaussian = new_motion(gaussian, own)
+        for number, (window, linearised) in enumerate(_linearised(motion, point), start=1):
+            white = linearised if given is None else linearised.given(np.append(np.full(own.head, np.nan), given))
+            gaussian = update(entered(gaussian, window, white, own), white)
             if number < len(motion.windows):
                 gaussian = advance(gaussian, white, own, UNDISTURBED)
-        heads.append((_of_momentum(gaussian, own), course))
+        heads.append(_of_momentum(gaussian, own))
     assert gaussian is not None, 'there is a motion'
     head = motions[0].variables.head
     mean, factor = gaussian.mean_and_shift()[0][head:], gaussian.factor[head:, head:]
-    found = [_momentum(rows, motion.variables, mean, factor) for (rows, _), motion in zip(heads, motions, strict=True)]
-    courses = [
-        np.array([_momentum(rows, motion.variables, mean, factor)[0] for rows in course]) if course else None
-        for (_, course), motion in zip(heads, motions, strict=True)
-    ]
+    found = [_momentum(rows, motion.variables, mean, factor) for rows, motion in zip(heads, motions, strict=True)]
     momenta = np.array([momentum for momentum, _ in found])
-    return CalibrationIteration(gaussian, mean, factor, momenta, [each for _, each in found], courses)
+    return CalibrationIteration(gaussian, mean, factor, momenta, [each for _, each in found])
+
+
+def _scored(gaussian: SquareRootInformation, score: Array) -> SquareRootInformation:
+    """Return the Gaussian with a score (w,) of its last variables beside that of least squares."""
+    root, size = gaussian.conditional, len(score)
+    right = root.right.copy(order='F')
+    right[-size:, 0] += np.linalg.solve(root.triangle[-size:, -size:].T, score)
+    return replace(gaussian, conditional=replace(root, right=right))
 
 
 def _linearised(motion: Motion, point: Point) -> Iterator[tuple[Window, WhitenedWindow]]:
     """Yield windows, as they are and linearised, some at a time."""
     linearised = LinearisationCache(motion.layout, motion.variables)
-    if motion.course is None:
-        for part in in_stacks(motion.windows, _TOGETHER):
-            yield from linearised.all_whitened(part, point)
-        return
-    # With the momentum of the point for all of them, the rows of the bodies would err as the torque's own effect does.
-    away = motion.course - point.parameters[:6]
-    windows = [
-        replace(window, knots=replace(window.knots, impulse=window.knots.impulse + each))
-        for window, each in zip(motion.windows, away, strict=True)
-    ]
-    changes = iter(away @ motion.variables.gather[motion.variables.poses : motion.variables.head, MOMENTUM].T)
-    for part in in_stacks(windows, _TOGETHER):
-        for window, white in linearised.all_whitened(part, point):
-            yield window, white.about(next(changes))
+    for part in in_stacks(motion.windows, _TOGETHER):
+        yield from linearised.all_whitened(part, point)
 
 
 def _of_momentum(gaussian: SquareRootInformation, own: Variables) -> Array:

@@ -66,7 +66,8 @@ def why_not(result: Calibrated) -> str:
     calibration = result.calibration
     if not calibration.settled:
         remedy = result.unmoved or 'correct its large errors, or declare priors as wide as they are'
-        return f'the iteration does not converge near the robot description; {remedy}'
+        model = 'the data contradict the model: ' if result.contradicted or result.unmoved else ''
+        return f'{model}the iteration does not converge near the robot description; {remedy}'
     left_open = [
         f'{link.name}.{PARAMETERS[index]}'
         for link in calibration.links

@@ -47,11 +47,17 @@ class WhitenedWindow:
     places: Integers  # (k,) of the values among the numbers that a window may measure, as of `Innovations`
     carried: TwistLink | None = None  # for an integrated twist, the links to the windows before and after
 
-    def about(self, change: Array) -> WhitenedWindow:
-        """Return the window linearised at a momentum that is further by `change` (p,): absolute, as all windows are."""
-        own = slice(len(change), 2 * len(change))
-        value, drift = self.value + self.rows[:, own] @ change, self.drift - self.transition[:, own] @ change
-        return replace(self, value=value, drift=drift)
+    def given(self, values: Array) -> WhitenedWindow:
+        """Return the window where some variables are known exactly: their values (v,), NaN for the others."""
+        known = np.isfinite(values)
+        at = np.where(known, values, 0.0)
+        return replace(
+            self,
+            value=self.value - self.rows @ at,
+            rows=self.rows * ~known,
+            drift=self.drift + self.transition @ at,
+            transition=self.transition * ~known,
+        )
 
     def push(self, axes: Axes) -> Array:
         """Return the change of the momentum by a constant force and torque in these axes, (p, f)."""

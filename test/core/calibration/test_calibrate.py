@@ -11,10 +11,11 @@ from scipy.stats import chi2
 from benchmarks.precapture import GENERAL, WEIGHED, factors, free_model, free_urdf, perturbed
 from captured import LINKS, PRIORS, all_unknown, free_motion, standard_parameters
 from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
-from mbaid_ros.calibration.iteration import Motion, _linearised, _point
+from mbaid_ros.calibration.iteration import Motion, converge
+from mbaid_ros.calibration.misfit import Misfit, corrected
 from mbaid_ros.calibration.result import Calibration
 from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.core.filter.state import LINEAR
+from mbaid_ros.core.filter.state import BODY
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
@@ -223,23 +224,39 @@ def test_every_body_can_exist_even_where_data_and_prior_say_little() -> None:
     assert bent > 0.0
 
 
-# -- The windows of a motion whose momentum varies.
+# -- Motions with a torque that varies.
 
 
-def test_windows_at_a_momentum_of_their_own_are_those_of_a_point_with_that_momentum() -> None:
+def test_where_a_torque_varies_the_misfit_is_least_at_the_solution() -> None:
     robot_kernel = MomentumKernel(free_model(), 'link7')
-    body = robot_kernel.target.parameters
-    uncertainty = Uncertainty(target=KnownTarget(body, np.diag(0.1 * np.ones(10))), torque=Pushing(0.3, 30.0))
-    run = windows(observe(free_motion(1, 3.0), MID, 0))
-    motion = Motion.of(run, robot_kernel, PlaneDetector(robot_kernel.model), uncertainty, (MID, 0.5, 0.0, True))
+    prior = robot_kernel.target.parameters
+    scale = 0.05 * np.maximum(np.abs(prior), 0.01)
+    uncertainty = Uncertainty(target=KnownTarget(prior, np.diag(scale)), torque=Pushing(0.3, 30.0))
+    run = windows(observe(free_motion(1, 10.0), HIGH, 0))
+    # The momentum of a varying torque, which the readings of the motion do not have: as if it had been taken up.
+    torque = 0.3 * np.sin(np.outer(np.concatenate([each.time for each in run]), [0.2, 0.3, 0.4]))
+    impulses = np.cumsum(torque, axis=0) * np.median(np.diff(run[0].time))
+    parts = np.split(impulses, np.cumsum([len(each) for each in run])[:-1])
+    run = [
+        replace(each, impulse=each.impulse + np.column_stack((np.zeros((len(part), 3)), part)))
+        for each, part in zip(run, parts, strict=True)
+    ]
+    motion = Motion.of(run, robot_kernel, PlaneDetector(robot_kernel.model), uncertainty, (HIGH, 0.5, 0.0, True))
+    settled = converge([motion], prior)
     assert motion.pushed
-    common = np.concatenate((body, np.zeros(motion.layout.size - LINEAR.start - 6 - len(body))))
-    momentum, step = np.array([0.3, -0.2, 0.1, 0.5, -0.4, 0.2]), np.array([0.1, 0.2, -0.3, 0.2, 0.1, -0.1])
-    here, there = (_point(motion.layout, common, each, np.zeros(len(common))) for each in (momentum, momentum + step))
-    course = np.tile(momentum + step, (len(motion.windows), 1))
-    expected = list(_linearised(motion, there))
-    found = list(_linearised(replace(motion, course=course), here))
-    assert len(found) == len(expected) > 3
-    for (_, one), (_, other) in zip(found, expected, strict=True):
-        for name in ('value', 'rows', 'transition', 'drift', 'brought'):
-            np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-7, atol=1e-7)
+    assert settled.stays
+    body = motion.variables.spread[BODY.start :, motion.variables.head :]
+    deviation = np.linalg.norm(body @ settled.passed.factor, axis=1)
+    misfit = Misfit([motion], settled.common, deviation, settled.momenta)
+
+    def lost(mean: Array) -> float:
+        common = body @ mean
+        distance = (common[:10] - prior) / scale
+        return misfit.of(common) + float(distance @ distance)
+
+    before, after = settled.passed.mean, corrected([motion], settled).passed.mean
+    step = (after - before) @ np.linalg.pinv(settled.passed.factor @ settled.passed.factor.T) @ (after - before)
+    assert 0.01 < step < 9.0  # it matters
+    least = lost(after)
+    assert least < lost(before) - 0.5 * step
+    assert least < lost(2.0 * after - before)
