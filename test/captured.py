@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -111,7 +112,13 @@ PRIORS = (WEIGHED, *(GENERAL,) * 7)
 @cache
 def free_motion(seed: int, seconds: float, rate: float = 20.0, joints: tuple[int, ...] = tuple(range(7))) -> Truth:
     """Return a random motion of all joints, or of some, the servicer turning slowly."""
-    model = free_model()
+    return motion_of(free_model(), seed, seconds, rate, joints)
+
+
+def motion_of(
+    model: RobotModel, seed: int, seconds: float, rate: float = 20.0, joints: Sequence[int] = range(7)
+) -> Truth:
+    """Return such a motion of a robot that is not quite the servicer."""
     motion = random_sinusoids(np.linspace(0.5, -0.4, 7), seed, 2, 1.0, 12.0, 30.0)
     motion = replace(motion, amplitude=motion.amplitude * np.isin(np.arange(7), joints)[:, None])
     start = without_linear_momentum(model, state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02)))

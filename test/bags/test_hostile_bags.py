@@ -22,7 +22,7 @@ from fuzzing.plain_bags import BAG, TYPES, database, mcap
 from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.replay.start import replay as main
-from small_bags import COUNT, JOINT_STATE, everything, joint_state
+from recorded import COUNT, JOINT_STATE, everything, random_joint_state
 
 MESSAGES = 400  # messages of a whole bag
 
@@ -213,7 +213,7 @@ def write(path: Path, count: int, at_once: int) -> None:
     with BagWriter(path) as bag:
         bag.add_topic(TOPIC, JOINT_STATE)
         for index in range(count):
-            bag.write(TOPIC, joint_state(index), index)
+            bag.write(TOPIC, random_joint_state(index), index)
             if index % at_once == at_once - 1:
                 bag.flush()
 

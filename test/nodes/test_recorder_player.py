@@ -21,11 +21,12 @@ from std_msgs.msg import String
 import recorded
 from graph import Graph, graph
 from mbaid_ros.bags import BagReader, BagWriter, deserialize, message_class, serialize
+from mbaid_ros.config.parameters import METHODS
 from mbaid_ros.nodes.subscriptions import LATCHED, qos
 from mbaid_ros.replay.start import replay
 from recorded import papers_case
 from simulated import CONFIG
-from streams import TABLE1_MOMENTUM, methods
+from streams import TABLE1_MOMENTUM
 
 COUNT = 300
 DEEP = qos(10_000)
@@ -186,7 +187,7 @@ def by_window(data: Iterable[bytes]) -> dict[int, bytes]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('method', methods())
+@pytest.mark.parametrize('method', METHODS)
 def test_a_played_bag_gives_the_estimates_of_its_replay(live: Graph, tmp_path: Path, method: str) -> None:
     moving = papers_case(tmp_path / 'moving', duration=20.0, rate=100.0)
     parameters, model = tmp_path / 'estimator.yaml', CONFIG / 'table1.urdf'

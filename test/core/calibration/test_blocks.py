@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 from benchmarks.precapture import WEIGHED, factors, free_model, perturbed
-from captured import PRIORS, all_unknown, free_motion, standard_parameters
+from captured import PRIORS, all_unknown, free_motion, motion_of, standard_parameters
 from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.calibration.result import Calibration, Mechanism
 from mbaid_ros.core.geometry import Array, vec
@@ -20,11 +20,10 @@ from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.model_errors import BodyDeviations, ModelErrors, calibrated
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.simulation.motion import random_sinusoids
-from mbaid_ros.simulation.simulation import Simulation, Truth, without_linear_momentum
+from mbaid_ros.simulation.simulation import Truth
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 from observed import MID, configured_motion, estimator, kernel, nees, observe, true_body, windows
-from simulated import robot, state
+from simulated import robot
 
 SIZES = ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
 SERVICER = Uncertainty([1e-3] * 7, [1e-3] * 7, [1e-3] * 7, 2e-3, 2e-3, time_offset=1e-3)
@@ -51,10 +50,7 @@ def errors_of(seed: int, sizes: ErrorSizes = SIZES) -> ModelErrors:
 @cache
 def moved(errors: tuple[int, ErrorSizes], seed: int, seconds: float) -> Truth:
     """Return a motion of the free arm of a robot that is not its URDF."""
-    model = true_robot(free_model(), errors_of(*errors), ('link7',))
-    motion = random_sinusoids(np.linspace(0.5, -0.4, 7), seed, 2, 1.0, 12.0, 30.0)
-    start = without_linear_momentum(model, state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02)))
-    return Simulation(model, motion, start).advance(np.arange(round(seconds * 20.0)) / 20.0)
+    return motion_of(true_robot(free_model(), errors_of(*errors), ('link7',)), seed, seconds)
 
 
 def data(robot_seed: int, seed: int, seconds: float = 40.0, sizes: ErrorSizes = SIZES) -> list[Samples]:
