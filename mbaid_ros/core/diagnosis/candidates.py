@@ -86,8 +86,8 @@ class CandidateCauses:
 
     def inquire(
         self, windows: Sequence[Window], point: Point | None, jumps: Sequence[float] = (), wrong_twist: str = ''
-    ) -> Iterator[int | IsolationResult]:
-        """Yield the work of each slice, in steps of the filter, and at last the candidates found.
+    ) -> Work[IsolationResult]:
+        """Return the candidates found.
 
         Parameters
         ----------
@@ -130,7 +130,7 @@ class CandidateCauses:
         if left > max(WORTH, _LEFT * base.misfit):
             found += yield from self._swinging(windows, at, base)
         found.sort(key=lambda each: -each.gain)
-        yield IsolationResult(tuple(each for each in found if each.gain > WORTH), base.innovations)
+        return IsolationResult(tuple(each for each in found if each.gain > WORTH), base.innovations)
 
     def _unknowns(
         self, windows: Sequence[Window], at: Point, gains: Mapping[str, tuple[float, float]]

@@ -118,7 +118,6 @@ class Run:
             redundancy=redundancy,
             origin=self.origin,
             plane=self.space.plane,
-            restarted=self._restarted,
             reasons=tuple(self._reasons(share)),
         )
 
@@ -136,6 +135,8 @@ class Run:
 
         `share` is that of the consider parameters in the variance of the body.
         """
+        if self._restarted:
+            yield Reason('the motion is not planar: the planar solution was dropped')
         test = self._conservation
         for event in self.events:
             yield Reason(f'the momentum is not constant: {event}', 'contradiction')

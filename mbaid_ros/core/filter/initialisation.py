@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Generic
 
 import numpy as np
 
 from mbaid_ros.core.filter.bank import HypothesisFilter
-from mbaid_ros.core.filter.batch import HOPELESS, BatchIteration, Outcome
+from mbaid_ros.core.filter.batch import HOPELESS, BatchIteration, Outcome, Work
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.start import MultiStart, Start
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout, Point
@@ -53,7 +53,7 @@ class BackgroundTask(Generic[Outcome]):
 
     def __init__(self, size: int) -> None:
         self._cost = 1 + size // _STATE_SIZE
-        self._work: Iterator[int | Outcome] | None = None
+        self._work: Work[Outcome] | None = None
         self._budget = 0  # steps left before the next window
 
     @property
@@ -66,8 +66,8 @@ class BackgroundTask(Generic[Outcome]):
         """Whether some of the budget is left to be used before the next window."""
         return self._budget > 0
 
-    def begin(self, work: Iterator[int | Outcome] | None) -> None:
-        """Begin this computation instead of any other, or none. Its outcome is returned, or yielded at last."""
+    def begin(self, work: Work[Outcome] | None) -> None:
+        """Begin this computation instead of any other, or none."""
         self._work, self._budget = work, 0
 
     def allot_steps(self, steps: int) -> None:
@@ -80,14 +80,12 @@ class BackgroundTask(Generic[Outcome]):
         while self._work is not None and done < min(self._budget, SLICE):
             work, self._work = self._work, None  # a computation that raises is over
             try:
-                piece = next(work)
+                done += self._cost * next(work)
             except StopIteration as end:
-                piece = end.value
-            if not isinstance(piece, int):
                 self._budget = 0
-                return piece
+                outcome: Outcome = end.value
+                return outcome
             self._work = work
-            done += self._cost * piece
         self._budget = max(self._budget - done, 0) if self.under_way else 0
         return None
 

@@ -121,31 +121,12 @@ class MultiStart:
         Where the rows are as noisy as the motion is large, an iteration may converge with narrow intervals although
         bodies of quite another mass explain the windows as well: the results with the mass held show those.
         """
-        held: list[BatchResult] = []
         if self.batch.variables.described:
             guess = self.batch.layout.point(self._beginning(self.batch.variables.mean[BODY], stacks[0][0].windows))
             result = yield from self.batch.converge(stacks, guess, self.batch.prior(self.hypotheses[0]))
             return [] if result is None else [result]
         batch, *stages = from_loose_swing(self.batch)
-        free: list[BatchResult] = []
-        anyhow = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS)
-        for guess in self._guesses([window for stack in stacks[0] for window in stack.windows], batch.layout):
-            prior = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS, float(guess.parameters[MASS]))
-            result = yield from batch.converge(stacks, guess, prior, mass_held=True)
-            held += [] if result is None else [result]
-            # Iterations with passive joints are dear: the first guess that leads to a sure solution is enough.
-            if result is None or not batch.layout.kernel.springs.count or not result.consistent:
-                continue
-            result = yield from batch.converge(stacks, result.point, anyhow)
-            if result is not None and result.acceptable and result.consistent and self._is_hardly_shifted(result):
-                free.append(result)
-                break
-        for start in sorted(held, key=lambda each: each.merit, reverse=True) if not free else []:
-            result = yield from batch.converge(stacks, start.point, anyhow)
-            free += [] if result is None else [result]
-            if result is not None and result.acceptable:
-                break
-        results = free + held
+        results = yield from self._from_masses(stacks, batch)
         for stage in stages if results else []:
             point = max(results, key=lambda each: each.merit).point
             result = yield from stage.converge(stacks, point, self.batch.prior(self.hypotheses[0], NO_JUMPS))
@@ -153,6 +134,27 @@ class MultiStart:
                 return []
             results = [result]
         return results
+
+    def _from_masses(self, stacks: list[list[Stack]], batch: BatchIteration) -> Work[list[BatchResult]]:
+        """Return these, by an iteration; with passive joints one guess is enough where its solution is sure."""
+        held: list[BatchResult] = []
+        free: list[BatchResult] = []
+        of_any_mass = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS)
+        for guess in self._guesses([window for stack in stacks[0] for window in stack.windows], batch.layout):
+            prior = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS, float(guess.parameters[MASS]))
+            result = yield from batch.converge(stacks, guess, prior, mass_held=True)
+            held += [] if result is None else [result]
+            if result is None or not (batch.layout.kernel.springs.count and result.consistent):
+                continue
+            result = yield from batch.converge(stacks, result.point, of_any_mass)
+            if result is not None and result.acceptable and result.consistent and self._is_hardly_shifted(result):
+                return [result, *held]
+        for start in sorted(held, key=lambda each: each.merit, reverse=True):
+            result = yield from batch.converge(stacks, start.point, of_any_mass)
+            free += [] if result is None else [result]
+            if result is not None and result.acceptable:
+                break
+        return free + held
 
     def _choose_hypothesis(
         self, stacks: list[list[Stack]], result: BatchResult

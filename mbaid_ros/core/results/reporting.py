@@ -91,7 +91,6 @@ class Solution:
     redundancy: int  # number of equations less that of unknowns; of `trajectory` that of the innovations
     origin: Array  # (3,) m, about which L_0 is taken, odometry frame
     plane: Plane | None  # of a planar motion, which leaves six of the ten parameters open; else None
-    restarted: bool = False  # whether earlier windows had to be given up
     curvatures: tuple[Curvature, ...] = ()  # of its equations, as far as they are known
     reasons: tuple[Reason, ...] = ()  # further ones of the run, in order
 
@@ -185,8 +184,6 @@ class Reporting:
         if correction > _LARGE_CORRECTION and identifiable.any():
             text = f'the estimate was {correction:.1f} standard deviations away from any real body'
             yield Reason(text, serious if correction > IMPOSSIBLE else 'note')
-        if solution.restarted:
-            yield Reason('the motion is not planar: the planar solution was dropped')
 
 
 def _names(which: Flags) -> str:

@@ -24,11 +24,11 @@ from mbaid_ros.simulation.simulation import Truth
 from observed import HIGH, MID, kernel, observe, windows
 
 
-def bits(sizes: list[int], done: list[int]) -> Iterator[int | str]:
+def bits(sizes: list[int], done: list[int]) -> Work[str]:
     for size in sizes:
         done.append(size)
         yield size
-    yield 'found'
+    return 'found'
 
 
 @pytest.mark.parametrize('size', [24, 140])
