@@ -32,8 +32,7 @@ from mbaid_ros.simulation.simulation import Truth
 
 sys.path.insert(0, str(CONFIG.parent / 'test'))
 
-import captured
-import wheels
+import servicers
 
 ROBOT, LINK, SECONDS = 'servicer7', 'link7', 60.0
 _CAPTURED, _LATE = 20.0, 0.005  # s
@@ -53,7 +52,7 @@ def _spinning() -> dict[str, object]:
     """Return the motion of arm and wheels as parameters."""
     arm = make_motion(simulator_config(ROBOT), model(ROBOT))
     assert isinstance(arm, Sinusoids), 'the servicer moves by sinusoids'
-    motion = wheels.spinning(arm)
+    motion = servicers.spinning(arm)
     return {
         'initial.joint_positions': motion.start.tolist(),
         'motion.amplitudes': motion.amplitude.ravel().tolist(),
@@ -63,7 +62,7 @@ def _spinning() -> dict[str, object]:
 
 
 def _capture() -> dict[str, object]:
-    body = physical(captured.alone())
+    body = physical(servicers.alone())
     return {
         'capture.time': _CAPTURED,
         'capture.mass': float(body[0]),
@@ -94,9 +93,9 @@ CASES = {
     'pulse': Case('pulse of 1 N s and 0.5 N m s at 30 s', lambda: _thrust(10.0, 5.0, 30.0, 0.1)),
     'inertial': Case('10 mN and 10 mN m, odometry axes', lambda: _whole_run('odom')),
     'body': Case('10 mN and 10 mN m, base axes', lambda: _whole_run('')),
-    'wheels': Case('four wheels spin up', _spinning, wheels.urdf, wheels.urdf),
+    'wheels': Case('four wheels spin up', _spinning, servicers.wheeled_urdf, servicers.wheeled_urdf),
     'wheels unread': Case(
-        'four wheels spin up, their speeds not in JointState', _spinning, wheels.urdf, wheels.unaware
+        'four wheels spin up, their speeds not in JointState', _spinning, servicers.wheeled_urdf, servicers.unaware
     ),
     'late': Case(f'joints stamped {1e3 * _LATE:g} ms late', late=_LATE),
     'capture': Case(f'a capture at {_CAPTURED:g} s', _capture, free_urdf, free_urdf),
@@ -157,7 +156,7 @@ def motion(case: str) -> tuple[RobotModel, Truth, Array, Pulse | None]:
     truth = simulation.advance(np.arange(round(SECONDS * RATE)) / RATE)
     sought = physical(robot.link(LINK).parameters)
     if isinstance(simulation, CaptureSimulation):
-        sought = np.concatenate((physical(captured.alone()), simulation.brought))
+        sought = np.concatenate((physical(servicers.alone()), simulation.brought))
     return robot, truth, sought, simulation.pulse if isinstance(simulation, ThrustSimulation) else None
 
 

@@ -65,10 +65,7 @@ def test_a_message_says_what_the_state_is() -> None:
 
 
 def test_one_seed_gives_one_run_to_the_last_bit_however_it_is_cut() -> None:
-    values: dict[str, Any] = {
-        'noise': {'joint_position': 1e-4, 'base_orientation': 1e-4},
-        'motion': {'kind': 'random'},
-    }
+    values: dict[str, Any] = {'noise': {'joint_position': 1e-4, 'base_orientation': 1e-4}, 'motion': {'kind': 'random'}}
     whole = payloads(run(seed=7, **values).read(2.0))
     pieces = run(seed=7, **values)
     assert payloads([timed for until in (0.0, 0.35, 1.0, 2.0) for timed in pieces.read(until)]) == whole

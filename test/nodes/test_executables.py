@@ -20,7 +20,7 @@ from mbaid_msgs.msg import InertiaEstimate
 from rclpy.node import Node
 
 from checked import answer
-from graph import LOCAL, Graph, executable, free_domain
+from graph import LOCAL, Graph, executable, reserved_domain
 from mbaid_ros.cli import run
 from mbaid_ros.nodes import estimator, player, recorder, simulator, watch
 from mbaid_ros.nodes.estimator import EstimatorNode
@@ -193,7 +193,7 @@ def interrupted(name: str, number: signal.Signals, delay: float, folder: Path, d
 @pytest.mark.parametrize('number', SIGNALS)
 @pytest.mark.parametrize('name', ARGUMENTS)
 def test_an_interrupt_at_any_time_of_the_start(name: str, number: signal.Signals, tmp_path: Path) -> None:
-    with free_domain() as domain:
+    with reserved_domain() as (domain, _):
         for delay in DELAYS:
             interrupted(name, number, delay, tmp_path / str(delay), domain)
 
@@ -233,18 +233,14 @@ def admitted(node: str) -> dict[str, set[str]]:
 
 @pytest.mark.parametrize(
     ('make', 'parameters'),
-    [
-        (EstimatorNode, EVERYTHING),
-        (EstimatorNode, ['pose.tf_child_frame:=base_link']),
-        (SimulatorNode, MOVED),
-    ],
+    [(EstimatorNode, EVERYTHING), (EstimatorNode, ['pose.tf_child_frame:=base_link']), (SimulatorNode, MOVED)],
     ids=['estimator', 'on tf', 'simulator'],
 )
 def test_the_policy_admits_all_that_a_node_does(
     make: Callable[[], Node], parameters: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
-    with free_domain() as domain:
+    with reserved_domain() as (domain, _):
         words = options(*parameters)
         rclpy.init(args=['', '--ros-args', *words], domain_id=domain)
         try:

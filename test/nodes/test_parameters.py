@@ -25,7 +25,7 @@ from rclpy.qos import HistoryPolicy
 from sensor_msgs.msg import JointState
 
 from checked import same
-from graph import Graph, free_domain
+from graph import Graph, reserved_domain
 from mbaid_ros.cdr import Packets
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import parameter, specifications, values_of
@@ -71,7 +71,7 @@ class Example:
 @contextmanager
 def node(*arguments: str) -> Iterator[Node]:
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    with free_domain() as domain:
+    with reserved_domain() as (domain, _):
         context = Context()
         words = options(*arguments)
         rclpy.init(args=['', '--ros-args', *words], context=context, domain_id=domain)

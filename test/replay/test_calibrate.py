@@ -16,7 +16,6 @@ from scipy.stats import chi2
 
 import recorded
 from benchmarks.precapture import free_model, free_urdf, perturbed
-from captured import LINKS, PRIORS, free_motion, motion_of, sensed
 from checked import answer
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
@@ -31,6 +30,7 @@ from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.simulation import Truth
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 from observed import configured_motion, kernel, true_body
+from servicers import LINKS, PRIORS, free_motion, motion_of, sensed
 
 PARAMETERS = """
 /**:

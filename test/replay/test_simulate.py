@@ -15,8 +15,8 @@ from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST
 from mbaid_ros.replay.start import replay
 from mbaid_ros.replay.start import simulate as main
+from servicers import WRENCH, pulse, thrust_messages
 from simulated import CONFIG, assigned
-from thrusting import WRENCH, messages, pulse
 
 TABLE1 = ['--model', str(CONFIG / 'table1.urdf'), '--params', str(CONFIG / 'table1_simulator.yaml'), '--duration', '2']
 
@@ -180,7 +180,7 @@ def write(path: Path, topic: str) -> str:
     with BagWriter(path) as bag:
         for name, kind in {**TYPES, topic: WRENCH}.items():
             bag.add_topic(name, kind)
-        for name, message, time in messages(2, *pulse()):
+        for name, message, time in thrust_messages(2, *pulse()):
             bag.write(topic if name == '/thrust' else name, message, recorded.EPOCH * 1_000_000_000 + time)
     return str(path)
 

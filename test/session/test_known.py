@@ -12,7 +12,6 @@ import pytest
 from scipy.linalg import block_diag
 
 from benchmarks.precapture import free_model
-from captured import LINKS, standard_parameters
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
@@ -31,6 +30,7 @@ from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
 from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact, nominal_model, with_known_errors
 from mbaid_ros.session.session import Session
 from mbaid_ros.session.settings import declared_uncertainty
+from servicers import LINKS, standard_parameters
 from simulated import robot
 from streams import run, urdf
 
@@ -267,9 +267,7 @@ def declared(**parameters: object) -> Uncertainty:
 def test_a_joint_may_have_standard_deviations_of_its_own() -> None:
     first, *_ = names = robot('table1').joint_names
     found = declared(
-        known_joints__zero_std=1e-3,
-        known_joints__axis_std=2e-3,
-        **{f'known_joints.{first}.zero_std': 5e-3},
+        known_joints__zero_std=1e-3, known_joints__axis_std=2e-3, **{f'known_joints.{first}.zero_std': 5e-3}
     )
     assert found.zeros == (5e-3, 1e-3, 1e-3, 1e-3)
     assert found.axes == (2e-3,) * len(names)

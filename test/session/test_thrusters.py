@@ -27,9 +27,9 @@ from mbaid_ros.core.unknowns.priors import UnknownsPrior
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
 from observed import MID, kernel, nees, observe, true_body, windows
+from servicers import FORCE_TORQUE, OFF, ON, Timed, command, pulse, pushed, thrust_messages
 from sessions import identify, session, simulated
 from simulated import robot
-from thrusting import FORCE_TORQUE, OFF, ON, Timed, command, messages, pulse, pushed
 
 SECONDS = 30.0
 LIMIT = float(chi2.isf(1e-3, 10))
@@ -203,8 +203,8 @@ def errors(estimate: Estimate) -> Array:
 def test_a_known_pulse_costs_nothing(method: str) -> None:
     quiet, known = [], []
     for seed in SEEDS:
-        without = estimates_of(make(method), messages(seed, thrust=False))[-1]
-        last = estimates_of(make(method), messages(seed, *pulse()))[-1]
+        without = estimates_of(make(method), thrust_messages(seed, thrust=False))[-1]
+        last = estimates_of(make(method), thrust_messages(seed, *pulse()))[-1]
         assert not last.events
         assert last.status == without.status
         quiet.append(errors(without) / without.std)
@@ -217,7 +217,7 @@ def test_a_known_pulse_costs_nothing(method: str) -> None:
 
 @pytest.mark.parametrize('method', METHODS)
 def test_the_wrong_command_is_a_disturbance(method: str) -> None:
-    last = estimates_of(make(method), messages(0, *pulse(), thrust=False))[-1]
+    last = estimates_of(make(method), thrust_messages(0, *pulse(), thrust=False))[-1]
     assert [event.kind for event in last.events] == ['step']
     assert last.events[0].time == pytest.approx(ON, abs=1.0)
     rotation = observe(pushed(), MID)[230:231].base_rotation[0]
@@ -226,7 +226,7 @@ def test_the_wrong_command_is_a_disturbance(method: str) -> None:
 
 def test_a_command_that_comes_late_is_told_and_not_lost() -> None:
     on, off = pulse()
-    read = messages(0, off)
+    read = thrust_messages(0, off)
     # Two seconds after it acted.
     place = next(index for index, timed in enumerate(read) if timed[2] > 11.2e9)
     session = make()
@@ -241,7 +241,7 @@ def test_a_command_that_comes_late_is_told_and_not_lost() -> None:
 
 def test_reset_forgets_it() -> None:
     session = make()
-    estimates_of(session, messages(0, *pulse()))
+    estimates_of(session, thrust_messages(0, *pulse()))
     assert np.any(session.thrust.brought)
     session.reset()
     assert not np.any(session.thrust.brought)
@@ -251,5 +251,5 @@ def test_two_publishers_of_one_frame_are_the_first_cause() -> None:
     """Each command of the one ends that of the other."""
     session, parts = make(), (FORCE_TORQUE * [1, 1, 1, 0, 0, 0], FORCE_TORQUE * [0, 0, 0, 1, 1, 1])
     turns = [command(ON + 0.01 * index, parts[index % 2]) for index in range(30)]
-    last = estimates_of(session, messages(0, *turns, command(OFF, np.zeros(6))))[-1]
+    last = estimates_of(session, thrust_messages(0, *turns, command(OFF, np.zeros(6))))[-1]
     assert SHARED_THRUST.format('base_link') in (last.causes[0][0] if last.contradicted else last.warnings[0])

@@ -10,7 +10,6 @@ import pytest
 from scipy.stats import chi2
 
 from benchmarks.precapture import WEIGHED, factors, free_model, perturbed
-from captured import PRIORS, all_unknown, free_motion, motion_of, standard_parameters
 from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.calibration.result import Calibration, Mechanism
 from mbaid_ros.core.geometry import Array, vec
@@ -23,6 +22,7 @@ from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.simulation.simulation import Truth
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 from observed import MID, configured_motion, estimator, kernel, nees, observe, true_body, windows
+from servicers import PRIORS, all_unknown, free_motion, motion_of, standard_parameters
 from simulated import robot
 
 SIZES = ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)

@@ -9,7 +9,6 @@ import pytest
 from scipy.stats import chi2
 
 from benchmarks.precapture import GENERAL, WEIGHED, factors, free_model, free_urdf, perturbed
-from captured import LINKS, PRIORS, all_unknown, free_motion, standard_parameters
 from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.calibration.iteration import Motion, converge
 from mbaid_ros.calibration.misfit import Misfit, corrected
@@ -29,6 +28,7 @@ from mbaid_ros.session import methods
 from mbaid_ros.simulation.motion import Sinusoids, random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from observed import HIGH, MID, drifting, identify, kernel, observe, windows
+from servicers import LINKS, PRIORS, all_unknown, free_motion, standard_parameters
 from simulated import robot, state
 
 

@@ -8,11 +8,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.diagnosis.plain_faults import StampPattern
-from mbaid_ros.core.diagnosis.readings import (
-    stopped_readings,
-    swing_size,
-    swinging,
-)
+from mbaid_ros.core.diagnosis.readings import stopped_readings, swing_size, swinging
 from mbaid_ros.core.filter.knots import AFTER, BEFORE
 from mbaid_ros.core.filter.state import Layout
 from mbaid_ros.core.filter.window import Window

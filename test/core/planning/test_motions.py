@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import wheels
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -18,6 +17,7 @@ from mbaid_ros.session.robot import mesh_points
 from mbaid_ros.simulation.dynamics import Dynamics, State
 from mbaid_ros.simulation.steered import Followed
 from planned import Begun, planner
+from servicers import wheeled_urdf
 from simulated import robot
 
 TIMES = np.array([0.0, 0.7, 2.0, 2.5])
@@ -139,7 +139,7 @@ def test_a_joint_keeps_the_slower_of_its_own_limit_and_the_one_for_all() -> None
     ],
 )
 def test_wheels_keep_their_speed(velocity: float, held: tuple[str, ...], kept: list[bool]) -> None:
-    model = load_model(wheels.urdf())
+    model = load_model(wheeled_urdf())
     names = ('wheel0_joint', 'wheel1_joint', 'wheel2_joint')
     rate = np.array([90.0 if name == 'wheel0_joint' else 1.0 for name in model.independent_joints])
     found = keeping_speed(model, rate, velocity, held)

@@ -205,8 +205,7 @@ def test_a_robot_known_as_well_as_by_default_is_limited_by_that_and_no_warning_s
     assert shares[SENSOR_NOISE] < 0.2 * shares['link:base_link']
     assert 'All of the variance' not in html([made])
     assert re.fullmatch(
-        r'best single joint: joint\d, [\d.]+ deg there and back in 10 s reduce i[xyz]{2} .* to .* %',
-        made.advice,
+        r'best single joint: joint\d, [\d.]+ deg there and back in 10 s reduce i[xyz]{2} .* to .* %', made.advice
     )
     assert f'next: {made.advice}\n' in f'{summary(made)}\n'
     assert as_json(made)['advice'] == made.advice

@@ -22,9 +22,8 @@ from mbaid_ros.simulation.environment import Surroundings, Wheels
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from observed import MID, estimator, kernel, observe, windows
+from servicers import FORCE_TORQUE, OFF, ON, pushed, spinning, unaware, wheeled
 from simulated import robot, state
-from thrusting import FORCE_TORQUE, OFF, ON, pushed
-from wheels import spinning, unaware, wheeled
 
 EPOCH = 1_700_000_000_000_000_000  # ns
 ZERO = np.zeros(6)

@@ -1,25 +1,31 @@
-"""The seven-joint servicer before its capture, with its hand known and what it holds unknown, and after it."""
+"""The seven-joint servicer before its capture and after it, with reaction wheels, and pushed by its thrusters."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 
+import recorded
+from benchmarks.honesty.disturbed import AXES
+from benchmarks.honesty.disturbed import wheeled as with_wheels
 from benchmarks.honesty.paths import servicer
 from benchmarks.precapture import BARE_LINK7, GENERAL, WEIGHED, free_model
-from floating import RATE, float_freely
+from floating import RATE, float_freely, pushing, still
+from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotation_from_quaternion, unvec
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.momentum import physical, standard
-from mbaid_ros.simulation.motion import random_sinusoids
+from mbaid_ros.sensor_messages import Thrust
+from mbaid_ros.simulation.motion import Sinusoids, random_sinusoids
 from mbaid_ros.simulation.sensors import Sensors
-from mbaid_ros.simulation.simulation import Simulation, Truth, without_linear_momentum
-from observed import MID, kernel
+from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum, without_linear_momentum
+from observed import MID, configured_motion, kernel
 from simulated import robot, state
 
 LINK = 'link7'
@@ -133,3 +139,84 @@ def all_unknown(model: RobotModel) -> MomentumKernel:
 def standard_parameters(model: RobotModel) -> Array:
     """Return the (10 k,) standard parameters of all links."""
     return np.concatenate([link.parameters for link in model.links])
+
+
+# Speeding up to 100 rad/s in 20 s, at a quarter of a slow sine.
+TOP, FREQUENCY = 200.0, 1.0 / 240.0
+
+
+@cache
+def wheeled_urdf() -> str:
+    """Return the servicer with a pyramid of four wheels."""
+    return with_wheels(*((-0.2 * axis[0], -0.2 * axis[1], 0.1) for axis in AXES))
+
+
+def unaware() -> str:
+    """Return the same to someone who knows nothing of the wheels' speeds."""
+    return wheeled_urdf().replace('type="continuous"', 'type="fixed"')
+
+
+@cache
+def wheeled() -> MomentumKernel:
+    """Return its momentum, with what the last link holds unknown."""
+    return MomentumKernel(load_model(wheeled_urdf()), 'link7')
+
+
+def spinning(joints: Sinusoids) -> Sinusoids:
+    """Return the arm's motion with the wheels' beside it, in the order of the model's joints."""
+    arm = [index for index, name in enumerate(wheeled().model.joint_names) if not name.startswith('wheel')]
+    count, terms = wheeled().model.joints, joints.amplitude.shape[1]
+
+    def spread(values: Array, wheel: float) -> Array:
+        whole = np.zeros((count, terms))
+        whole[:, 0] = wheel
+        whole[arm] = values
+        return whole
+
+    start = np.zeros(count)
+    start[arm] = joints.start
+    return Sinusoids(
+        start=start,
+        amplitude=spread(joints.amplitude, TOP / (2.0 * np.pi * FREQUENCY)),
+        frequency=spread(joints.frequency, FREQUENCY),
+        phase=spread(joints.phase, -0.5 * np.pi),
+    )
+
+
+WRENCH = 'geometry_msgs/msg/WrenchStamped'
+THRUST_SECONDS = 16.0
+ON, OFF = 9.2, 9.5  # s
+FORCE_TORQUE = np.array([6.0, -6.0, 5.0, 3.0, 2.7, -3.0])  # N, N m, on the base link's origin in its axes
+
+Timed = tuple[str, Any, int]
+
+
+def push(time: float, rotation: Array, position: Array) -> Array:
+    """Return the rate of (P, L) by the thrusters."""
+    return (pushing(FORCE_TORQUE, 'body') if ON <= time < OFF else still)(time, rotation, position)
+
+
+@cache
+def pushed(*, thrust: bool = True) -> Truth:
+    """Return the servicer's motion with the pulse, or without."""
+    start = total_momentum(robot('servicer7'), configured_motion('servicer7', 0.1, 20.0)[:1])[0]
+    # Every fourth sample: 25 a second are enough.
+    return float_freely(kernel('servicer7'), servicer(), start, THRUST_SECONDS, push if thrust else still)[::4]
+
+
+def command(time: float, wrench: Array, frame: str = 'base_link') -> Timed:
+    """Return a command that comes when it is stamped, as in recorded.messages."""
+    stamp = round(time * 1e9)
+    thrust = Thrust(np.array([time]), wrench[None], frame)
+    return '/thrust', thrust.message(BAG_TYPES, 0, recorded.EPOCH * 1_000_000_000 + stamp), stamp
+
+
+def thrust_messages(seed: int, *commands: Timed, thrust: bool = True) -> list[Timed]:
+    """Return what sensors and thrusters say, in the order of their stamps, commands first."""
+    read = list(recorded.messages(robot('servicer7'), sensed(pushed(thrust=thrust), seed)))
+    return sorted([*commands, *read], key=lambda timed: timed[2])
+
+
+def pulse(frame: str = 'base_link') -> tuple[Timed, Timed]:
+    """Return the commands of the pulse."""
+    return command(ON, FORCE_TORQUE, frame), command(OFF, np.zeros(6), frame)
