@@ -22,7 +22,7 @@ from rclpy.node import Node
 from checked import answer
 from graph import LOCAL, Graph, executable, reserved_domain
 from mbaid_ros.cli import run
-from mbaid_ros.nodes import estimator, player, recorder, simulator, watch
+from mbaid_ros.nodes import estimator, player, recorder, simulator, start, watch
 from mbaid_ros.nodes.estimator import EstimatorNode
 from mbaid_ros.nodes.simulator import SimulatorNode
 from simulated import CONFIG, options
@@ -135,7 +135,8 @@ def test_a_parameter_file_without_a_section_for_the_node_is_refused(
 
 
 def refused(node: Any, arguments: list[str], text: str, capfd: pytest.CaptureFixture[str]) -> None:
-    error = answer(partial(run, node.main), capfd, *arguments, code=2)
+    command = partial(run, partial(start._run, node.NAME), name=node.NAME)
+    error = answer(command, capfd, *arguments, code=2)
     assert error.startswith(f'mbaid_ros {node.NAME}: ')
     assert text in error
     assert '/src/' not in error
