@@ -40,6 +40,11 @@ class Calibrated:
         """Whether the data contradict the model: the result must not be trusted."""
         return self.calibration.residual > LARGEST_RESIDUAL
 
+    @property
+    def unsolvable(self) -> bool:
+        """Whether the data contradict the model so far that there is no solution near it."""
+        return not self.calibration.settled and (self.contradicted or bool(self.unmoved))
+
     @cached_property
     def survey(self) -> ModelSummary:
         """The model summary."""
@@ -66,7 +71,7 @@ def why_not(result: Calibrated) -> str:
     calibration = result.calibration
     if not calibration.settled:
         remedy = result.unmoved or 'correct its large errors, or declare priors as wide as they are'
-        model = 'the data contradict the model: ' if result.contradicted or result.unmoved else ''
+        model = 'the data contradict the model: ' if result.unsolvable else ''
         return f'{model}the iteration does not converge near the robot description; {remedy}'
     left_open = [
         f'{link.name}.{PARAMETERS[index]}'

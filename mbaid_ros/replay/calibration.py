@@ -59,7 +59,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
     reason = why_not(result)
     if reason:
         print(f'mbaid_ros calibrate: {one_line(reason)}', file=sys.stderr)
-        return EXIT_INCONSISTENT if result.contradicted or result.unmoved else EXIT_NOT_DETERMINED
+        return EXIT_INCONSISTENT if result.unsolvable else EXIT_NOT_DETERMINED
     if output and not result.contradicted:
         write_text(output, _calibrated_urdf(urdf, calibration))
     write_results(arguments, _as_json(result), lambda: _text(result, arguments), lambda: _page(result))
