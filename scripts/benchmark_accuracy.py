@@ -6,14 +6,17 @@ Without --seeds, servicer7 has 200 seeds and the other robots 100. A method's `s
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
-from benchmarks import accuracy_page
-from benchmarks.accuracy import Times, monte_carlo, summarise
+import numpy as np
+
+from benchmarks.accuracy import METHODS, Summary, Times, monte_carlo, summarise
 from benchmarks.bounds import bound, trajectory_bound
 from benchmarks.data import LEVELS, ROBOTS, Case, motion, target
-from benchmarks.frame import Frame
+from benchmarks.frame import Frame, number, percent, provenance, table
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.sensors.levels import CHANNELS
 
 _SEEDS = {'servicer7': 200, 'ets7': 100, 'table1': 100}
 _OTHER_SEEDS, _SLOW_SEEDS = 50, 100  # at most, of cases that are not plain, and of slow odometry
@@ -29,6 +32,147 @@ _SENSORS_MID: list[dict[str, Any]] = [
 ]
 
 
+_MOST = 0.5  # of the runs: if fewer publish, their errors are those of a selection
+Results = dict[Case, dict[str, list[Summary]]]  # by case and method, a Summary for each time
+
+
+@dataclass(frozen=True)
+class Report:
+    """All numbers of the page."""
+
+    plan: dict[Case, tuple[Times, int]]  # times and number of seeds
+    results: Results
+    bounds: dict[Case, Array]  # (T, 10) of the per-sample model with all sensors
+    linked: dict[Case, Array]  # (T, 10) of the whole trajectory with the case's own sensors
+
+    def plain(self, robot: str) -> list[Case]:
+        """Return a robot's plain cases."""
+        return [case for case in self.plan if case.robot == robot and case.plain]
+
+    @property
+    def robots(self) -> list[str]:
+        """Robots with plain cases."""
+        return [robot for robot in ROBOTS if self.plain(robot)]
+
+    @property
+    def all_plain(self) -> list[Case]:
+        """Plain cases of all robots."""
+        return [case for robot in self.robots for case in self.plain(robot)]
+
+    @property
+    def poor(self) -> list[Case]:
+        """Cases with fewer or worse sensors."""
+        return [case for case in self.plan if not case.plain]
+
+    def timed(self, case: Case, method: str) -> Iterator[tuple[float, Summary]]:
+        """Yield times and statistics."""
+        yield from zip(self.plan[case][0], self.results[case][method], strict=True)
+
+
+def tables(report: Report) -> dict[str, str]:
+    """Return the tables of the page by their names."""
+    errors = [
+        f'**{ROBOTS[robot]}**\n\n{table(["encoders, after", *METHODS], _errors(report, robot))}'
+        for robot in report.robots
+    ]
+    channels = [channel.replace('_', ' ') for channel in CHANNELS]
+    texts = {
+        'errors': '\n\n'.join([provenance(_seeds(report)), *errors]),
+        'intervals': table(_INTERVALS, _intervals(report)),
+        'noise': table(['robot, encoders, after', *channels], _noise(report)),
+        'linked': _linked(report),
+    }
+    if report.poor:
+        texts['sensors'] = table(_SENSOR_COLUMNS, _sensors(report))
+    return texts
+
+
+def _ratio(summary: Summary) -> str:
+    if not np.isfinite(summary.median):
+        return '-'
+    return f'{number(summary.median)} ({number(summary.worst)}){"" if summary.determined > _MOST else " *"}'
+
+
+def _band(summary: Summary) -> str:
+    return f'{number(summary.nees_band[0])} to {number(summary.nees_band[1])}'
+
+
+def _errors(report: Report, robot: str) -> Iterator[list[str]]:
+    for case in report.plain(robot):
+        for index, time in enumerate(report.plan[case][0]):
+            cells = [_ratio(report.results[case][method][index]) for method in METHODS]
+            yield [f'{case.level}, {time:.0f} s', *cells]
+
+
+def _intervals(report: Report) -> Iterator[list[str]]:
+    for case in report.all_plain:
+        for method in METHODS:
+            for time, summary in report.timed(case, method):
+                if summary.reports_std:
+                    covered = [float(of(summary.coverage)) for of in (np.nanmean, np.nanmin, np.nanmax)]
+                    yield [
+                        f'{case.robot}, {case.level}, {time:.0f} s',
+                        method,
+                        percent(covered[0]),
+                        f'{percent(covered[1])} to {percent(covered[2])}',
+                        number(summary.nees),
+                        _band(summary),
+                        percent(summary.determined),
+                        percent(summary.converged),
+                        f'{summary.alarms} of {summary.estimates}',
+                    ]
+
+
+def _noise(report: Report) -> Iterator[list[str]]:
+    for method in [method for method in METHODS if METHODS[method].finds_noise]:
+        for case in report.all_plain:
+            for time, summary in report.timed(case, method):
+                rms = np.sqrt(np.nanmean((summary.noise - 1.0) ** 2, axis=0))
+                yield [f'{case.name}, {time:.0f} s', *(percent(each) for each in rms)]
+
+
+def _linked(report: Report) -> str:
+    groups: dict[Times, list[list[str]]] = {}
+    for case in [case for case in report.linked if case not in report.poor]:
+        limits = report.linked[case]
+        over = [
+            summary.rmse / limit for (_, summary), limit in zip(report.timed(case, 'trajectory'), limits, strict=True)
+        ]
+        row = [case.name, *(f'{number(float(np.nanmedian(x)))} ({number(float(np.nanmax(x)))})' for x in over)]
+        row += [number(float(np.nanmedian(x / y))) for x, y in zip(limits, report.bounds[case], strict=True)]
+        groups.setdefault(report.plan[case][0], []).append(row)
+    tables = []
+    for instants, group in groups.items():
+        times = [f'{time:.0f} s' for time in instants]
+        tables.append(table(['robot, encoders', *times, *(f'limits at {time}' for time in times)], group))
+    return '\n\n'.join(tables)
+
+
+def _sensors(report: Report) -> Iterator[list[str]]:
+    for case in report.poor:
+        for method in report.results[case]:
+            for (time, summary), limit in zip(report.timed(case, method), report.linked[case], strict=True):
+                against = ['-'] * 4
+                if summary.reports_std:
+                    ratio, covered = float(np.nanmedian(summary.rmse / limit)), float(np.nanmean(summary.coverage))
+                    against = [number(ratio), percent(covered), number(summary.nees), _band(summary)]
+                yield [case.name, method, f'{time:.0f} s', _ratio(summary), *against]
+
+
+def _seeds(report: Report) -> str:
+    return ', '.join(f'{report.plan[report.plain(robot)[0]][1]} seeds for {robot}' for robot in report.robots)
+
+
+_INTERVALS = (
+    *('robot, encoders, after', 'method', 'coverage', 'by parameter', 'NEES', 'its 95 % band', 'published'),
+    *('converged', 'false alarms'),
+)
+_SENSOR_COLUMNS = (
+    *('robot, encoders, difference', 'method', 'after', 'RMSE / bound', '/ limit of these sensors', 'coverage'),
+    *('NEES', 'its 95 % band'),
+)
+
+
 def main() -> None:
     """Run the benchmark."""
     frame = Frame(__doc__, 'measured/accuracy.md', seeds=0)
@@ -42,8 +186,8 @@ def main() -> None:
         case: {method: summarise(outcome, target(case.robot), bounds[case]) for method, outcome in by_method.items()}
         for case, by_method in outcomes.items()
     }
-    report = accuracy_page.Report(plan, results, bounds, linked)
-    texts = accuracy_page.tables(report)
+    report = Report(plan, results, bounds, linked)
+    texts = tables(report)
     print(*texts.values(), sep='\n\n')
     frame.write(**texts)
 

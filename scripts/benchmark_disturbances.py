@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.data import CONFIG, NOISE, RATE, START, history, model, simulator_config
-from benchmarks.frame import Frame, Runs, declared, number, percent, provenance, table
+from benchmarks.frame import Frame, Runs, declared, number, percent
 from benchmarks.precapture import free_urdf
 from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -32,8 +32,7 @@ from mbaid_ros.simulation.simulation import Truth
 
 sys.path.insert(0, str(CONFIG.parent / 'test'))
 
-import captured
-import wheels
+import servicers
 
 ROBOT, LINK, SECONDS = 'servicer7', 'link7', 60.0
 _CAPTURED, _LATE = 20.0, 0.005  # s
@@ -53,7 +52,7 @@ def _spinning() -> dict[str, object]:
     """Return the motion of arm and wheels as parameters."""
     arm = make_motion(simulator_config(ROBOT), model(ROBOT))
     assert isinstance(arm, Sinusoids), 'the servicer moves by sinusoids'
-    motion = wheels.spinning(arm)
+    motion = servicers.spinning(arm)
     return {
         'initial.joint_positions': motion.start.tolist(),
         'motion.amplitudes': motion.amplitude.ravel().tolist(),
@@ -63,7 +62,7 @@ def _spinning() -> dict[str, object]:
 
 
 def _capture() -> dict[str, object]:
-    body = physical(captured.alone())
+    body = physical(servicers.alone())
     return {
         'capture.time': _CAPTURED,
         'capture.mass': float(body[0]),
@@ -94,9 +93,9 @@ CASES = {
     'pulse': Case('pulse of 1 N s and 0.5 N m s at 30 s', lambda: _thrust(10.0, 5.0, 30.0, 0.1)),
     'inertial': Case('10 mN and 10 mN m, odometry axes', lambda: _whole_run('odom')),
     'body': Case('10 mN and 10 mN m, base axes', lambda: _whole_run('')),
-    'wheels': Case('four wheels spin up', _spinning, wheels.urdf, wheels.urdf),
+    'wheels': Case('four wheels spin up', _spinning, servicers.wheeled_urdf, servicers.wheeled_urdf),
     'wheels unread': Case(
-        'four wheels spin up, their speeds not in JointState', _spinning, wheels.urdf, wheels.unaware
+        'four wheels spin up, their speeds not in JointState', _spinning, servicers.wheeled_urdf, servicers.unaware
     ),
     'late': Case(f'joints stamped {1e3 * _LATE:g} ms late', late=_LATE),
     'capture': Case(f'a capture at {_CAPTURED:g} s', _capture, free_urdf, free_urdf),
@@ -157,7 +156,7 @@ def motion(case: str) -> tuple[RobotModel, Truth, Array, Pulse | None]:
     truth = simulation.advance(np.arange(round(SECONDS * RATE)) / RATE)
     sought = physical(robot.link(LINK).parameters)
     if isinstance(simulation, CaptureSimulation):
-        sought = np.concatenate((physical(captured.alone()), simulation.brought))
+        sought = np.concatenate((physical(servicers.alone()), simulation.brought))
     return robot, truth, sought, simulation.pulse if isinstance(simulation, ThrustSimulation) else None
 
 
@@ -208,11 +207,9 @@ def main() -> None:
         for method in row.methods
     }
     plain: dict[str, Outcome] = {}
-    lines = []
-    for (row, method), outcome in frame.outcomes(Outcome, run, work):
-        lines.append(_line(row, method, outcome, plain.setdefault(method, outcome)))
-        print(' | '.join(lines[-1]), flush=True)
-    frame.write(table=f'{table(_HEADER, lines)}\n\n{provenance()}')
+    frame.tabulate(
+        _HEADER, Outcome, run, work, lambda at, outcome: _line(*at, outcome, plain.setdefault(at[1], outcome))
+    )
 
 
 def _line(row: Row, method: str, outcome: Outcome, plain: Outcome) -> list[str]:

@@ -8,9 +8,8 @@ import numpy as np
 
 from benchmarks.frame import Frame, number, percent, provenance, table
 from benchmarks.honesty.conditions import Condition
-from benchmarks.honesty.disturbed import CONDITIONS
+from benchmarks.honesty.disturbed import CONDITIONS, WRONG_FILES
 from benchmarks.honesty.runs import FAR, REFUSED, Outcome, Verdict, judged, run
-from benchmarks.honesty.wrong_models import WRONG_FILES
 
 _SHOWN = 3  # causes that a reader looks at
 Verdicts = Mapping[Condition, Verdict]

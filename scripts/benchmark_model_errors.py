@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.frame import Frame, number, percent, provenance, statuses, table
-from benchmarks.model_errors.runs import Outcome, run
-from benchmarks.model_errors.variant import Variant, monte_carlo
+from benchmarks.frame import Frame, number, percent, statuses
+from benchmarks.model_errors import Outcome, Variant, monte_carlo, run
 from mbaid_ros.core.geometry import Array
 
 ROBOTS = ('servicer7', 'ets7', 'table1')
@@ -26,11 +25,7 @@ def main() -> None:
     for variant in frame.chosen(variants, lambda variant: f'{variant.robot}, {variant.name}'):
         seeds = frame.seeds if variant.name == 'all' else range(round(_OTHERS * len(frame.seeds)) or 1)
         work[variant] = (f'{variant.robot}-{variant.name}', [(variant, seed) for seed in seeds])
-    rows = []
-    for variant, outcome in frame.outcomes(Outcome, run, work):
-        rows.append(_row(variant, outcome))
-        print(' | '.join(rows[-1]), flush=True)
-    frame.write(table=f'{table(_HEADER, rows)}\n\n{provenance()}')
+    frame.tabulate(_HEADER, Outcome, run, work, _row)
 
 
 def _row(variant: Variant, outcome: Outcome) -> list[str]:

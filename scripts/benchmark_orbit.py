@@ -13,25 +13,24 @@ from itertools import product
 import numpy as np
 from scipy.stats import chi2
 
-from benchmarks.data import NOISE, history, model, target
+from benchmarks.data import NOISE, history, model, simulator_config, target
 from benchmarks.frame import Frame, Runs, declared, provenance, statuses, table
-from benchmarks.honesty.paths import sinusoids
+from benchmarks.honesty.paths import servicer
 from benchmarks.honesty.readings import read
 from benchmarks.honesty.runs import messages
-from benchmarks.honesty.worlds import World, float_freely
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.geometry import Array, Flags, unvec
+from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.parameters import BAND
-from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.session.session import Session
-from mbaid_ros.simulation.simulation import Truth, seen_from_orbit
+from mbaid_ros.simulated_robot import make_simulation, make_view
+from mbaid_ros.simulation.simulation import Truth
 
 ROBOT = 'servicer7'
 MEAN_MOTION = 1.1308e-3  # rad/s, at 400 km
-NADIR, NORMAL = np.array([0.6, 0.0, 0.8]), np.array([0.8, 0.0, -0.6])
-PLACES = {'at': np.zeros(3), 'away': np.array([12.0, -10.0, 13.0])}  # m from the frame's origin: 0 and 20
+NADIR, NORMAL = (0.6, 0.0, 0.8), (0.8, 0.0, -0.6)
+PLACES = {'at': (0.0, 0.0, 0.0), 'away': (12.0, -10.0, 13.0)}  # m from the frame's origin: 0 and 20
 PACES = {'fast': 8.0, 'slow': 0.25}  # times the sinusoids of config/: up to 20 to 40 deg/s, and 0.6 to 1.3
 FRAMES = ('inertial', 'lvlh', 'hill')
 DURATIONS = (60.0, 300.0)  # s: a shorter run is the begin of the longer one
@@ -72,55 +71,36 @@ class Outcome(Runs):
         return np.asarray(np.isfinite(self.error).all(axis=-1))
 
 
-def orbit_of(frame: str) -> Orbit:
-    """Return the orbit as seen in a frame of the odometry."""
-    if frame == 'inertial':
-        return Orbit.inertial(MEAN_MOTION, NADIR, NORMAL)
-    return Orbit.turning_with(MEAN_MOTION, 'lvlh' if frame == 'lvlh' else 'hill')
+def _declared(frame: str) -> dict[str, object]:
+    """Return the parameters of the orbit as seen in a frame of the odometry, of simulator and estimator alike."""
+    if not frame:
+        return {}
+    directions = {'orbit.nadir': NADIR, 'orbit.normal': NORMAL} if frame == 'inertial' else {}
+    return {'orbit.mean_motion': MEAN_MOTION, 'orbit.frame': frame, **directions}
 
 
 @cache
 def moved(pace: str, frame: str, place: str) -> Truth:
     """Return the motion seen from the odometry's frame; in empty space without one."""
-    world = World(model(ROBOT).urdf, sinusoids(pace=PACES[pace]), seconds=DURATIONS[-1], rate=RATE)
-    if not frame:
-        return float_freely(world)
-    around, away = orbit_of(frame), PLACES[place]
-
-    def tide(now: float, rotation: Array, position: Array, whole: Array) -> Array:
-        """Return force and torque of gravity on the robot, by the integrals of x and x x^T over its mass."""
-        gradient = around.gradient(np.array([now]))[0]
-        first, inertia = rotation @ whole[1:4], rotation @ unvec(whole[4:]) @ rotation.T
-        second = 0.5 * np.trace(inertia) * np.eye(3) - inertia  # about the base
-        mean = position + away
-        force = gradient @ (whole[0] * mean + first)
-        weighed = (second + np.outer(first, mean) + np.outer(position, whole[0] * mean + first)) @ gradient
-        couple = weighed[[1, 2, 0], [2, 0, 1]] - weighed[[2, 0, 1], [1, 2, 0]]
-        return np.concatenate((force, couple))
-
-    truth = float_freely(replace(world, wrench=tide))
-    truth = replace(truth, base_position=truth.base_position + away)
-    return seen_from_orbit(around, truth, relative_twist=True) if around.turning else truth
+    config = simulator_config(ROBOT, {**_declared(frame), 'initial.base_position': PLACES[place]})
+    driven = servicer()
+    driven = replace(driven, frequency=PACES[pace] * driven.frequency)
+    truth = make_simulation(config, model(ROBOT), driven).advance(np.arange(round(DURATIONS[-1] * RATE) + 1) / RATE)
+    view = make_view(config)
+    return truth if view is None else view(truth)
 
 
-def _orbit(row: Row) -> dict[str, object]:
-    """Return the parameters of the estimator."""
-    exact: dict[str, object] = {
-        name: value for name, value in EXACT.items() if row.part == 'grid' or not name.startswith('orbit')
-    }
-    if not row.frame or row.part == 'undeclared':
-        return exact
-    given: dict[str, object] = {'orbit.mean_motion': MEAN_MOTION, 'orbit.frame': row.frame}
-    if row.frame == 'inertial':
-        given |= {'orbit.nadir': NADIR.tolist(), 'orbit.normal': NORMAL.tolist()}
-    return {**exact, **given}
+def _parameters(row: Row) -> dict[str, object]:
+    """Return those of the estimator."""
+    undeclared = row.part == 'undeclared'
+    exact = {name: value for name, value in EXACT.items() if not (undeclared and name.startswith('orbit'))}
+    return {'target_link': 'link7', **declared(NOISE), **exact, **({} if undeclared else _declared(row.frame))}
 
 
 def run(work: tuple[Row, int]) -> Outcome:
     """Return the estimates of one run: row, seed."""
     row, seed = work
-    parameters = {'target_link': 'link7', **declared(NOISE), **_orbit(row)}
-    session = Session(build(EstimatorConfig, parameters), model(ROBOT).urdf)
+    session = Session(build(EstimatorConfig, _parameters(row)), model(ROBOT).urdf)
     truth = moved(row.pace, row.frame, row.place)
     found, ends = history(session, messages(session, read(truth, NOISE, seed), model(ROBOT), NOISE)), []
     for seconds in DURATIONS:

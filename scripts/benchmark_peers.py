@@ -6,26 +6,163 @@ Recordings and finished runs stay in --store (default: build/peers), from which 
 
 from __future__ import annotations
 
-import json
 import re
 import sys
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 
-from benchmarks.frame import Frame, provenance
-from benchmarks.peers import dataset, page, registry
+from benchmarks.frame import Frame, number, percent, provenance, table
+from benchmarks.peers import dataset, registry
 from benchmarks.peers.conditions import CONDITIONS, NOT_URDF, PANEL, of_redysim
 from benchmarks.peers.dataset import Run
-from benchmarks.peers.registry import BEST
-from benchmarks.peers.runs import Outcome, outcomes
-from benchmarks.peers.score import Score, Truth, median, score
+from benchmarks.peers.registry import BEST, OURS, Method
+from benchmarks.peers.runs import COVERED, Outcome, Score, Truth, median, outcomes, score
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURE = 'benchmark.svg'
 _QUICK = re.compile(rf'(ets7|table1) mid$|{NOT_URDF}|{PANEL}')
 _QUICK_SECONDS = 20.0
+
+
+Scores = Mapping[str, Mapping[str, Score]]  # by method and row
+_COLOURS = {True: '#0072b2', False: '#d55e00'}  # of this package, of others: blue and vermilion of Okabe and Ito
+
+
+def main_table(methods: Sequence[Method], whole: Mapping[str, Score], rows: Scores, same: Mapping[str, float]) -> str:
+    """Return the table of all methods over all their runs, the most accurate first."""
+    header = [
+        *(
+            'method',
+            'error / bound',
+            f'`{BEST}` there',
+            'worst row',
+            'coverage',
+            'rows that hold',
+            'silently wrong',
+            'no answer',
+        ),
+        *('time, s', 'memory, MB', 'needs'),
+    ]
+    lines = []
+    for method in sorted(methods, key=lambda each: (np.isnan(whole[each.name].median), whole[each.name].median)):
+        own, by_row = whole[method.name], rows[method.name]
+        worst = max((each.median for each in by_row.values() if each.answers), default=np.nan)
+        answered = [each for each in by_row.values() if each.answers]
+        held = sum(each.holds for each in answered)
+        sure = np.isfinite(own.covered)
+        lines.append(
+            (
+                f'**`{method.name}`**' if method.name in OURS else f'`{method.name}`',
+                number(own.median),
+                number(same[method.name]),
+                number(worst),
+                percent(own.covered),
+                f'{held} of {len(answered)}' if sure else '-',
+                f'{own.wrong} of {own.answers}',
+                f'{own.runs - own.answers} of {own.runs}',
+                number(own.processor, 1),
+                number(own.memory),
+                method.needs,
+            )
+        )
+    return table(header, lines)
+
+
+def verdict(rows: Scores) -> str:
+    """Return the rows in which the default method is not the most accurate, or its coverage is not right."""
+    better, uncovered, silent = [], [], []
+    for name, own in rows.get(BEST, {}).items():
+        found = []
+        for method, by_row in rows.items():
+            ratio = by_row[name].ratio if name in by_row else np.zeros(0)  # of the first seeds, for a slow method
+            here, there = median(own.ratio[: len(ratio)]), median(ratio)
+            if there < here:
+                found.append((there / here, f'{name} (`{method}`: {number(there)}, `{BEST}` there: {number(here)})'))
+        better += [text for _, text in sorted(found)[:1]]
+        if not own.answers:
+            silent.append(name)
+        elif not own.holds:
+            uncovered.append(f'{name} ({percent(own.covered)} of {own.intervals})')
+    hold = [
+        f'`{method}`' for method, by_row in rows.items() if all(each.holds for each in by_row.values() if each.answers)
+    ]
+    facts = {
+        f'Rows in which another method is more accurate than `{BEST}`, the best of them': '; '.join(better),
+        f'Rows in which the coverage of `{BEST}` does not hold': '; '.join(uncovered),
+        f'Rows without an answer of `{BEST}`': '; '.join(silent),
+        'Methods whose coverage holds in every row with an answer': ', '.join(hold),
+    }
+    return '\n'.join(f'- {fact}: {names or "none"}.' for fact, names in facts.items())
+
+
+def row_table(methods: Sequence[Method], rows: Scores) -> str:
+    """Return runs, and error over bound and coverage of every method, in every row."""
+    names = dict.fromkeys(name for by_row in rows.values() for name in by_row)
+    lines = []
+    for name in names:
+        cells = []
+        for method in methods:
+            own = rows[method.name].get(name)
+            if own is None or not own.answers:
+                cells.append('-' if own is None else 'no answer')
+                continue
+            covered = f', {percent(own.covered)}' if np.isfinite(own.covered) else ''
+            few = f' ({own.answers} of {own.runs})' if own.answers < own.runs else ''
+            cells.append(f'{number(own.median)}{covered}{few}')
+        lines.append((name, str(max(each[name].runs for each in rows.values() if name in each)), *cells))
+    return table(('row', 'runs', *(f'`{method.name}`' for method in methods)), lines)
+
+
+def method_table(methods: Sequence[Method], whole: Mapping[str, Score]) -> str:
+    """Return each method's description, tuning, and reasons for no answer."""
+    lines = []
+    for each in methods:
+        about = re.sub(r'\.$', '', each.about)
+        reasons = sorted(set(whole[each.name].failures))
+        words = (
+            reasons[0].replace('|', '/')[:120] + (f' (and {len(reasons) - 1} more)' if reasons[1:] else '')
+            if reasons
+            else ''
+        )
+        lines.append((f'`{each.name}`', about, each.tuned, words or '-'))
+    return table(('method', 'description', 'tuned', 'why no answer'), lines, words=True)
+
+
+def draw(file: Path, whole: Mapping[str, Score]) -> None:
+    """Draw accuracy against time; filled where the intervals hold."""
+    low, high = (round(100 * share) for share in COVERED)
+    with mpl.rc_context({'svg.hashsalt': 'mbaid_ros'}):
+        drawing = Figure(figsize=(8.0, 4.6), layout='constrained', facecolor='white')
+        axis = drawing.subplots()
+        for name, own in whole.items():
+            if not np.isfinite(own.median):
+                continue
+            colour = _COLOURS[name in OURS]
+            face = colour if own.holds else 'white'
+            axis.plot(own.processor, own.median, 'o', color=colour, markerfacecolor=face, markersize=9)
+            place = (own.processor, own.median)
+            axis.annotate(name.replace('_', ' '), place, (9, 3), textcoords='offset points', fontsize=8)
+        axis.axhline(1.0, color='black', linewidth=0.9, linestyle=(0, (4, 3)))
+        axis.annotate(
+            'no unbiased method is better', (0.01, 1.0), (0, 3), ('axes fraction', 'data'), 'offset points', fontsize=8
+        )
+        axis.set_xscale('log')
+        axis.set_yscale('log')
+        axis.set_xlabel('processor time of a run [s]')
+        axis.set_ylabel('error / bound, median')
+        title = f'filled: {low} to {high} % of the 95 % intervals hold the truth'
+        axis.set_title(title, fontsize=9, loc='left')
+        axis.margins(x=0.25)
+        axis.spines[['top', 'right']].set_visible(False)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        drawing.savefig(file, metadata={'Date': None})
+    text = re.sub(r' +\n', '\n', file.read_text(encoding='utf-8'))
+    file.write_text(text, encoding='utf-8')
 
 
 def main() -> None:
@@ -52,17 +189,17 @@ def main() -> None:
     done = sum(len(each) for each in found.values())
     note = f'{len(runs)} runs of {seconds:g} s in {len(conditions)} rows, {done} answers; manifest {digest[:16]}'
     texts = {
-        'table': f'{page.main_table(methods, whole, rows, same)}\n\n{provenance(note)}',
-        'verdict': page.verdict(rows),
-        'rows': page.row_table(methods, rows),
-        'methods': page.method_table(methods, whole),
+        'table': f'{main_table(methods, whole, rows, same)}\n\n{provenance(note)}',
+        'verdict': verdict(rows),
+        'rows': row_table(methods, rows),
+        'methods': method_table(methods, whole),
     }
     print(*texts.values(), sep='\n\n')
     if given.quick or given.rows or given.methods:
         print('a part of the benchmark: docs/measured/benchmark.md stays as it is', file=sys.stderr)
     elif given.output is not None:
         frame.write(**texts)
-        page.draw(given.output / 'measured' / PICTURE, whole)
+        draw(given.output / 'measured' / PICTURE, whole)
 
 
 def _methods(pattern: str) -> list[registry.Method]:
@@ -81,7 +218,7 @@ def _scores(
     found: dict[str, dict[str, Outcome]], runs: list[Run], folder: Path
 ) -> tuple[dict[str, Score], dict[str, dict[str, Score]], dict[str, float]]:
     """Return the scores by method, by method and row, and the default method's error on the runs that each answers."""
-    truths = {run.name: _truth(folder / run.name / dataset.TRUTH) for run in runs}
+    truths = {run.name: Truth.read(folder / run.name) for run in runs}
     whole: dict[str, Score] = {}
     rows: dict[str, dict[str, Score]] = {}
     for method, by_run in found.items():
@@ -97,11 +234,6 @@ def _scores(
         answered = [ours.get(name, np.nan) for name, own in zip(by_run, whole[method].ratio, strict=True) if own >= 0.0]
         same[method] = median(answered)
     return whole, rows, same
-
-
-def _truth(file: Path) -> Truth:
-    values = json.loads(file.read_text(encoding='utf-8'))
-    return Truth(np.array(values['parameters']), np.array(values['bound'], dtype=float))
 
 
 if __name__ == '__main__':

@@ -8,9 +8,8 @@ from itertools import product
 
 import numpy as np
 
-from benchmarks.data import NOISE, RATE, kernel, sampled
-from benchmarks.frame import Frame, Runs, declared, number, provenance, table
-from benchmarks.random_sinusoids import SINUSOIDS, best_of_sinusoids
+from benchmarks.data import NOISE, RATE, kernel, last_state, sampled
+from benchmarks.frame import Frame, Runs, declared, number
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
@@ -24,12 +23,15 @@ from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.streams import Windows
-from mbaid_ros.planning.goal import BaseLimits, Wanted, joint_limits
+from mbaid_ros.planning.goal import BaseLimits, JointLimits, Wanted, joint_limits
+from mbaid_ros.planning.information import Grid
+from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import Plan
 from mbaid_ros.planning.planner import Planner, PlanSettings
 from mbaid_ros.planning.splines import Splines
 from mbaid_ros.session.methods import make_estimator, make_reporting
 from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Simulation, Truth
 from mbaid_ros.simulation.steered import made_to_follow
@@ -41,6 +43,10 @@ WINDOW, KNOTS = 0.5, 10  # s, of the estimator
 FIRST, FIRST_SPEED, REST = 6.0, 0.035, 0.5  # s, rad/s, s: the motion before the plan
 SPIN = 0.002  # rad/s, standard deviation of the base's rates
 CLOSE = 0.2  # relative difference of reached and predicted deviations that counts as close
+SINUSOIDS = 50
+LENGTHS = (10.0, 20.0, 40.0, 80.0, 160.0)  # s, in which sinusoids keep the limits
+_BATCH, _WINDOWS = 25, 40  # sinusoids at once; windows of each length
+_TINY = 1e-12  # rad or m
 
 
 @dataclass(frozen=True)
@@ -92,11 +98,11 @@ def run(work: tuple[Case, int]) -> Outcome:
     plan = planner.plan()
     searched = time.process_time() - begin
     best = best_of_sinusoids(planner.motions, Wanted(settings.relative, planner.information.asked), base, generator)
-    moved = _follow(model, _last(truth), plan.trajectory, plan.trajectory.duration + REST)
+    moved = _follow(model, last_state(truth), plan.trajectory, plan.trajectory.duration + REST)
     seen = _seen(moved, seed + 1000)
     final = _updated(method, replace(seen, time=seen.time + samples.time[-1] + 1.0 / RATE))
     reached, normalised = _compared(final, plan, reporting.sizes(final.parameters), own)
-    turned = _turned(model, _last(truth), moved, plan.trajectory.duration)
+    turned = _turned(model, last_state(truth), moved, plan.trajectory.duration)
     length = plan.trajectory.duration if plan.reached else np.nan
     numbers = np.asarray(length), np.asarray(best), np.asarray(searched), np.asarray(turned)
     return Outcome(*numbers, reached, normalised)
@@ -121,12 +127,6 @@ def _first(kernel: MomentumKernel, state: State, generator: np.random.Generator)
 def _follow(model: RobotModel, state: State, trajectory: JointTrajectory, seconds: float) -> Truth:
     motion = made_to_follow(trajectory, model, state.joint_position, 0.0)
     return Simulation(model, motion, state).advance(np.arange(round(seconds * RATE) + 1) / RATE)
-
-
-def _last(truth: Truth) -> State:
-    last = truth[-1:]
-    velocity = (last.base_linear_velocity[0], last.base_angular_velocity[0], last.joint_velocity[0])
-    return State(last.base_position[0], last.base_orientation[0], last.joint_position[0], np.concatenate(velocity))
 
 
 def _method(kernel: MomentumKernel) -> Estimator:
@@ -159,16 +159,75 @@ def _compared(final: Estimate, plan: Plan, sizes: Array, kernel: MomentumKernel)
     return np.where(determined, final.std / sizes / plan.after, np.nan), np.where(determined, error / final.std, np.nan)
 
 
+def best_of_sinusoids(motions: Motions, wanted: Wanted, base: BaseLimits, generator: np.random.Generator) -> float:
+    """Return the shortest time in which one of the sinusoids reaches the wanted accuracy, s; infinite for none."""
+    drawn = _sinusoids(motions, generator)
+    for length in LENGTHS:  # in a longer one they are no larger, and reach it no sooner
+        shortest = min(_time_to_reach(motions, each, length, wanted, base) for each in drawn)
+        if np.isfinite(shortest):
+            return shortest
+    return np.inf
+
+
+def _sinusoids(motions: Motions, generator: np.random.Generator) -> list[list[Sinusoids]]:
+    """Return sinusoids of all joints, two terms each, as large as the joints' limits allow, in batches."""
+    limits: JointLimits = motions.limits
+    every = []
+    for _ in range(SINUSOIDS):
+        shape = (len(motions.start), 2)
+        amplitude = generator.uniform(0.5, 1.0, shape)
+        frequency = 1.0 / generator.uniform(8.0, 40.0, shape)
+        phase = 0.5 * np.pi * generator.choice([-1.0, 1.0], shape)  # from rest: no joint jumps to a speed
+        rate = 2.0 * np.pi * frequency
+        centre = -(amplitude * np.sin(phase)).sum(axis=1)
+        reach = amplitude.sum(axis=1)
+        room = np.minimum(
+            (limits.upper - motions.start) / np.maximum(reach + centre, _TINY),
+            (motions.start - limits.lower) / np.maximum(reach - centre, _TINY),
+        )
+        fastest = limits.velocity / (amplitude * rate).sum(axis=1)
+        steepest = limits.acceleration / (amplitude * rate**2).sum(axis=1)
+        scale = np.minimum(np.minimum(fastest, steepest), room)
+        every.append(Sinusoids(motions.start, amplitude * scale[:, None], frequency, phase))
+    return [every[place : place + _BATCH] for place in range(0, SINUSOIDS, _BATCH)]
+
+
+def _time_to_reach(motions: Motions, drawn: list[Sinusoids], length: float, wanted: Wanted, base: BaseLimits) -> float:
+    """Return when the first of some sinusoids, reduced to the limits of the base, reaches the wanted accuracy."""
+    grid = Grid(_WINDOWS, 5, length / _WINDOWS / 5)
+    times = grid.half_steps
+    part = np.ones(len(drawn))
+    for _ in range(3):
+        position, rate = _moved(drawn, times, part)
+        floating = motions.floating.moved(position, rate, grid.spacing)
+        resting = motions.floating.moved(*motions.at_rest(times), grid.spacing)
+        use = (floating.away_from(resting).max(axis=0) / base.array).max(axis=1)
+        if np.all(use <= 1.0):
+            break
+        part *= np.where(use > 1.0, 0.98 / use, 1.0)
+    relative = motions.information.after(grid, (position[::2], rate[::2]), floating, every=1)
+    reached = (wanted.ratio(relative) <= 1.0) & (use <= 1.0)
+    return float(grid.ends[int(np.argmax(reached.any(axis=1)))]) if reached.any() else np.inf
+
+
+def _moved(drawn: list[Sinusoids], times: Array, part: Array) -> tuple[Array, Array]:
+    """Return positions and rates (T, B, n): before the begin, at rest."""
+    amplitude, frequency, phase = (
+        np.stack([getattr(each, name) for each in drawn]) for name in ('amplitude', 'frequency', 'phase')
+    )
+    amplitude, omega = amplitude * part[:, None, None], 2.0 * np.pi * frequency
+    angle = omega * np.maximum(times, 0.0)[:, None, None, None] + phase
+    position = drawn[0].start + (amplitude * (np.sin(angle) - np.sin(phase))).sum(axis=-1)
+    rate = (amplitude * omega * np.cos(angle)).sum(axis=-1)
+    return position, np.where(times[:, None, None] < 0.0, 0.0, rate)
+
+
 def main() -> None:
     """Run the benchmark."""
     frame = Frame(__doc__, 'measured/planning.md', seeds=20)
     cases = frame.chosen((Case(*each) for each in product(ROBOTS, SPEEDS, (True, False))), lambda case: case.name)
     work = {case: (case.name, [(case, seed) for seed in frame.seeds]) for case in cases}
-    rows = []
-    for case, outcome in frame.outcomes(Outcome, run, work):
-        rows.append(_row(case, outcome))
-        print(' | '.join(rows[-1]), flush=True)
-    frame.write(table=f'{table(_HEADER, rows)}\n\n{provenance()}')
+    frame.tabulate(_HEADER, Outcome, run, work, _row)
 
 
 def _row(case: Case, found: Outcome) -> list[str]:
@@ -201,7 +260,6 @@ _HEADER = (
     *('robot, joints, base', 'states', 'planned', f'best of {SINUSOIDS}', 'planned / best'),
     *('reached / predicted', 'in 95 %', 'turned, most', 'search'),
 )
-
 
 if __name__ == '__main__':
     main()

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.frame import Frame, number, percent, provenance, statuses, table
+from benchmarks.frame import Frame, number, percent, statuses
+from benchmarks.honesty.conditions import STARTS
 from benchmarks.honesty.runs import FAR, PUBLISHED, Outcome, run
-from benchmarks.honesty.starts import STARTS
 
 
 def main() -> None:
@@ -15,11 +15,7 @@ def main() -> None:
     method = frame.arguments.method
     names = [condition.name for condition in frame.chosen(STARTS, lambda condition: condition.name)]
     work = {name: (f'{method}-{name}', [(name, method, seed) for seed in frame.seeds]) for name in names}
-    rows = []
-    for name, outcome in frame.outcomes(Outcome, run, work):
-        rows.append(_row(name, outcome))
-        print(' | '.join(rows[-1]), flush=True)
-    frame.write(table=f'{table(_HEADER, rows)}\n\n{provenance()}')
+    frame.tabulate(_HEADER, Outcome, run, work, _row)
 
 
 def _row(name: str, outcome: Outcome) -> list[str]:

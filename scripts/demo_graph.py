@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,13 +23,9 @@ PATIENCE = 60.0  # s, for a process to appear on the graph or to end
 sys.path.insert(0, str(ROOT / 'test'))
 
 from graph import Graph, Process, executable, graph  # noqa: E402 - from the tests, which are no package
+from simulated import assigned  # noqa: E402
 
 __all__ = ['CONFIG', 'ROOT', 'Demo', 'Graph', 'assigned', 'executable', 'graph', 'running']
-
-
-def assigned(values: Mapping[str, object]) -> list[str]:
-    """Return the words of a command line that set parameters."""
-    return [word for name, value in values.items() for word in ('-p', f'{name}:={value}')]
 
 
 class Demo:

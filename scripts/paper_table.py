@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.accuracy import Identification
 from benchmarks.data import NOISE, ROBOTS, exact_samples, kernel, momentum_of, motion, readings, target
 from benchmarks.frame import Frame, provenance, table
-from benchmarks.methods import Identification
 from mbaid_ros.core import paper
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.paper import RecursiveLeastSquares

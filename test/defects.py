@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.data import coloured
 from benchmarks.honesty import readings
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
@@ -209,7 +208,7 @@ def navigation(constant: float, declared: float) -> readings.Defect:
         base, truth = readings.correlated(constant, found, rng).base, found.truth
         linear, angular = (
             getattr(truth, f'base_{name}')
-            + coloured(getattr(base, name) - getattr(truth, f'base_{name}'), truth.time, constant)
+            + readings.coloured(getattr(base, name) - getattr(truth, f'base_{name}'), truth.time, constant)
             for name in ('linear_velocity', 'angular_velocity')
         )
         covariances = {

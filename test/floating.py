@@ -14,14 +14,14 @@ from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.model_errors import declared
-from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, physical
+from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
 from mbaid_ros.core.trajectory.target_runs import TrajectorySettings
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth
-from observed import windows
+from observed import nees, true_body, windows
 
 WINDOW = 0.5  # s
 RATE = 100.0  # Hz
@@ -125,10 +125,9 @@ def follow(
 
 def errors(estimate: Estimate, kernel: MomentumKernel) -> Array:
     """Return the errors of the parameters that are identifiable."""
-    return (estimate.parameters - physical(kernel.target.parameters))[estimate.identifiable]
+    return (estimate.parameters - true_body(kernel))[estimate.identifiable]
 
 
 def normalised(estimate: Estimate, kernel: MomentumKernel) -> float:
     """Return the squared error of all identifiable parameters in units of their covariance (NEES)."""
-    error, known = errors(estimate, kernel), estimate.identifiable
-    return float(error @ np.linalg.solve(estimate.covariance[np.ix_(known, known)], error))
+    return nees(estimate, true_body(kernel))

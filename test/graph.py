@@ -63,13 +63,6 @@ def reserved_domain() -> Iterator[tuple[int, int]]:
     raise RuntimeError('every ROS domain is in use')
 
 
-@contextmanager
-def free_domain() -> Iterator[int]:
-    """Reserve a ROS domain for nodes of this process."""
-    with reserved_domain() as (domain, _):
-        yield domain
-
-
 class Process:
     """An executable of the package, running.
 
@@ -144,12 +137,7 @@ class Graph:
 
     def __init__(self, domain: int, lock: int, folder: Path) -> None:
         self._lock = lock
-        self.environment = {
-            **os.environ,
-            'ROS_DOMAIN_ID': str(domain),
-            **LOCAL,
-            'PYTHONUNBUFFERED': '1',
-        }
+        self.environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain), **LOCAL, 'PYTHONUNBUFFERED': '1'}
         self._folder = folder
         self.processes: list[Process] = []
         self._context = Context()

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks.data import last_state
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Estimator, knowledge_of
@@ -103,13 +104,6 @@ def first_motion(name: str, seconds: float) -> JointTrajectory:
     splines = Splines(5, seconds)
     drawn = np.random.default_rng(3).standard_normal((5, model.joints))
     return splines.trajectory(splines.filling(drawn, start, limits), start, model.joint_names)
-
-
-def last_state(truth: Truth) -> State:
-    """Return the state that a motion ends in."""
-    last = truth[-1:]
-    velocity = (last.base_linear_velocity[0], last.base_angular_velocity[0], last.joint_velocity[0])
-    return State(last.base_position[0], last.base_orientation[0], last.joint_position[0], np.concatenate(velocity))
 
 
 def angle(rotation: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Small bags of simulated robots, for the tests of what reads them."""
+"""Small bags: of simulated robots, and of random numbers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mbaid_ros.bags import BagWriter
+from mbaid_ros.bags import BagReader, BagWriter, message_class
 from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.simulation.dynamics import State
@@ -54,3 +54,34 @@ def papers_case(path: Path, duration: float = 20.0, rate: float = 20.0) -> Path:
     """Write the paper's case, free of noise: table1.urdf, whose last link is the unknown one."""
     model, start = table1()
     return write(path, model, simulate(model, start, duration, rate))
+
+
+STRING = 'std_msgs/msg/String'
+COUNT = 1500
+
+
+def random_joint_state(index: int) -> Any:
+    # Random numbers, so that the chunks do not compress to nothing and a cut can fall within one.
+    noise = np.random.default_rng(index).normal(size=40)
+    return joint_state(['a', 'b'], noise, noise, stamp=10_000_000 * index)
+
+
+def string(text: str) -> Any:
+    return message_class(STRING)(data=text)
+
+
+def write_bag(path: Path, count: int = COUNT) -> Path:
+    with BagWriter(path) as bag:
+        bag.add_topic('/robot_description', STRING, latched=True)
+        bag.add_topic('/joint_states', JOINT_STATE_TYPE, reliable=False)
+        bag.write('/robot_description', string('<robot/>'), 0)
+        for index in range(count):
+            bag.write('/joint_states', random_joint_state(index), 1 + index * 10_000_000)
+            if index % 300 == 299:
+                bag.flush()
+    return path
+
+
+def everything(path: Path) -> tuple[list[tuple[str, bytes, int]], list[str]]:
+    with BagReader(path) as bag:
+        return list(bag.raw()), bag.warnings

@@ -11,7 +11,6 @@ from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.session.session import Session
@@ -73,9 +72,3 @@ def history(run: SimulatedRun, into: Session) -> list[Estimate]:
 def identify(run: SimulatedRun, into: Session) -> Estimate:
     """Return the last estimate of a run."""
     return history(run, into)[-1]
-
-
-def nees(estimate: Estimate, true: Array) -> float:
-    """Return the squared error of all ten parameters in units of their covariance."""
-    error = estimate.parameters - true
-    return float(error @ np.linalg.solve(estimate.covariance, error))

@@ -1,7 +1,8 @@
-"""Robots in motion, for the tests of the simulator."""
+"""Robots of config/ in motion, and parameters on a command line."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,16 @@ from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_ro
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 DEGREE = np.pi / 180.0
+
+
+def options(*texts: str) -> list[str]:
+    """Return the words of a command line that set parameters, given as name:=value."""
+    return [word for text in texts for word in ('-p', text)]
+
+
+def assigned(values: Mapping[str, object]) -> list[str]:
+    """Return the words of a command line that give parameters their values."""
+    return options(*(f'{name}:={value}' for name, value in values.items()))
 
 
 def robot(name: str) -> RobotModel:

@@ -11,8 +11,6 @@ from rclpy.serialization import serialize_message
 from benchmarks.data import simulator_config
 from mbaid_ros.bags import deserialize, serialize
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import METHODS, build
-from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.nodes.subscriptions import TYPES
 from mbaid_ros.session.session import Session
@@ -61,17 +59,3 @@ def offline(
 def every_bit(message: Any, type_name: str) -> bytes:
     """Return an rclpy message as what can be compared: NaN is not equal to itself, and serialisers pad as they like."""
     return serialize(deserialize(serialize_message(message), type_name), type_name)
-
-
-def methods() -> list[str]:
-    """Return the methods that can be chosen."""
-
-    def available(method: str) -> bool:
-        config = build(EstimatorConfig, {'method': method, 'paper.total_angular_momentum': TABLE1_MOMENTUM})
-        try:
-            Session(config, urdf('table1'))
-        except ParameterError:
-            return False
-        return True
-
-    return [method for method in METHODS if available(method)]

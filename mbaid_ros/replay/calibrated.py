@@ -40,6 +40,11 @@ class Calibrated:
         """Whether the data contradict the model: the result must not be trusted."""
         return self.calibration.residual > LARGEST_RESIDUAL
 
+    @property
+    def unsolvable(self) -> bool:
+        """Whether the data contradict the model so far that there is no solution near it."""
+        return not self.calibration.settled and (self.contradicted or bool(self.unmoved))
+
     @cached_property
     def survey(self) -> ModelSummary:
         """The model summary."""
@@ -66,7 +71,7 @@ def why_not(result: Calibrated) -> str:
     calibration = result.calibration
     if not calibration.settled:
         remedy = result.unmoved or 'correct its large errors, or declare priors as wide as they are'
-        model = 'the data contradict the model: ' if result.contradicted or result.unmoved else ''
+        model = 'the data contradict the model: ' if result.unsolvable else ''
         return f'{model}the iteration does not converge near the robot description; {remedy}'
     left_open = [
         f'{link.name}.{PARAMETERS[index]}'
@@ -185,7 +190,7 @@ def joint_rows(result: Calibrated) -> list[tuple[str, ...]]:
     """Return a line a joint: name, zero, shift of the frame, tilt of the axis, with their bands."""
     calibration = result.calibration
     stds = 1e3 * calibration.stds[len(calibration.theta) : -6].reshape(-1, 6)
-    each = zip(calibration.mechanism.kernel.model.joint_names, 1e3 * calibration.joints, stds, strict=True)
+    each = zip(calibration.kernel.model.joint_names, 1e3 * calibration.joints, stds, strict=True)
     parts = slice(0, 1), slice(1, 4), slice(4, 6)
     return [(one_line(name), *(_beside(values[part], std[part]) for part in parts)) for name, values, std in each]
 

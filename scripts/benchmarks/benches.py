@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.io import savemat
 
+from benchmarks.data import last_state
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, express, load_model
@@ -154,8 +155,6 @@ def _pushed(robot: RobotModel, motion: Sinusoids, time: Array, wrenches: Array) 
         # The last one is where the next wrench begins.
         instants = np.append(instants, instants[-1] + time[1]) if len(instants) <= _COMMAND else instants
         part = run.advance(instants - instants[0])
-        last = part[len(part) - 1 :]
-        twist = last.base_linear_velocity[0], last.base_angular_velocity[0], last.joint_velocity[0]
-        state = State(last.base_position[0], last.base_orientation[0], last.joint_position[0], np.concatenate(twist))
+        state = last_state(part)
         parts.append(part[: len(part) - 1])
     return Truth.concatenate(parts)

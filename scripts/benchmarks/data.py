@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from scipy.signal import lfilter
 
+from benchmarks.honesty.readings import Defect, Readings, correlated, outliers, read_by, thinned, wandering
 from mbaid_ros.config.files import load_parameter_file, read_robot_description
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.geometry import Array, exp, log, rotate, rotation_from_quaternion
+from mbaid_ros.core.geometry import Array, rotate, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
@@ -42,7 +42,6 @@ RATE = 100.0  # Hz
 DURATION = 60.0  # s
 MAXIMUM_GAP = 0.1  # s
 START = 1_700_000_000_000_000_000  # ns, stamp at time 0
-_FAR, _TURNED = 0.2, np.radians(5.0)  # m, rad: errors of outliers
 _MESSAGES_AT_ONCE = 2_000  # as in `replay`
 
 
@@ -89,6 +88,17 @@ class Case:
     def plain(self) -> bool:
         """Whether all sensors work."""
         return self == Case(self.robot, self.level)
+
+    def defects(self) -> Iterator[Defect]:
+        """Yield those of its odometry."""
+        if self.wander:
+            yield partial(wandering, self.wander)
+        if self.correlated:
+            yield partial(correlated, self.correlated)
+        if self.outliers:
+            yield partial(outliers, self.outliers)
+        if self.every > 1:
+            yield partial(thinned, self.every)
 
     def draw(self, seed: int) -> int:
         """Return the seed of the noise: robots and levels draw apart."""
@@ -166,6 +176,13 @@ def endless_motion(robot: str, rate: float = RATE, seconds: float = DURATION) ->
     return Simulation(model(robot), driven, rest).advance(np.arange(round(seconds * rate)) / rate)
 
 
+def last_state(truth: Truth) -> State:
+    """Return the state that a motion ends in."""
+    last = truth[-1:]
+    velocity = (last.base_linear_velocity[0], last.base_angular_velocity[0], last.joint_velocity[0])
+    return State(last.base_position[0], last.base_orientation[0], last.joint_position[0], np.concatenate(velocity))
+
+
 def momentum_of(robot: str, truth: Truth, model_errors: ModelErrors | None = None) -> Array:
     """Return the true (6,) total momentum, about the odometry origin."""
     return total_momentum(true_model(robot, model_errors), truth[:1])[0]
@@ -175,38 +192,32 @@ def readings(
     truth: Truth, noise: SensorNoise, seed: int | None, model_errors: ModelErrors | None = None
 ) -> tuple[JointStream, BaseStream]:
     """Return the readings of a motion with the covariances of a noise; without a seed they are exact."""
-    sensors = Sensors(_SILENT, 0, model_errors) if seed is None else Sensors(noise, seed, model_errors)
-    return sensed(truth, sensors, noise)
+    read = read_by(Sensors(_SILENT, 0, model_errors) if seed is None else Sensors(noise, seed, model_errors), truth)
+    return _streams(read, noise)
 
 
 def observed(
     truth: Truth, case: Case, seed: int, model_errors: ModelErrors | None = None
 ) -> tuple[JointStream, BaseStream]:
     """Return the readings of a motion by the case's sensors."""
-    joints, base = readings(truth, case.noise, case.draw(seed), model_errors)
-    if case.wander:
-        step = case.wander * np.sqrt(np.diff(truth.time, prepend=truth.time[0]))
-        walk = step[:, None] * np.random.default_rng([seed, 1]).normal(size=base.position.shape)
-        base = replace(base, position=base.position + np.cumsum(walk, axis=0))
+    read, rng = read_by(Sensors(case.noise, case.draw(seed), model_errors), truth), np.random.default_rng([seed, 1])
+    for defect in case.defects():
+        read = defect(read, rng)
+    joints, base = _streams(read, case.noise)
     if case.sensors == 'poses':
-        joints = replace(joints, velocity=np.full_like(joints.velocity, np.nan))
         nothing = np.full_like(base.linear_velocity, np.nan)
+        joints = replace(joints, velocity=np.full_like(joints.velocity, np.nan))
         base = replace(base, linear_velocity=nothing, angular_velocity=nothing)
-    if case.correlated:
-        base = _correlated(base, truth, case.correlated)
-    if case.outliers:
-        base = _with_outliers(base, case.outliers, seed)
-    return joints, base[:: case.every]
+    return joints, base
 
 
-def sensed(truth: Truth, sensors: Sensors, noise: SensorNoise) -> tuple[JointStream, BaseStream]:
-    """Return the readings of given sensors, with the covariances of a given noise."""
-    joints, base = sensors.joints(truth), sensors.base(truth)
-    stamp = np.round(truth.time * 1e9).astype(np.int64)
-    rotation = rotation_from_quaternion(base.orientation)
-    shape = (len(truth), 6, 6)
-    return JointStream(stamp, joints.position, joints.velocity), BaseStream(
-        stamp=stamp,
+def _streams(read: Readings, noise: SensorNoise) -> tuple[JointStream, BaseStream]:
+    """Return readings with the covariances of a given noise."""
+    joints, base = read.joints, read.base
+    rotation, shape = rotation_from_quaternion(base.orientation), (len(base.time), 6, 6)
+    stamps = [np.round(each.time * 1e9).astype(np.int64) for each in (joints, base)]
+    return JointStream(stamps[0], joints.position, joints.velocity), BaseStream(
+        stamp=stamps[1],
         position=base.position,
         rotation=rotation,
         linear_velocity=rotate(rotation, base.linear_velocity),
@@ -249,38 +260,3 @@ def history(session: Session, messages: Iterable[tuple[Callable[[Any], Any], Any
         if count % _MESSAGES_AT_ONCE == 0:
             found += session.process()
     return found + session.process()
-
-
-def coloured(white: Array, time: Array, constant: float) -> Array:
-    """Return errors (N, 3) at (N,) s as an autoregression with a time constant (s), as large as the white ones."""
-    keep = float(np.exp(-np.mean(np.diff(time)) / constant))
-    scale = np.full((len(white), 1), np.sqrt(1.0 - keep**2))
-    scale[0] = 1.0
-    return np.asarray(lfilter([1.0], [1.0, -keep], scale * white, axis=0))
-
-
-def _correlated(base: BaseStream, truth: Truth, constant: float) -> BaseStream:
-    true = rotation_from_quaternion(truth.base_orientation)
-    rotation = exp(coloured(log(base.rotation @ np.swapaxes(true, 1, 2)), truth.time, constant)) @ true
-    return _posed(
-        base, truth.base_position + coloured(base.position - truth.base_position, truth.time, constant), rotation
-    )
-
-
-def _with_outliers(base: BaseStream, share: float, seed: int) -> BaseStream:
-    rng = np.random.default_rng([seed, 2])
-    hit = (rng.random(len(base.stamp)) < share)[:, None]
-    away, turn = (_directions(rng, len(hit)) for _ in range(2))
-    return _posed(base, base.position + hit * _FAR * away, exp(hit * _TURNED * turn) @ base.rotation)
-
-
-def _directions(rng: np.random.Generator, count: int) -> Array:
-    vectors = rng.normal(size=(count, 3))
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
-
-
-def _posed(base: BaseStream, position: Array, rotation: Array) -> BaseStream:
-    """Return a stream with other poses; the twist keeps its components in base axes."""
-    turn = rotation @ np.swapaxes(base.rotation, 1, 2)
-    linear, angular = ((turn @ each[..., None])[..., 0] for each in (base.linear_velocity, base.angular_velocity))
-    return replace(base, position=position, rotation=rotation, linear_velocity=linear, angular_velocity=angular)

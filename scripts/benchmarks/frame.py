@@ -129,6 +129,21 @@ class Frame:
                 file = store and store / f'{re.sub(r"[^0-9A-Za-z+-]+", "_", name)}.npz'
                 yield row, completed(kind, file, each, run, pool, bar)
 
+    def tabulate(
+        self,
+        header: Sequence[str],
+        kind: type[Outcome],
+        run: Callable[[Any], object],
+        work: Mapping[Row, tuple[str, Sequence[Any]]],
+        line: Callable[[Row, Outcome], list[str]],
+    ) -> None:
+        """Print a line of each result as soon as it is complete, and write them as `table`."""
+        lines = []
+        for row, outcome in self.outcomes(kind, run, work):
+            lines.append(line(row, outcome))
+            print(' | '.join(lines[-1]), flush=True)
+        self.write(table=f'{table(header, lines)}\n\n{provenance()}')
+
     def write(self, **texts: str) -> None:
         """Replace the texts between the marks that the page has for their names, long tables by pictures."""
         if self.arguments.output is not None:

@@ -44,6 +44,7 @@ ETS7 = Source('ets7_pose_only', 'ets7', 428.1)
 
 Timed = tuple[str, Any, int]
 Change = Callable[[Any, int, float], None]  # of a message, its number, and its time in s
+Parts = Callable[[Any, int, int], Iterable[tuple[Any, int]]]  # of a message, its number, and its time in ns
 Make = Callable[[Path, Source], tuple[Path, Path]]  # a bag and a robot description in a folder
 RANDOM = np.random.default_rng(7)
 EVERY = slice(None)
@@ -89,13 +90,18 @@ def changed(of_joints: Change | None = None, of_base: Change | None = None) -> M
     return make
 
 
-def parted(parts: Callable[[Any, int], Iterable[tuple[Any, int]]]) -> Make:
+def parted(parts: Parts) -> Make:
     """Return what makes a bag with other messages (and times) in place of each joint state."""
 
     def make(folder: Path, source: Source) -> tuple[Path, Path]:
         given: list[Timed] = []
+        number = 0
         for topic, message, time in messages(source):
-            given += [(topic, *each) for each in (parts(message, time) if topic == JOINTS else [(message, time)])]
+            if topic == JOINTS:
+                given += [(topic, *each) for each in parts(message, number, time)]
+                number += 1
+            else:
+                given.append((topic, message, time))
         return write(folder / 'bag', sorted(given, key=lambda each: each[2])), source.urdf
 
     return make
@@ -120,12 +126,12 @@ def untwisted(message: Any) -> None:
         part.x = part.y = part.z = np.nan
 
 
-def dropouts(every: int, joints: Any = EVERY, value: float = 0.0) -> Change:
+def dropouts(every: int, joints: Any = EVERY, value: float = 0.0, field: str = 'position') -> Change:
     """Let joints read a value once in so many messages."""
 
     def change(message: Any, number: int, _time: float) -> None:
         if number % every == every // 2:
-            message.position[joints] = value
+            getattr(message, field)[joints] = value
 
     return change
 
@@ -138,15 +144,6 @@ def units(factor: float, offset: float = 0.0, joints: Any = EVERY, *, whole: boo
         if whole:
             message.position[joints] = np.round(message.position[joints])
         message.velocity = np.zeros(0)
-
-    return change
-
-
-def nan_joint(joint: int, field: str = 'position') -> Change:
-    """Let a joint read NaN."""
-
-    def change(message: Any, _number: int, _time: float) -> None:
-        getattr(message, field)[joint] = np.nan
 
     return change
 
@@ -219,33 +216,26 @@ def batched(size: int) -> Change:
     return change
 
 
-def held(every: int, joints: Any = EVERY) -> Make:
-    """Return what makes joints that are new only in one of so many messages."""
+def held(every: int, joints: Any = EVERY) -> Change:
+    """Let joints be new only in one of so many messages."""
+    last: list[Any] = []
 
-    def make(folder: Path, source: Source) -> tuple[Path, Path]:
-        last: list[Any] = []
+    def change(message: Any, number: int, _time: float) -> None:
+        if number % every == 0:
+            last[:] = [message.position.copy(), message.velocity.copy()]
+        message.position[joints] = last[0][joints]
+        if len(message.velocity):
+            message.velocity[joints] = last[1][joints]
 
-        def hold(message: Any, number: int, _time: float) -> None:
-            if number % every == 0:
-                last[:] = [message.position.copy(), message.velocity.copy()]
-            message.position[joints] = last[0][joints]
-            if len(message.velocity):
-                message.velocity[joints] = last[1][joints]
-
-        return changed(hold)(folder, source)
-
-    return make
+    return change
 
 
 def second_stream(every: int, shift: float, of: Callable[[Any], Any], joints: slice = EVERY, *, rates: bool) -> Make:
     """Return what adds a second source of joint states, a function of positions, `shift` s after each of so many."""
-    count = 0
 
-    def parts(message: Any, time: int) -> Iterable[tuple[Any, int]]:
-        nonlocal count
-        count += 1
+    def parts(message: Any, number: int, time: int) -> Iterable[tuple[Any, int]]:
         yield message, time
-        if count % every == 0:
+        if number % every == every - 1:
             other = deepcopy(message)
             other.name, other.position = list(message.name)[joints], np.asarray(of(message.position))[joints]
             other.velocity = 0.0 * message.velocity[joints] if rates else np.zeros(0)
@@ -256,38 +246,18 @@ def second_stream(every: int, shift: float, of: Callable[[Any], Any], joints: sl
     return parted(parts)
 
 
-def in_parts(*cuts: slice, whole: bool = True) -> Make:
-    """Return what publishes parts of the joints, after a first message with all of them."""
+def in_parts(*cuts: slice, whole: bool = True, last: int = 1) -> Make:
+    """Return what publishes parts of the joints, the last one of so many, after a first message with all of them."""
 
-    def parts(message: Any, time: int) -> Iterable[tuple[Any, int]]:
-        if whole and time == 0:
+    def parts(message: Any, number: int, time: int) -> Iterable[tuple[Any, int]]:
+        if whole and number == 0:
             yield message, time
             return
-        for part in cuts:
+        for part in cuts if number % last == last - 1 else cuts[:-1]:
             some = deepcopy(message)
             some.name, some.position = list(message.name)[part], message.position[part]
             some.velocity = message.velocity[part]
             yield some, time
-
-    return parted(parts)
-
-
-def slow_joint(joint: int, every: int) -> Make:
-    """Return what publishes one joint in messages of its own, one for so many of the others'."""
-    count = 0
-
-    def parts(message: Any, time: int) -> Iterable[tuple[Any, int]]:
-        nonlocal count
-        count += 1
-        for chosen in (
-            [each != joint for each in range(len(message.name))],
-            [each == joint for each in range(len(message.name))],
-        ):
-            some = deepcopy(message)
-            some.name = [name for name, own in zip(message.name, chosen, strict=True) if own]
-            some.position, some.velocity = message.position[chosen], message.velocity[chosen]
-            if len(some.name) > 1 or count % every == 0:
-                yield some, time
 
     return parted(parts)
 
@@ -307,12 +277,10 @@ def with_part(
         link = f'<link name="{name}_link"><inertial><mass value="1e-6"/><inertia ixx="1e-9" ixy="0" ixz="0" iyy="1e-9" '
         link += f'iyz="0" izz="1e-9"/></inertial></link><joint name="{name}" type="continuous">'
         link += f'<parent link="base_link"/><child link="{name}_link"/><axis xyz="0 0 1"/></joint></robot>'
-        robot, count = folder / 'robot.urdf', 0
+        robot = folder / 'robot.urdf'
         robot.write_text(source.urdf.read_text().replace('</robot>', link))
 
-        def parts(message: Any, time: int) -> Iterable[tuple[Any, int]]:
-            nonlocal count
-            count += 1
+        def parts(message: Any, number: int, time: int) -> Iterable[tuple[Any, int]]:
             own = message if every == 1 else deepcopy(message)
             shown = angle(1e-9 * time) + 1e-4 * RANDOM.standard_normal()
             shown = float(np.angle(np.exp(1j * shown))) if wrapped else shown
@@ -321,7 +289,7 @@ def with_part(
                 own.name, own.position, own.velocity = [], np.zeros(0), np.zeros(0)
             own.name, own.position = [*own.name, name], np.append(own.position, shown)
             own.velocity = np.append(own.velocity, speed) if rates else np.zeros(0)
-            if count % every == 0:
+            if number % every == every - 1:
                 yield own, time
 
         return parted(parts)(folder, source)[0], robot

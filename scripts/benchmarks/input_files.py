@@ -18,7 +18,6 @@ from mbaid_ros.recordings.convert import main as convert
 
 EPOCH = 1_700_000_000  # s
 _TENSOR = re.compile(r'(i[xyz]{2})="([^"]*)"')
-_SHAPES = {'m': r'(<link name="{0}">.*?<mass value=")([^"]*)(")', 'I': r'(<link name="{0}">.*?<inertia )([^/]*)(/>)'}
 
 
 def with_robot(change: Callable[[str], str]) -> Make:
@@ -50,8 +49,9 @@ def inertia(link: str, factor: float) -> Make:
         def scaled(found: re.Match[str]) -> str:
             return f'{found[1]}="{factor * float(found[2]):g}"'
 
-        pattern = re.compile(_SHAPES['I'].format(link), re.DOTALL)
-        return pattern.sub(lambda found: found[1] + _TENSOR.sub(scaled, found[2]) + found[3], text, count=1)
+        begin = text.index('<inertia ', text.index(f'<link name="{link}">'))
+        end = text.index('/>', begin)
+        return text[:begin] + _TENSOR.sub(scaled, text[begin:end]) + text[end:]
 
     return with_robot(change)
 

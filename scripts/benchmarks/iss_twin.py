@@ -16,10 +16,10 @@ from mbaid_ros.core.geometry import (
     rotate_back,
     rotation_from_quaternion,
 )
-from mbaid_ros.core.results.physical_consistency import are_physical
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import express, load_model
 from mbaid_ros.core.robot.model_errors import BodyDeviations
+from mbaid_ros.core.robot.momentum import are_physical
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from mbaid_ros.recordings.recording import Recording

@@ -53,7 +53,7 @@ class Found:
         gc.unfreeze()  # otherwise `replay` counts all that earlier ones have frozen
         # Bytes: the peak of this process's memory is counted anew from here on.
         Path('/proc/self/clear_refs').write_text('5', encoding='ascii')
-        at_first, begin = _memory('VmRSS'), time.process_time()
+        at_first, begin = memory_of('VmRSS'), time.process_time()
         try:
             with _stderr() as words, contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings(), _bounded():
                 for kind in (RuntimeWarning, UserWarning, FutureWarning):
@@ -63,7 +63,7 @@ class Found:
             error = words.read()
         except (Exception, TooLongError) as reason:  # noqa: BLE001 - that none comes out is what is tested
             return f'{type(reason).__name__}: {reason}'
-        taken, memory = time.process_time() - begin, _memory('VmHWM') - at_first
+        taken, memory = time.process_time() - begin, memory_of('VmHWM') - at_first
         self.codes[code] += 1
         self.slowest, self.largest = max(self.slowest, taken), max(self.largest, memory)
         lines = [line for line in error.splitlines(keepends=True) if not _NOTE.match(line)]
@@ -110,6 +110,7 @@ def _bounded() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _memory(name: str) -> int:
+def memory_of(name: str) -> int:
+    """Return one of the sizes that /proc has of this process, bytes."""
     lines = Path('/proc/self/status').read_text(encoding='ascii').splitlines()
     return 1024 * next(int(line.split()[1]) for line in lines if line.startswith(f'{name}:'))

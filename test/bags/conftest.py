@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from small_bags import write_bag
+from recorded import write_bag
 
 
 @pytest.fixture(scope='session')

@@ -22,7 +22,7 @@ from fuzzing.plain_bags import SCHEMA
 from mbaid_ros.bags import BagReader, BagWriter, message_types, serialize
 from mbaid_ros.bags.types import definition
 from mbaid_ros.core.errors import DataError
-from small_bags import COUNT, JOINT_STATE, STRING, everything, joint_state, string
+from recorded import COUNT, JOINT_STATE, STRING, everything, random_joint_state, string
 
 
 @pytest.mark.parametrize('bare', [False, True], ids=['folder', 'file'])
@@ -39,7 +39,7 @@ def test_what_is_written_is_read_back(recorded: Path, mcap: Path, *, bare: bool)
         assert [topic for topic, _, _ in read] == ['/robot_description'] + ['/joint_states'] * COUNT
         assert [time for _, _, time in read] == [0, *(1 + index * 10_000_000 for index in range(COUNT))]
         assert read[0][1].data == '<robot/>'
-        np.testing.assert_array_equal(read[7][1].position, joint_state(6).position)
+        np.testing.assert_array_equal(read[7][1].position, random_joint_state(6).position)
         assert read[7][1].header.stamp.nanosec == 60_000_000
         assert bag.warnings == []
 
@@ -122,7 +122,7 @@ def of_two_types(path: Path) -> Path:
     with path.open('wb') as stream:
         writer: Any = Writer(stream, chunk_size=200)
         writer.start(profile='ros2')
-        for kind, message, count in ((STRING, string('x'), 10), (JOINT_STATE, joint_state(0), 2)):
+        for kind, message, count in ((STRING, string('x'), 10), (JOINT_STATE, random_joint_state(0), 2)):
             schema = writer.register_schema(kind, 'ros2msg', definition(kind)[0].encode())
             channel = writer.register_channel('/a', 'cdr', schema)
             for _ in range(count):
@@ -141,7 +141,7 @@ def of_two_files(folder: Path) -> Path:
     with BagWriter(folder / 'later') as bag:
         bag.add_topic('/a', JOINT_STATE)
         for _ in range(3):
-            bag.write('/a', joint_state(0), 1)
+            bag.write('/a', random_joint_state(0), 1)
     (folder / 'later' / 'later.mcap').rename(folder / 'a_1.mcap')
     return folder
 

@@ -22,7 +22,7 @@ from fuzzing.plain_bags import BAG, TYPES, database, mcap
 from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.replay.start import replay as main
-from small_bags import COUNT, JOINT_STATE, everything, joint_state
+from recorded import COUNT, JOINT_STATE, everything, random_joint_state
 
 MESSAGES = 400  # messages of a whole bag
 
@@ -213,7 +213,7 @@ def write(path: Path, count: int, at_once: int) -> None:
     with BagWriter(path) as bag:
         bag.add_topic(TOPIC, JOINT_STATE)
         for index in range(count):
-            bag.write(TOPIC, joint_state(index), index)
+            bag.write(TOPIC, random_joint_state(index), index)
             if index % at_once == at_once - 1:
                 bag.flush()
 
@@ -242,13 +242,7 @@ def test_a_bag_that_a_full_disk_ends_can_be_read_up_to_the_last_flush(
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 MEMORY = 800_000_000  # bytes, more than before, for any of them
-
-
-@pytest.fixture(autouse=True)
-def _little_memory() -> object:
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    yield
-    assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024 < MEMORY
+pytestmark = pytest.mark.usefixtures('_little_memory')
 
 
 def replay(bag: Path) -> int:

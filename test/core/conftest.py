@@ -68,6 +68,12 @@ def plane() -> Truth:
 
 
 @pytest.fixture(scope='session')
+def robot() -> MomentumKernel:
+    """Return the momentum of the seven-joint servicer, exactly its URDF."""
+    return kernel('servicer7')
+
+
+@pytest.fixture(scope='session')
 def servicer7() -> MomentumKernel:
     """Return the momentum of the seven-joint servicer, whose known bodies are in doubt."""
     robot = kernel('servicer7')

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from graph import LOCAL, Graph, free_domain, graph
+from graph import LOCAL, Graph, graph, reserved_domain
 
 
 @pytest.fixture(name='graph')
@@ -18,7 +18,7 @@ def empty_graph(tmp_path: Path) -> Iterator[Graph]:
 
 @pytest.fixture(name='_domain')
 def own_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    with free_domain() as domain:
+    with reserved_domain() as (domain, _):
         for name, value in {**LOCAL, 'ROS_DOMAIN_ID': str(domain)}.items():
             monkeypatch.setenv(name, value)
         yield

@@ -18,7 +18,7 @@ from std_msgs.msg import String
 
 from graph import Graph, graph
 from mbaid_ros.nodes.subscriptions import qos
-from simulated import CONFIG
+from simulated import CONFIG, options
 from streams import run, urdf
 
 OTHER_ROBOT = urdf('table1').replace('"link4"', '"gripper"')
@@ -36,7 +36,7 @@ class Talk:
 
     def __init__(self, graph: Graph, *parameters: str) -> None:
         self.graph = graph
-        self.node = graph.start('estimator', '--ros-args', *(word for text in parameters for word in ('-p', text)))
+        self.node = graph.start('estimator', '--ros-args', *options(*parameters))
         self.estimates = graph.collect('/estimator/estimate', InertiaEstimate)
         self.diagnostics = graph.collect('/diagnostics', DiagnosticArray, qos(1000))
         self._descriptions = graph.publisher('robot_description', String)

@@ -17,7 +17,6 @@ from std_srvs.srv import Trigger
 
 import recorded
 from benchmarks.precapture import free_model, free_urdf
-from captured import capture, sensed
 from graph import Graph
 from mbaid_ros.bags import serialize
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -27,16 +26,13 @@ from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST
 from mbaid_ros.nodes.subscriptions import TYPES, qos
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message
 from mbaid_ros.session.session import Session
-from simulated import CONFIG, robot
+from servicers import WRENCH, capture, pulse, sensed
+from servicers import thrust_messages as pushed_messages
+from simulated import CONFIG, assigned, robot
 from streams import every_bit
-from thrusting import WRENCH, pulse
-from thrusting import messages as pushed_messages
 
 BEGIN = 3.0  # s
-PARAMETERS = {
-    'capture.phase': 'pre_capture',
-    'debris.report': True,
-}
+PARAMETERS = {'capture.phase': 'pre_capture', 'debris.report': True}
 CLASSES = {
     '/joint_states': (JointState, recorded.JOINT_STATE),
     '/odom': (Odometry, recorded.ODOMETRY),
@@ -78,7 +74,7 @@ def expected(before: list[Timed], after: list[Timed]) -> Any:
 def test_a_capture_told_to_a_live_estimator(graph: Graph, tmp_path: Path) -> None:
     (tmp_path / 'robot.urdf').write_text(free_urdf(), encoding='utf-8')
     file = {'robot_description_file': tmp_path / 'robot.urdf'}
-    words = [word for name, value in {**file, **PARAMETERS}.items() for word in ('-p', f'{name}:={value}')]
+    words = assigned({**file, **PARAMETERS})
     graph.start('estimator', '--ros-args', *words)
     estimates = graph.collect('/estimator/estimate', InertiaEstimate)
     bodies = graph.collect('/estimator/debris', InertiaEstimate)

@@ -33,7 +33,7 @@ from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, qos
 from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import TimedMessage
-from simulated import CONFIG
+from simulated import CONFIG, options
 from streams import EPOCH, every_bit, offline, run, urdf
 
 WINDOW = 0.5
@@ -44,7 +44,7 @@ TABLE1, SERVICER7 = Frames('link4', 'odom'), Frames('link7', 'odom')
 def start(graph: Graph, *parameters: str, robot: str = 'table1') -> Process:
     """Start an estimator of a robot of config/."""
     assigned = [f'robot_description_file:={CONFIG / robot}.urdf', *parameters]
-    return graph.start('estimator', '--ros-args', *(word for text in assigned for word in ('-p', text)))
+    return graph.start('estimator', '--ros-args', *options(*assigned))
 
 
 def publish(graph: Graph, messages: Sequence[TimedMessage], *, best_effort: bool = False) -> None:

@@ -20,23 +20,25 @@ from mbaid_msgs.msg import InertiaEstimate
 from rclpy.node import Node
 
 from checked import answer
-from graph import LOCAL, Graph, executable, free_domain
+from graph import LOCAL, Graph, executable, reserved_domain
 from mbaid_ros.cli import run
 from mbaid_ros.nodes import estimator, player, recorder, simulator, watch
 from mbaid_ros.nodes.estimator import EstimatorNode
 from mbaid_ros.nodes.simulator import SimulatorNode
-from simulated import CONFIG
+from mbaid_ros.nodes.start import run_node
+from simulated import CONFIG, options
 
 NAMES = (
     *('simulator', 'estimator', 'recorder', 'player', 'watch', 'simulate', 'plan', 'replay', 'calibrate', 'campaign'),
     *('export', 'convert', 'noise_at_rest'),
 )
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+BAG = str(CONFIG.parent / 'bags' / 'table1_live')
 TABLE1 = f'robot_description_file:={CONFIG / "table1.urdf"}'
 
 
-def assigned(*texts: str) -> list[str]:
-    return ['--ros-args', *(word for text in texts for word in ('-p', text))]
+def given(*texts: str) -> list[str]:
+    return ['--ros-args', *options(*texts)]
 
 
 def test_every_executable_is_installed_and_an_unknown_argument_is_one_line() -> None:
@@ -52,42 +54,62 @@ def test_every_executable_is_installed_and_an_unknown_argument_is_one_line() -> 
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'text'),
+    ('node', 'arguments', 'text'),
     [
-        (['table1.urdf'], "unknown argument 'table1.urdf'"),
-        (assigned('windows:=1.0'), "unknown parameter 'windows'; known: window, "),
-        (assigned('window:=wide'), "parameter 'window' is 'wide'; accepted: a number > 0 and <= 1e+06 s"),
-        (assigned('method:=paper_main'), 'method paper_main needs paper.total_angular_momentum'),
-        (assigned('method:=paper_main', TABLE1), 'method paper_main needs paper.total_angular_momentum'),
-        (assigned('robot_description_file:=/no/robot.urdf'), "'/no/robot.urdf'"),
-        (assigned(f'robot_description_file:={__file__}'), 'not valid XML'),
-        (assigned(TABLE1, 'target_link:=hand'), "link 'hand' is not in the robot description; links: base_link, link1"),
-        (assigned('window'), "'-p window'"),
-        (assigned('paper.total_angular_momentum:=[0,0,1.5]'), 'write all with a decimal point'),
-        (['--ros-args', '--params-file', '/no/file.yaml'], '/no/file.yaml'),
-        (['--ros-args', '-r', '__node:=9'], "'-r __node:=9'"),
-        (['--ros-args', '--colour'], '--colour'),
-        (assigned('window:=-1.0'), "'window' is -1.0 s; accepted: a number > 0"),
+        (estimator, ['table1.urdf'], "unknown argument 'table1.urdf'"),
+        (estimator, given('windows:=1.0'), "unknown parameter 'windows'; known: window, "),
+        (estimator, given('window:=wide'), "parameter 'window' is 'wide'; accepted: a number > 0 and <= 1e+06 s"),
+        (estimator, given('method:=paper_main'), 'method paper_main needs paper.total_angular_momentum'),
+        (estimator, given('method:=paper_main', TABLE1), 'method paper_main needs paper.total_angular_momentum'),
+        (estimator, given('robot_description_file:=/no/robot.urdf'), "'/no/robot.urdf'"),
+        (estimator, given(f'robot_description_file:={__file__}'), 'not valid XML'),
+        (
+            estimator,
+            given(TABLE1, 'target_link:=hand'),
+            "link 'hand' is not in the robot description; links: base_link, link1",
+        ),
+        (estimator, given('window'), "'-p window'"),
+        (estimator, given('paper.total_angular_momentum:=[0,0,1.5]'), 'write all with a decimal point'),
+        (estimator, ['--ros-args', '--params-file', '/no/file.yaml'], '/no/file.yaml'),
+        (estimator, ['--ros-args', '-r', '__node:=9'], "'-r __node:=9'"),
+        (estimator, ['--ros-args', '--colour'], '--colour'),
+        (estimator, given('window:=-1.0'), "'window' is -1.0 s; accepted: a number > 0"),
+        (
+            simulator,
+            given(TABLE1, 'nois.joint_position:=1.0'),
+            "unknown parameter 'nois.joint_position'; known: noise.joint_position",
+        ),
+        (simulator, given(TABLE1, 'duration:=-1.0'), "'duration' is -1.0 s; accepted: a number >= 0 and <= 1e+06 s"),
+        (simulator, given(TABLE1, 'robot_description_file:=/none.urdf'), "cannot read robot description '/none.urdf'"),
+        (
+            simulator,
+            given(TABLE1, 'target_link:=hand'),
+            "link 'hand' is not in the robot description; links: base_link",
+        ),
+        (simulator, given(TABLE1, 'initial.joint_positions:=[1.0]'), 'initial.joint_positions'),
+        (player, ['/absent'], "bag '/absent' does not exist"),
+        (player, [BAG, '--rate', '0'], "--rate: '0' is not accepted; accepted: a number > 0"),
+        (player, [BAG, '--topics', '/pose'], "no topic '/pose'; topics: /joint_states, /odom, "),
+        (player, [BAG, *given('rate:=2.0')], "unknown parameter 'rate'; known: none"),
+        (player, [BAG, '--speed', '2'], "unknown argument '--speed'"),
+        (recorder, ['run1'], 'run1'),
+        (recorder, given('outputs:=x'), "unknown parameter 'outputs'; known: output, "),
+        (recorder, given(f'output:={BAG}'), 'exists already'),
+        (recorder, given('duration:=-1.0'), 'is -1.0 s; accepted: a number >= 0 and <= 1e+06 s'),
+        (recorder, given('output'), 'output'),
+        (
+            recorder,
+            given("topics:=['/odom', 'joint states']"),
+            "parameter 'topics' names 'joint states': topic name must not contain characters other than",
+        ),
+        (recorder, given("topics:=['/arm/1st']"), 'topic name token must not start with a number'),
     ],
 )
 @pytest.mark.usefixtures('_domain')
-def test_what_cannot_be_used_is_one_line(arguments: list[str], text: str, capfd: pytest.CaptureFixture[str]) -> None:
-    refused(estimator, arguments, text, capfd)
-
-
-@pytest.mark.parametrize(
-    ('parameter', 'text'),
-    [
-        ('nois.joint_position:=1.0', "unknown parameter 'nois.joint_position'; known: noise.joint_position"),
-        ('duration:=-1.0', "'duration' is -1.0 s; accepted: a number >= 0 and <= 1e+06 s"),
-        ('robot_description_file:=/none.urdf', "cannot read robot description '/none.urdf'"),
-        ('target_link:=hand', "link 'hand' is not in the robot description; links: base_link"),
-        ('initial.joint_positions:=[1.0]', 'initial.joint_positions'),
-    ],
-)
-@pytest.mark.usefixtures('_domain')
-def test_a_mistake_of_the_simulator_is_one_line(parameter: str, text: str, capfd: pytest.CaptureFixture[str]) -> None:
-    refused(simulator, assigned(TABLE1, parameter), text, capfd)
+def test_what_cannot_be_used_is_one_line(
+    node: Any, arguments: list[str], text: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    refused(node, arguments, text, capfd)
 
 
 @pytest.mark.parametrize('node', [estimator, simulator, recorder, player, watch], ids=lambda node: node.NAME)
@@ -98,15 +120,24 @@ def test_a_parameter_file_without_a_section_for_the_node_is_refused(
     """The usual mistake: a bare name under a namespace."""
     file = tmp_path / 'mine.yaml'
     file.write_text(f'{node.NAME}: {{ros__parameters: {{}}}}\n')
-    given = [str(CONFIG.parent / 'bags' / 'table1_live')] if node is player else []
-    words = [*given, '--ros-args', '--params-file', str(file), '-r', '__ns:=/freeflyer', '-r', f'__node:={node.NAME}']
+    words = [
+        *([BAG] if node is player else []),
+        '--ros-args',
+        '--params-file',
+        str(file),
+        '-r',
+        '__ns:=/freeflyer',
+        '-r',
+        f'__node:={node.NAME}',
+    ]
     full = f'/freeflyer/{node.NAME}'
     text = f"'{file}' has no section for node '{full}'; sections: /{node.NAME}; accepted: /** or {full}"
     refused(node, words, text, capfd)
 
 
 def refused(node: Any, arguments: list[str], text: str, capfd: pytest.CaptureFixture[str]) -> None:
-    error = answer(partial(run, node.main), capfd, *arguments, code=2)
+    command = partial(run, partial(run_node, node.NAME), name=node.NAME)
+    error = answer(command, capfd, *arguments, code=2)
     assert error.startswith(f'mbaid_ros {node.NAME}: ')
     assert text in error
     assert '/src/' not in error
@@ -115,7 +146,7 @@ def refused(node: Any, arguments: list[str], text: str, capfd: pytest.CaptureFix
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_is_an_end_in_order(graph: Graph, number: signal.Signals) -> None:
     # A whole number is accepted where a broken one is meant.
-    node = graph.start('estimator', *assigned(TABLE1, 'window:=1', 'noise.joint_position:=1e-5'))
+    node = graph.start('estimator', *given(TABLE1, 'window:=1', 'noise.joint_position:=1e-5'))
     estimates = graph.collect('/estimator/estimate', InertiaEstimate)
     graph.wait(lambda: estimates, 'the estimate that waits')
     assert node.stop(number) == 0
@@ -164,7 +195,7 @@ def interrupted(name: str, number: signal.Signals, delay: float, folder: Path, d
 @pytest.mark.parametrize('number', SIGNALS)
 @pytest.mark.parametrize('name', ARGUMENTS)
 def test_an_interrupt_at_any_time_of_the_start(name: str, number: signal.Signals, tmp_path: Path) -> None:
-    with free_domain() as domain:
+    with reserved_domain() as (domain, _):
         for delay in DELAYS:
             interrupted(name, number, delay, tmp_path / str(delay), domain)
 
@@ -204,19 +235,15 @@ def admitted(node: str) -> dict[str, set[str]]:
 
 @pytest.mark.parametrize(
     ('make', 'parameters'),
-    [
-        (EstimatorNode, EVERYTHING),
-        (EstimatorNode, ['pose.tf_child_frame:=base_link']),
-        (SimulatorNode, MOVED),
-    ],
+    [(EstimatorNode, EVERYTHING), (EstimatorNode, ['pose.tf_child_frame:=base_link']), (SimulatorNode, MOVED)],
     ids=['estimator', 'on tf', 'simulator'],
 )
 def test_the_policy_admits_all_that_a_node_does(
     make: Callable[[], Node], parameters: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
-    with free_domain() as domain:
-        words = [word for text in parameters for word in ('-p', text)]
+    with reserved_domain() as (domain, _):
+        words = options(*parameters)
         rclpy.init(args=['', '--ros-args', *words], domain_id=domain)
         try:
             node = make()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Iterable, Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,16 +19,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 import recorded
-from checked import answer
 from graph import Graph, graph
 from mbaid_ros.bags import BagReader, BagWriter, deserialize, message_class, serialize
-from mbaid_ros.cli import run
-from mbaid_ros.nodes import player, recorder
+from mbaid_ros.config.parameters import METHODS
 from mbaid_ros.nodes.subscriptions import LATCHED, qos
 from mbaid_ros.replay.start import replay
 from recorded import papers_case
 from simulated import CONFIG
-from streams import TABLE1_MOMENTUM, methods
+from streams import TABLE1_MOMENTUM
 
 COUNT = 300
 DEEP = qos(10_000)
@@ -170,41 +167,6 @@ def test_a_choice_of_topics_with_a_clock_and_latched_topics_in_a_loop(live: Grap
     assert looping.stderr == ''
 
 
-# -- what cannot be played or recorded
-
-
-@pytest.mark.parametrize(
-    ('node', 'arguments', 'text'),
-    [
-        (player, ['/absent'], "bag '/absent' does not exist"),
-        (player, ['{bag}', '--rate', '0'], "--rate: '0' is not accepted; accepted: a number > 0"),
-        (player, ['{bag}', '--topics', '/pose'], "no topic '/pose'; topics: /robot_description, /joint_states"),
-        (player, ['{bag}', '--ros-args', '-p', 'rate:=2.0'], "unknown parameter 'rate'; known: none"),
-        (player, ['{bag}', '--speed', '2'], "unknown argument '--speed'"),
-        (recorder, ['run1'], 'run1'),
-        (recorder, ['--ros-args', '-p', 'outputs:=x'], "unknown parameter 'outputs'; known: output, "),
-        (recorder, ['--ros-args', '-p', 'output:={bag}'], 'exists already'),
-        (recorder, ['--ros-args', '-p', 'duration:=-1.0'], 'is -1.0 s; accepted: a number >= 0 and <= 1e+06 s'),
-        (recorder, ['--ros-args', '-p', 'output'], 'output'),
-        (
-            recorder,
-            ['--ros-args', '-p', "topics:=['/odom', 'joint states']"],
-            "parameter 'topics' names 'joint states': topic name must not contain characters other than",
-        ),
-        (recorder, ['--ros-args', '-p', "topics:=['/arm/1st']"], 'topic name token must not start with a number'),
-    ],
-)
-@pytest.mark.usefixtures('_domain')
-def test_a_users_error_is_one_line(
-    bag: Path, capfd: pytest.CaptureFixture[str], node: Any, arguments: list[str], text: str
-) -> None:
-    error = answer(
-        partial(run, node.main), capfd, *(argument.replace('{bag}', str(bag)) for argument in arguments), code=2
-    )
-    assert text in error
-    assert error.startswith(f'mbaid_ros {node.NAME}: ')
-
-
 # -- a bag played into the live estimator
 
 WINDOW = 500_000_000  # ns
@@ -225,7 +187,7 @@ def by_window(data: Iterable[bytes]) -> dict[int, bytes]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('method', methods())
+@pytest.mark.parametrize('method', METHODS)
 def test_a_played_bag_gives_the_estimates_of_its_replay(live: Graph, tmp_path: Path, method: str) -> None:
     moving = papers_case(tmp_path / 'moving', duration=20.0, rate=100.0)
     parameters, model = tmp_path / 'estimator.yaml', CONFIG / 'table1.urdf'

@@ -16,7 +16,6 @@ from scipy.stats import chi2
 
 import recorded
 from benchmarks.precapture import free_model, free_urdf, perturbed
-from captured import sensed
 from checked import answer
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
@@ -28,12 +27,10 @@ from mbaid_ros.replay.start import calibrate as main
 from mbaid_ros.replay.start import replay
 from mbaid_ros.session.known_robot import declared_errors
 from mbaid_ros.session.session import Session
-from mbaid_ros.simulation.motion import random_sinusoids
-from mbaid_ros.simulation.simulation import Simulation, Truth, without_linear_momentum
+from mbaid_ros.simulation.simulation import Truth
 from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
 from observed import configured_motion, kernel, true_body
-from servicing import LINKS, PRIORS, free_motion
-from simulated import state
+from servicers import LINKS, PRIORS, free_motion, motion_of, sensed
 
 PARAMETERS = """
 /**:
@@ -276,10 +273,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the calibration of a robot that is not its URDF, and a bag of it with the target in hand."""
     folder = described(tmp_path_factory.mktemp('drawn'))
     errors = draw(free_model(), 'link7', ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3), generator(5))
-    model = true_robot(free_model(), errors, ('link7',))
-    motion = random_sinusoids(np.linspace(0.5, -0.4, 7), 4, 2, 1.0, 12.0, 30.0)
-    start = without_linear_momentum(model, state(motion.start, motion.reference(0.0)[1], (0.01, -0.015, 0.02)))
-    before = Simulation(model, motion, start).advance(np.arange(1200) / 20.0)
+    before = motion_of(true_robot(free_model(), errors, ('link7',)), 4, 60.0)
     recorded.write(folder / 'before', free_model(), sensed(before, 1, errors))
     after = configured_motion('servicer7', 30.0, 20.0, errors)
     recorded.write(folder / 'after', free_model(), sensed(after, 2, errors))

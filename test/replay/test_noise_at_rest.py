@@ -21,7 +21,7 @@ from mbaid_ros.replay.at_rest import measure
 from mbaid_ros.replay.start import noise_at_rest as main
 from mbaid_ros.replay.start import simulate
 from recorded import JOINT_STATE, ODOMETRY
-from simulated import CONFIG
+from simulated import CONFIG, assigned
 
 refused = partial(answer, main, code=2)
 TOPICS = '/joint_states', '/odom'
@@ -44,7 +44,7 @@ def bag_at_rest(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp('rest') / 'bag'
     parameters: dict[str, object] = {'motion.kind': 'random', 'motion.amplitude': 0.0}
     parameters |= {f'noise.{name}': value for name, value in NOISE.items()}
-    words = [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
+    words = assigned(parameters)
     files = ['--model', f'{CONFIG}/servicer7.urdf', '--params', f'{CONFIG}/servicer7_simulator.yaml']
     assert simulate([*files, *words, '--duration', '10', '--output', str(path)]) == 0
     return str(path)

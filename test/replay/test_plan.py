@@ -20,7 +20,7 @@ from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.run import replay_bag
 from mbaid_ros.replay.start import plan as main
 from mbaid_ros.replay.start import replay, simulate
-from simulated import CONFIG
+from simulated import CONFIG, assigned, options
 
 MODEL = ['--model', str(CONFIG / 'servicer7.urdf')]
 NOISE = {
@@ -28,7 +28,7 @@ NOISE = {
     'base_angular_velocity': 1e-4,
 }  # fmt: skip
 PLAN = {'effort': 20, 'duration': 4.0, 'base_rotation': 0.01, 'joint_velocity': 0.05}
-QUICK = [word for name, value in PLAN.items() for word in ('-p', f'plan.{name}:={value}')]
+QUICK = assigned({f'plan.{name}': value for name, value in PLAN.items()})
 
 
 @pytest.fixture(scope='module')
@@ -37,7 +37,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp('run')
     noise = [f'noise.{name}:={size}' for name, size in NOISE.items()]
     rates = ['joint_rate:=20.0', 'odometry_rate:=20.0', 'duration:=8.0']
-    given = [word for each in (*noise, *rates) for word in ('-p', each)]
+    given = options(*noise, *rates)
     params = ['--params', str(CONFIG / 'servicer7_simulator.yaml')]
     assert simulate([*MODEL, *params, *given, '--output', str(folder / 'bag')]) == 0
     estimator = ['--params', str(CONFIG / 'servicer7_estimator.yaml')]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import pytest
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.replay.start import replay, simulate
 from sessions import NOISE
-from simulated import CONFIG
+from simulated import CONFIG, assigned
 
 PACKAGE = 'example-robot-data'
 # Those that cannot be used, and why.
@@ -52,10 +51,6 @@ def robots() -> list[Path]:
 
 ROBOTS = robots()
 NAMES = [f'{path.parent.parent.name}/{path.name}' for path in ROBOTS]
-
-
-def assigned(values: Mapping[str, object]) -> list[str]:
-    return [word for name, value in values.items() for word in ('-p', f'{name}:={value}')]
 
 
 def both(urdf: Path, folder: Path) -> tuple[int, int | None]:

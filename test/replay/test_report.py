@@ -92,13 +92,7 @@ def test_a_good_run_has_every_part() -> None:
     text = page_of_a_good_run()
     assert 'The inertia of link7 is identified.' in text
     assert cells(text, 'mass') == ['162.000', '0.059', 'kg', 'yes']
-    for part in (
-        'Convergence',
-        'Total momentum and residual',
-        'Identifiability',
-        'What arrived',
-        'Settings',
-    ):
+    for part in ('Convergence', 'Total momentum and residual', 'Identifiability', 'What arrived', 'Settings'):
         assert part in text
     assert cells(text, '/joint_states') == ['sensor_msgs/msg/JointState', '1000', '100']
     assert 'NaN or infinite value' in text

@@ -15,8 +15,8 @@ from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST
 from mbaid_ros.replay.start import replay
 from mbaid_ros.replay.start import simulate as main
-from simulated import CONFIG
-from thrusting import WRENCH, messages, pulse
+from servicers import WRENCH, pulse, thrust_messages
+from simulated import CONFIG, assigned
 
 TABLE1 = ['--model', str(CONFIG / 'table1.urdf'), '--params', str(CONFIG / 'table1_simulator.yaml'), '--duration', '2']
 
@@ -54,7 +54,7 @@ ERRORS = {
 
 
 def test_the_truth_says_what_the_robot_has_more_than_its_urdf(tmp_path: Path) -> None:
-    drawn = [word for name, value in ERRORS.items() for word in ('-p', f'model_errors.{name}:={value}')]
+    drawn = assigned({f'model_errors.{name}': value for name, value in ERRORS.items()})
     for name, options in (('exact', []), ('drawn', drawn)):
         assert main([*TABLE1, *options, '--output', str(tmp_path / name)]) == 0
     exact, truth = (json.loads((tmp_path / name / 'truth.json').read_text()) for name in ('exact', 'drawn'))
@@ -116,10 +116,6 @@ CAPTURE = {
 NOISE = {'joint_position': 1e-4, 'joint_velocity': 1e-3, 'base_position': 1e-3, 'base_orientation': 1e-4}
 TWIST_NOISE = {'base_linear_velocity': 1e-3, 'base_angular_velocity': 1e-4}
 SERVICER = ['--params', str(CONFIG / 'servicer7_simulator.yaml'), '--duration', '20']
-
-
-def assigned(values: dict[str, str]) -> list[str]:
-    return [word for name, value in values.items() for word in ('-p', f'{name}:={value}')]
 
 
 def test_a_capture_from_simulate_to_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -184,7 +180,7 @@ def write(path: Path, topic: str) -> str:
     with BagWriter(path) as bag:
         for name, kind in {**TYPES, topic: WRENCH}.items():
             bag.add_topic(name, kind)
-        for name, message, time in messages(2, *pulse()):
+        for name, message, time in thrust_messages(2, *pulse()):
             bag.write(topic if name == '/thrust' else name, message, recorded.EPOCH * 1_000_000_000 + time)
     return str(path)
 

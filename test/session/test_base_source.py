@@ -95,10 +95,7 @@ def same(found: Sequence[Estimate], expected: Sequence[Estimate]) -> None:
         (with_covariance, {}),
         (transform, {}),
         (lambda message: transform(message, 'vicon/robot'), {'marker.position': [0.0, 0.0, 0.0]}),
-        (
-            tf,
-            {'pose.tf_child_frame': '/mocap/robot', 'marker.position': [0.0, 0.0, 0.0]},
-        ),
+        (tf, {'pose.tf_child_frame': '/mocap/robot', 'marker.position': [0.0, 0.0, 0.0]}),
     ],
 )
 def test_a_pose_says_as_much_as_odometry_without_a_twist(
@@ -152,12 +149,7 @@ def test_a_frame_that_is_not_on_the_base_is_refused() -> None:
     ],
 )
 def test_a_bag_of_poses_gives_the_same(
-    tmp_path: Path,
-    expected: list[Estimate],
-    topic: str,
-    make: Make,
-    parameters: dict[str, object],
-    inputs: Inputs,
+    tmp_path: Path, expected: list[Estimate], topic: str, make: Make, parameters: dict[str, object], inputs: Inputs
 ) -> None:
     kind = type(make(_last_odometry()))
     with BagWriter(tmp_path / 'bag') as bag:

@@ -15,6 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import defects
+from checked import same
 from defects import JOINTS, ODOMETRY, Arrival, arrivals, estimates
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import physical
@@ -166,16 +167,6 @@ def check(result: list[Estimate]) -> None:
             assert np.all(estimate.std[known] > 0.0)
         assert np.isfinite(estimate.time)
         assert all('\n' not in warning for warning in estimate.warnings)
-
-
-def same(left: list[Estimate], right: list[Estimate]) -> bool:
-    return [_bits(estimate) for estimate in left] == [_bits(estimate) for estimate in right]
-
-
-def _bits(estimate: Estimate) -> tuple[bytes, ...]:
-    numbers = (estimate.parameters, estimate.covariance, estimate.momentum, np.float64(estimate.residual))
-    text = (estimate.status, *estimate.warnings)
-    return (*(np.asarray(number).tobytes() for number in numbers), *(part.encode() for part in text))
 
 
 def outcome(messages: list[Arrival], parameters: dict[str, object], at_once: int) -> list[Estimate]:

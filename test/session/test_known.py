@@ -30,7 +30,7 @@ from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
 from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact, nominal_model, with_known_errors
 from mbaid_ros.session.session import Session
 from mbaid_ros.session.settings import declared_uncertainty
-from servicing import LINKS, standard_parameters
+from servicers import LINKS, standard_parameters
 from simulated import robot
 from streams import run, urdf
 
@@ -267,9 +267,7 @@ def declared(**parameters: object) -> Uncertainty:
 def test_a_joint_may_have_standard_deviations_of_its_own() -> None:
     first, *_ = names = robot('table1').joint_names
     found = declared(
-        known_joints__zero_std=1e-3,
-        known_joints__axis_std=2e-3,
-        **{f'known_joints.{first}.zero_std': 5e-3},
+        known_joints__zero_std=1e-3, known_joints__axis_std=2e-3, **{f'known_joints.{first}.zero_std': 5e-3}
     )
     assert found.zeros == (5e-3, 1e-3, 1e-3, 1e-3)
     assert found.axes == (2e-3,) * len(names)

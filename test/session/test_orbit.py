@@ -17,7 +17,8 @@ from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
 from mbaid_ros.simulation.simulation import total_momentum
-from sessions import AWAY, URDF, declared, history, identify, nees, session, simulated
+from observed import nees
+from sessions import AWAY, URDF, declared, history, identify, session, simulated
 
 SECONDS = 30.0
 LIMIT = float(chi2.isf(1e-3, 10))

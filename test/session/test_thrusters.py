@@ -1,7 +1,8 @@
-"""Thrusters that are not as commanded: with their priors the intervals hold, and they calibrate themselves."""
+"""Thrust in a run: as good an estimate as without any, a disturbance if undeclared; and thrusters that deviate."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -9,20 +10,26 @@ import pytest
 from scipy.stats import chi2
 
 from checked import central_difference
+from floating import true_momentum
 from mbaid_ros.calibration.unknowns import Normals, make_prior
+from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.model_errors import EXACT
+from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model_errors import relative_factor
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, Thrust
+from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Thrusters, thrusters
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
+from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
-from observed import MID, kernel, observe, windows
-from sessions import identify, nees, session, simulated
+from observed import MID, kernel, nees, observe, true_body, windows
+from servicers import FORCE_TORQUE, OFF, ON, Timed, command, pulse, pushed, thrust_messages
+from sessions import identify, session, simulated
 from simulated import robot
-from thrusting import FORCE_TORQUE, OFF, ON, pushed
 
 SECONDS = 30.0
 LIMIT = float(chi2.isf(1e-3, 10))
@@ -164,3 +171,85 @@ def test_calibrate_tells_what_it_has_found_of_them() -> None:
 
 def _thrusters(normals: Normals) -> Thrusters:
     return next(each for each in normals.unknowns if isinstance(each, Thrusters))
+
+
+SEEDS = range(2)
+METHODS = ('difference', 'trajectory')
+
+
+def make(method: str = 'difference') -> Session:
+    return Session(build(EstimatorConfig, {**EXACT, 'method': method, 'target_link': 'link7'}), robot('servicer7').urdf)
+
+
+def add(session: Session, timed: Timed) -> bool:
+    topic, message, _ = timed
+    if topic == '/thrust':
+        session.add_thrust(message)
+        return False
+    return (session.add_joint_state if topic == '/joint_states' else session.add_odometry)(message)
+
+
+def estimates_of(session: Session, read: Iterable[Timed]) -> list[Estimate]:
+    for timed in read:
+        add(session, timed)
+    return session.process()
+
+
+def errors(estimate: Estimate) -> Array:
+    return estimate.parameters - true_body(kernel('servicer7'))
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_a_known_pulse_costs_nothing(method: str) -> None:
+    quiet, known = [], []
+    for seed in SEEDS:
+        without = estimates_of(make(method), thrust_messages(seed, thrust=False))[-1]
+        last = estimates_of(make(method), thrust_messages(seed, *pulse()))[-1]
+        assert not last.events
+        assert last.status == without.status
+        quiet.append(errors(without) / without.std)
+        known.append(errors(last) / without.std)
+        momentum = true_momentum(kernel('servicer7'), observe(pushed(), MID)[-1:])[0]
+        off = last.momentum - momentum
+        assert float(off @ np.linalg.solve(last.momentum_covariance, off)) < 30.0  # six chi-squares: 1 in 20 000
+    assert np.sqrt(np.mean(np.square(known))) < 1.1 * np.sqrt(np.mean(np.square(quiet)))
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_the_wrong_command_is_a_disturbance(method: str) -> None:
+    last = estimates_of(make(method), thrust_messages(0, *pulse(), thrust=False))[-1]
+    assert [event.kind for event in last.events] == ['step']
+    assert last.events[0].time == pytest.approx(ON, abs=1.0)
+    rotation = observe(pushed(), MID)[230:231].base_rotation[0]
+    assert last.events[0].linear == pytest.approx(-(OFF - ON) * rotation @ FORCE_TORQUE[:3], abs=0.7)
+
+
+def test_a_command_that_comes_late_is_told_and_not_lost() -> None:
+    on, off = pulse()
+    read = thrust_messages(0, off)
+    # Two seconds after it acted.
+    place = next(index for index, timed in enumerate(read) if timed[2] > 11.2e9)
+    session = make()
+    last = estimates_of(session, [*read[:place], on, *read[place:]])[-1]
+    assert LATE_THRUST in last.warnings
+    assert session.thrust.late
+    truth = true_momentum(kernel('servicer7'), observe(pushed(), MID))
+    assert session.thrust.brought == pytest.approx(truth[-1] - truth[0], abs=0.1)
+    # The windows that were solved without it have seen a momentum that jumps.
+    assert last.status == 'inconsistent'
+
+
+def test_reset_forgets_it() -> None:
+    session = make()
+    estimates_of(session, thrust_messages(0, *pulse()))
+    assert np.any(session.thrust.brought)
+    session.reset()
+    assert not np.any(session.thrust.brought)
+
+
+def test_two_publishers_of_one_frame_are_the_first_cause() -> None:
+    """Each command of the one ends that of the other."""
+    session, parts = make(), (FORCE_TORQUE * [1, 1, 1, 0, 0, 0], FORCE_TORQUE * [0, 0, 0, 1, 1, 1])
+    turns = [command(ON + 0.01 * index, parts[index % 2]) for index in range(30)]
+    last = estimates_of(session, thrust_messages(0, *turns, command(OFF, np.zeros(6))))[-1]
+    assert SHARED_THRUST.format('base_link') in (last.causes[0][0] if last.contradicted else last.warnings[0])

@@ -19,7 +19,8 @@ from mbaid_ros.core.sensors.external_momentum import NOT_ASKED_FOR, OTHER_MOMENT
 from mbaid_ros.session.explanation import intake_warnings
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
-from sessions import URDF, feed, nees, session, simulated
+from observed import nees
+from sessions import URDF, feed, session, simulated
 
 AXES = [1.0, 1.0, 1.0, -1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 1.0]
 NAMES = ['rw1', 'rw2', 'rw3', 'rw4']

@@ -18,10 +18,11 @@ from mbaid_ros.core.filter.exponential import steps_of
 from mbaid_ros.core.filter.knots import Midpoints
 from mbaid_ros.core.filter.passive_prediction import PassiveColumns, started, starting_columns
 from mbaid_ros.core.filter.state import Layout, Point
-from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, predict, swing_rates
+from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, predict
 from mbaid_ros.core.filter.window import Stack, Window
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.linear_algebra import composed
+from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
 BESIDE = 2  # intervals on either side of a window that its steps are interpolated from
 _SWEEPS = 8  # of Newton's iteration along the windows, at most: each squares the error
@@ -65,6 +66,7 @@ class SwingCourse:
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
+        self._bare = replace(layout, unknowns=(), known=UnknownsPrior.nothing(0))
         # Time constants of the parameters that are Gauss-Markov processes, s; inf of x itself and of all others.
         times = np.concatenate([np.full(17, np.inf), *(each.times for each in layout.predicted)])
         self._decay = 1.0 / times
@@ -90,26 +92,19 @@ class SwingCourse:
         position, velocity = flat.joint_position.copy(), flat.joint_velocity.copy()
         zeros, velocity[:, joints] = position[:, joints], 0.0
         x = np.concatenate([self._guessed(part, point) for part in parts])
-        if not all(end in self._guesses for part in parts for end in part.ends):
-            # The first sweep of new windows never converges: it needs no derivatives by the parameters.
+        new = not all(end in self._guesses for part in parts for end in part.ends)
+        for sweep in range(_SWEEPS):
+            # The first sweep of new windows never converges: it needs no derivatives by the unknowns.
+            layout = self._bare if new and sweep == 0 else self._layout
             position[:, joints] = zeros + x[:, :size]
             placed = replace(flat, joint_position=position, joint_velocity=velocity)
-            slope, by_state = swing_rates(self._layout, placed, point, x[:, size:])
-            rest = slope[..., None] - by_state @ x[..., None]
-            x = self._followed(parts, by_state, rest, point)[..., 0]
-            _largest(x[:, :size])
-        for _ in range(_SWEEPS):
-            position[:, joints] = zeros + x[:, :size]
-            placed = replace(flat, joint_position=position, joint_velocity=velocity)
-            prediction, bodies = predict(self._layout, placed, point, x[:, size:])
+            prediction, bodies = predict(layout, placed, point, x[:, size:])
             assert bodies.passive is not None, 'there are passive joints'
             passive: PassiveColumns = bodies.passive
-            rest = passive.slope[..., None] - passive.by_state @ x[..., None]
-            driven = np.concatenate((rest, passive.by_parameters), axis=-1)
-            columns = self._followed(parts, passive.by_state, driven, point)
+            columns = self._followed(parts, passive, x, point)
             step, x = columns[..., 0] - x, columns[..., 0]
             faster = (passive.by_state @ step[..., None])[:, :size, 0]
-            if _largest(np.stack((step[:, :size], faster / springs.rate))) < _CONVERGED:
+            if _largest(step[:, :size], faster / springs.rate) < _CONVERGED and layout is self._layout:
                 break
         prediction.twist[...] += (passive.twist_by_state @ step[..., None])[..., 0]
         prediction.by_parameters[...] += passive.twist_by_state @ columns[..., 1:]
@@ -117,8 +112,8 @@ class SwingCourse:
         moved: list[tuple[Midpoints, slice]] = []
         for part, (motion, inside) in zip(parts, motions, strict=True):
             self._remember(part, part.divided(columns), point)
-            swung = {'joint_position': part.divided(position), 'joint_velocity': part.divided(velocity)}
-            moved.append((replace(motion, **swung), inside))
+            places, rates = part.divided(position), part.divided(velocity)
+            moved.append((replace(motion, joint_position=places, joint_velocity=rates), inside))
         ends = [_at_the_end(part.divided(columns)[..., :size, 1:], part.inside) for part in parts]
         return moved, prediction, bodies, np.concatenate(ends)
 
@@ -143,12 +138,14 @@ class SwingCourse:
         return states.reshape(-1, states.shape[-1])
 
     @np.errstate(over='ignore', invalid='ignore')  # a swing without bounds is noticed
-    def _followed(self, parts: Sequence[_Part], by_state: Array, driven: Array, point: Point) -> Array:
+    def _followed(self, parts: Sequence[_Part], passive: PassiveColumns, x: Array, point: Point) -> Array:
         """Return x and its derivatives at all instants, (N, 2 f, 1 + u), along windows in order.
 
-        `by_state` (N, 2 f, 2 f) are the derivatives of the rates of x, `driven` (N, 2 f, 1 + u) the rest of these, or
-        its first columns.
+        `passive` are their rates, linear about x (N, 2 f) and in the first u parameters.
         """
+        by_state = passive.by_state
+        rest = passive.slope[..., None] - by_state @ x[..., None]
+        driven = np.concatenate((rest, passive.by_parameters), axis=-1)
         mean, size, columns = np.mean(by_state, axis=0), by_state.shape[-1], driven.shape[-1]
         results, first = np.zeros_like(driven), starting_columns(self._layout, point)[..., :columns]
         steps = []  # by part, linear in x one interval before the own ones
@@ -184,7 +181,7 @@ class SwingCourse:
             near = point if point in others else min(others, key=lambda other: _apart(other, point))
             found = _moved(self._ends[near][number], near, point)
         # A window's amplitudes of decaying terms are those at its own begin.
-        return np.asarray(found * np.exp(self._decay * window.length))
+        return np.asarray(found * np.exp(self._decay[: found.shape[-1]] * window.length))
 
     def _remember(self, part: _Part, columns: Array, point: Point) -> None:
         """Remember windows, (m, B, 2 f, 1 + u)."""
@@ -207,9 +204,9 @@ class SwingCourse:
                 kept.popitem(last=False)
 
 
-def _largest(change: Array) -> float:
-    """Return the largest number, rad or m; raises LinAlgError where no appendage swings as far."""
-    largest = float(np.max(np.abs(change)))
+def _largest(step: Array, rates: Array) -> float:
+    """Return the largest change of a deflection, or of a rate over the natural one, rad or m."""
+    largest = float(np.max(np.abs((step, rates))))
     if not largest < _LARGEST:  # nor where it is NaN
         raise np.linalg.LinAlgError('the passive joints swing without bounds')
     return largest

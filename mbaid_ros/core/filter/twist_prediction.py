@@ -91,43 +91,6 @@ def predict(layout: Layout, middle: Midpoints, point: Point, along: Array | None
     point : its momentum is that before any known thrust or orbit, L about the run's origin
     along : (N, f) s of passive joints, whose rates follow and are zero in `middle`; None without any
     """
-    moving = _moving(layout, middle, point, along)
-    kernel, states, motion, mobility = point.side.kernel, moving.states, moving.motion, moving.mobility
-    right = _right_hand_sides(layout, kernel, states, middle.base_position, moving.total)
-    passive: PassiveColumns | None = None
-    if motion is None:
-        solved: Array = mobility @ right
-    else:
-        solved, passive = passive_columns(layout, point, states, motion, right, moving.deflection)
-        mobility = motion.inertias.free_mobility
-    bodies = Bodies(moving.known, mobility, states, passive)
-    return Prediction(moving.twist, solved[..., :-6], solved[..., -6:]), bodies
-
-
-def swing_rates(layout: Layout, middle: Midpoints, point: Point, along: Array) -> tuple[Array, Array]:
-    """Return the rates (N, 2 f) of the state of passive joints, and their derivatives by it (N, 2 f, 2 f)."""
-    motion = _moving(layout, middle, point, along).motion
-    assert motion is not None, 'there are passive joints'
-    nothing = np.zeros((*along.shape, 0))
-    slope = np.concatenate((motion.rates, motion.forces), axis=-1)
-    return slope, motion.derivatives(np.zeros((len(along), 6, 0)), nothing, nothing)[1]
-
-
-@dataclass(frozen=True, eq=False)
-class _Moving:
-    """A robot that moves as predicted, at N instants."""
-
-    known: Array  # (n + 1, 10) standard parameters of all bodies
-    mobility: Array  # (N, 6, 6) M^-1
-    states: BodyStates
-    twist: Array  # (N, 6) of the base
-    total: tuple[Array, Array]  # (P, L_b), (N, 3) each
-    motion: PassiveMotion | None  # of passive joints
-    deflection: Array  # (N, f) of these
-
-
-def _moving(layout: Layout, middle: Midpoints, point: Point, along: Array | None) -> _Moving:
-    """Return it; arguments as of `predict`."""
     parameters, kernel = point.parameters, point.side.kernel
     target, kinematics = kernel.target, kernel.kinematics
     known = kernel.with_target(parameters[6:16])
@@ -142,7 +105,6 @@ def _moving(layout: Layout, middle: Midpoints, point: Point, along: Array | None
     linear, about_base = total_momentum(middle, point, known, (tide, thrust))
     total = np.concatenate((linear, about_base), axis=1) - moving
     motion: PassiveMotion | None = None
-    deflection: Array = np.zeros((len(middle), 0))
     if along is None:
         twist: Array = (mobility @ total[..., None])[..., 0]
         body_twist += twist[:, None]
@@ -164,7 +126,14 @@ def _moving(layout: Layout, middle: Midpoints, point: Point, along: Array | None
         tide,
         thrust,
     )
-    return _Moving(known, mobility, states, twist, (linear, about_base), motion, deflection)
+    right = _right_hand_sides(layout, kernel, states, middle.base_position, (linear, about_base))
+    passive: PassiveColumns | None = None
+    if motion is None:
+        solved: Array = mobility @ right
+    else:
+        solved, passive = passive_columns(layout, point, states, motion, right, deflection)
+        mobility = motion.inertias.free_mobility
+    return Prediction(twist, solved[..., :-6], solved[..., -6:]), Bodies(known, mobility, states, passive)
 
 
 def _right_hand_sides(

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal import lfilter
 
-from benchmarks.data import coloured
 from mbaid_ros.core.geometry import (
     Array,
     Flags,
@@ -43,7 +43,11 @@ Defect = Callable[[Readings, np.random.Generator], Readings]
 
 def read(truth: Truth, noise: SensorNoise, seed: int) -> Readings:
     """Return readings with white noise."""
-    sensors = Sensors(noise, seed)
+    return read_by(Sensors(noise, seed), truth)
+
+
+def read_by(sensors: Sensors, truth: Truth) -> Readings:
+    """Return the readings of given sensors."""
     return Readings(truth, sensors.joints(truth), sensors.base(truth))
 
 
@@ -159,6 +163,14 @@ def _continuous(rotation: Array) -> Array:
 
 
 # -- defects
+
+
+def coloured(white: Array, time: Array, constant: float) -> Array:
+    """Return errors (N, 3) at (N,) s as an autoregression with a time constant (s), as large as the white ones."""
+    keep = float(np.exp(-np.mean(np.diff(time)) / constant))
+    scale = np.full((len(white), 1), np.sqrt(1.0 - keep**2))
+    scale[0] = 1.0
+    return np.asarray(lfilter([1.0], [1.0, -keep], scale * white, axis=0))
 
 
 def correlated(constant: float, readings: Readings, _rng: np.random.Generator) -> Readings:

@@ -14,7 +14,7 @@ from benchmarks.honesty.conditions import AXES, JOINT, Condition, seen, servicer
 from benchmarks.honesty.paths import DEGREE, ROBOT, Path, pick_and_place, sinusoids
 from benchmarks.honesty.readings import Defect, Readings, View
 from benchmarks.honesty.worlds import World, Wrench
-from benchmarks.model_errors.variant import DEFAULT
+from benchmarks.model_errors import DEFAULT
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.simulation.quaternions import conjugate
 from mbaid_ros.simulation.simulation import Truth

@@ -12,8 +12,7 @@ from benchmarks.bounds import trajectory_bound
 from benchmarks.data import RATE, Case, drawn, model, motion, simulator_config, true_model
 from benchmarks.honesty import robots
 from benchmarks.in_mujoco import InMuJoCo
-from benchmarks.model_errors.runs import attainable
-from benchmarks.model_errors.variant import DEFAULT, settings
+from benchmarks.model_errors import DEFAULT, attainable, settings
 from benchmarks.peers import redysim
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.core.geometry import Array

@@ -12,17 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.data import START, model
+from benchmarks.bags import write_bag
+from benchmarks.data import model
 from benchmarks.peers.conditions import KNOWN_PANEL, OTHER_ENGINE, Condition, Moved, declared, moved
-from benchmarks.peers.recording import JOINTS, ODOMETRY
-from mbaid_ros.bags import BAG_TYPES, BagWriter
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.replay.output import shaped
-from mbaid_ros.sensor_messages import joints_of, poses_of
 from mbaid_ros.simulation.sensors import Sensors
-from mbaid_ros.simulation.simulation import Truth, total_momentum
+from mbaid_ros.simulation.simulation import total_momentum
 
 BAG, URDF, KNOWN, TRUTH = 'bag', 'robot.urdf', 'known.json', 'truth.json'
 MANIFEST = 'manifest.json'
@@ -74,7 +72,7 @@ def _make(run: Run, folder: Path) -> None:
     if run.condition.differs == OTHER_ENGINE:
         truth = replace(truth, joint_effort=_with_torque_errors(truth.joint_effort, rng))
     folder.mkdir(parents=True)
-    _write_bag(folder / BAG, motion, truth, Sensors(case.noise, seed, motion.errors))
+    write_bag(folder / BAG, motion.nominal, Sensors(case.noise, seed, motion.errors), [(0.0, truth)])
     body = physical(motion.nominal.link(target).parameters)
     catalogued = _catalogued(body, rng)
     (folder / URDF).write_text(replace_inertial(motion.nominal.urdf, target, catalogued), encoding='utf-8')
@@ -114,19 +112,6 @@ def _catalogued(body: Array, rng: np.random.Generator) -> Array:
     gyration = np.sqrt(0.5 * (body[4] + body[7] + body[9]) / body[0])
     centre = body[1:4] + _FAR * gyration * direction / np.linalg.norm(direction)
     return np.concatenate(([mass * body[0]], centre, inertia * body[4:]))
-
-
-def _write_bag(path: Path, motion: Moved, truth: Truth, sensors: Sensors) -> None:
-    """Write a JointState and an Odometry a sample."""
-    joints = joints_of(sensors.joints(truth), motion.nominal.joint_names)
-    base = poses_of(sensors.base(truth), motion.nominal.base_link)
-    with BagWriter(path) as bag:
-        bag.add_topic(JOINTS, 'sensor_msgs/msg/JointState')
-        bag.add_topic(ODOMETRY, 'nav_msgs/msg/Odometry')
-        for index, time in enumerate(truth.time.tolist()):
-            stamp = START + round(time * 1e9)
-            bag.write(ODOMETRY, base.message(BAG_TYPES, index, stamp), stamp)
-            bag.write(JOINTS, joints.message(BAG_TYPES, index, stamp), stamp)
 
 
 def _write(file: Path, values: object) -> None:

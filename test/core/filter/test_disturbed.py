@@ -11,7 +11,6 @@ from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
 from benchmarks.honesty.runs import PUBLISHED
-from captured import capture
 from checked import some
 from floating import DEFAULT, float_freely, follow, make, normalised, pushing, true_momentum
 from mbaid_ros.core.geometry import Array
@@ -20,6 +19,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth
 from observed import HIGH, MID, estimator, kernel, observe, true_body, windows
+from servicers import capture
 
 SECONDS = 20.0
 FORCE_TORQUE = np.array([0.012, -0.010, 0.011, -0.006, 0.005, 0.006])  # N, N m
@@ -28,11 +28,6 @@ PULSED = 12.2  # s
 LATE = 0.005  # s
 # Ten parameters, one run in a thousand.
 LIMIT = float(chi2.isf(1e-3, 10))
-
-
-@pytest.fixture(scope='module')
-def robot() -> MomentumKernel:
-    return kernel('servicer7')
 
 
 @pytest.fixture(scope='module')

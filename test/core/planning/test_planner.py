@@ -35,8 +35,8 @@ from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from mbaid_ros.simulation.steered import Followed
 from observed import MID, estimator, kernel, observe, windows
 from planned import FASTEST, START, Begun, angle, begun, first_motion, follow, planner
+from servicers import wheeled
 from simulated import state
-from wheels import wheeled
 
 
 @pytest.fixture(scope='module')
@@ -47,9 +47,7 @@ def executed() -> tuple[Plan, Truth, Estimate, Begun]:
     return plan, *robot.moved(plan.trajectory), robot
 
 
-def test_what_is_predicted_to_be_known_is_known_after_the_motion(
-    executed: tuple[Plan, Truth, Estimate, Begun],
-) -> None:
+def test_what_is_predicted_to_be_known_is_known_after_the_motion(executed: tuple[Plan, Truth, Estimate, Begun]) -> None:
     plan, _, estimate, robot = executed
     reporting = make_reporting(EstimatorConfig(), robot.kernel)
     reached = estimate.std / reporting.sizes(estimate.parameters)

@@ -24,9 +24,9 @@ from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.simulation import Truth, seen_from_orbit, total_momentum
 from observed import MID, configured_motion, observe
 from random_robots import random_state, random_urdf
+from servicers import pushed
 from sessions import MEAN_MOTION, NADIR, NORMAL, declared, orbit
 from simulated import robot
-from thrusting import pushed
 
 SECOND = 1_000_000_000
 EPOCH = 1_700_000_000 * SECOND

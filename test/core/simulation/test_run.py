@@ -1,20 +1,30 @@
-"""The simulated run: conservation, its dynamics, its integrator, and independence of the sampling."""
+"""The simulated run: conservation, dynamics, integrator, sampling; and joints that follow trajectories."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from mbaid_ros.core.errors import ModelError
+from mbaid_ros.bags import BAG_TYPES
+from mbaid_ros.config.parameters import build
+from mbaid_ros.config.simulator import MotionConfig, SimulatorConfig
+from mbaid_ros.core.errors import DataError, ModelError, ParameterError
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.joint_trajectory import JointTrajectory
+from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.urdf import Limit
+from mbaid_ros.simulated_robot import make_initial_state, make_motion, make_simulation
+from mbaid_ros.simulated_run import SimulatedRun
 from mbaid_ros.simulation.dynamics import Dynamics, State
-from mbaid_ros.simulation.motion import Passive, Sinusoids, random_sinusoids, sinusoids
+from mbaid_ros.simulation.motion import Passive, Sinusoids, random_sinusoids, sinusoids, within_limits
 from mbaid_ros.simulation.simulation import Simulation, total_momentum
+from mbaid_ros.simulation.steered import Steered, made_to_follow
 from random_robots import random_urdf
-from simulated import relative_drift, robot, state, table1
+from simulated import CONFIG, relative_drift, robot, state, table1
 
 
 def moving_arm(name: str, linear: float = 0.0) -> tuple[Simulation, Sinusoids]:
@@ -144,3 +154,125 @@ def test_a_motion_that_diverges_is_refused() -> None:
     wild = State(start.base_position, start.base_orientation, start.joint_position, 1e200 * np.ones(10))
     with pytest.raises(ModelError, match='not finite'):
         Simulation(model, Passive(), wild).advance(np.array([1.0]))
+
+
+NOTHING = np.zeros((0, 0))
+SERVICER = robot('servicer7')
+TIMES = np.array([0.0, 2.0])
+
+
+def to(goal: float, begin: float = 0.0, time: float = 0.0) -> JointTrajectory:
+    position, rest = np.array([[begin], [goal]]), np.zeros((2, 1))
+    return JointTrajectory(('joint3',), TIMES + time, position, rest, rest)
+
+
+def test_a_trajectory_takes_over_from_where_the_joints_are_and_as_they_move() -> None:
+    first = random_sinusoids(np.zeros(7), 0, 2, 0.01, 5.0, 9.0)
+    motion = Steered(first)
+    for order in range(3):
+        assert motion.reference(0.7)[order] == pytest.approx(first.reference(0.7)[order])
+    motion.follow(to(0.2), SERVICER, 1.0)
+    assert motion.reference(1.0)[0] == pytest.approx(first.reference(1.0)[0])
+    assert motion.reference(1.0)[1][2] == pytest.approx(first.reference(1.0)[1][2])
+    assert motion.reference(0.99)[0] == pytest.approx(first.reference(0.99)[0])
+    end = motion.reference(3.5)
+    assert end[0][2] == pytest.approx(0.2)
+    assert np.delete(end[0], 2) == pytest.approx(np.delete(first.reference(1.0)[0], 2))
+    assert not end[1].any()
+    later = motion.later(0.5)
+    assert later.reference(3.0)[0] == pytest.approx(end[0])
+    later.follow(to(0.1, 0.2), SERVICER, 4.0)
+    assert motion.reference(9.0)[0][2] == pytest.approx(0.1)
+
+
+def test_a_first_point_that_is_still_to_come_is_gone_to() -> None:
+    motion = made_to_follow(to(0.5, 0.4, time=1.0), SERVICER, np.zeros(7), 0.0)
+    assert motion.reference(0.0)[0][2] == 0.0
+    assert motion.reference(1.0)[0][2] == pytest.approx(0.4)
+
+
+def test_a_trajectory_of_other_joints_or_another_place_is_refused() -> None:
+    other = JointTrajectory(('elbow',), np.zeros(1), np.zeros((1, 1)), NOTHING, NOTHING)
+    with pytest.raises(DataError, match="moves 'elbow'; accepted: joints among joint1, joint2"):
+        made_to_follow(other, SERVICER, None, 0.0)
+    with pytest.raises(DataError, match=r"begins with 'joint3' at 0.3, which is at 0; accepted: within 0.05 of it"):
+        made_to_follow(to(0.5, 0.3), SERVICER, np.zeros(7), 0.0)
+
+
+def test_a_run_is_told_to_follow_on_the_way() -> None:
+    path = str(CONFIG / 'servicer7.urdf')
+    config = SimulatorConfig(
+        robot_description_file=path, joint_rate=10.0, odometry_rate=10.0, motion=MotionConfig(kind='random')
+    )
+    run = SimulatedRun(config, SERVICER.urdf, BAG_TYPES)
+    before = [timed.message for timed in run.read(1.0) if timed.topic == 'joint_states']
+    place = float(before[-1].position[2])
+    begin = run.follow(to(place + 0.1, place))
+    assert begin == pytest.approx(1.1)
+    after = [timed.message for timed in run.read(4.0) if timed.topic == 'joint_states']
+    assert after[-1].position[2] == pytest.approx(place + 0.1, abs=2e-3)
+    assert np.abs(after[-1].velocity).max() < 0.02
+
+
+TIME = np.linspace(0.0, 400.0, 20_001)
+GRIPPER = """<robot name="gripper">
+  <link name="base"><inertial><mass value="20"/>{0}</inertial></link>
+  <link name="left"><inertial><mass value="1"/>{0}</inertial></link>
+  <link name="right"><inertial><mass value="1"/>{0}</inertial></link>
+  <joint name="jaw" type="prismatic"><parent link="base"/><child link="left"/><axis xyz="0 1 0"/>
+    <limit lower="0" upper="0.04" effort="10" velocity="0.2"/></joint>
+  <joint name="other_jaw" type="prismatic"><parent link="base"/><child link="right"/><axis xyz="0 1 0"/>
+    <limit lower="-0.06" upper="0" effort="10" velocity="0.005"/><mimic joint="jaw" multiplier="-2"/></joint>
+</robot>""".format('<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>')
+
+
+def course(motion: Sinusoids) -> tuple[Array, Array]:
+    """Return positions and rates at TIME, (N, n)."""
+    references = [motion.reference(float(time)) for time in TIME]
+    return np.array([each[0] for each in references]), np.array([each[1] for each in references])
+
+
+def limited(model: RobotModel, lower: float, upper: float, velocity: float) -> RobotModel:
+    return replace(model, limits=(Limit(lower, upper, velocity),) * model.joints)
+
+
+@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize('limits', [(-3.1, 3.1, 0.1), (-0.2, 0.3, np.inf), (0.5, 0.6, 1.0), (-0.04, 0.0, 0.001)])
+def test_every_joint_stays_within_its_limits(limits: tuple[float, float, float], seed: int) -> None:
+    model = limited(robot('servicer7'), *limits)
+    drawn = random_sinusoids(np.zeros(model.joints), seed, 2, 0.5, 10.0, 40.0)
+    motion = within_limits(drawn, model, start_given=False)
+    position, velocity = course(motion)
+    assert position.min() >= limits[0]
+    assert position.max() <= limits[1]
+    assert np.abs(velocity).max() <= limits[2]
+    # A motion that is smaller than the one drawn makes use of them.
+    used = np.maximum(np.ptp(position, axis=0) / (limits[1] - limits[0]), np.abs(velocity).max(axis=0) / limits[2])
+    assert np.all((used > 0.6) | np.all(motion.amplitude == drawn.amplitude, axis=1))
+
+
+def test_a_start_beyond_the_limits_is_refused() -> None:
+    model = limited(robot('servicer7'), -0.1, 0.2, np.inf)
+    with pytest.raises(ParameterError, match=r"has 0\.3 for 'joint1'; accepted: its limits, -0\.1 to 0\.2"):
+        within_limits(random_sinusoids(np.full(7, 0.3), 2, 2, 0.5, 10.0, 40.0), model, start_given=True)
+
+
+def test_fingers_move_together_and_no_further_than_either_may() -> None:
+    model = load_model(GRIPPER)
+    config = build(SimulatorConfig, {'motion.kind': 'random', 'motion.seed': 3})
+    motion = make_motion(config, model)
+    assert isinstance(motion, Sinusoids)
+    position, velocity = course(motion)
+    assert position[:, 1] == pytest.approx(-2.0 * position[:, 0], abs=1e-12)
+    assert position[:, 0].min() >= 0.0
+    assert position[:, 0].max() <= 0.03  # where the other one is at its end
+    assert np.abs(velocity[:, 1]).max() <= 0.005
+    assert np.array_equal(make_initial_state(config, model, motion).joint_position, motion.start)
+    truth = make_simulation(config, model).advance(np.arange(0.0, 20.0, 0.5))
+    assert truth.joint_position[:, 1] == pytest.approx(-2.0 * truth.joint_position[:, 0], abs=1e-9)
+    assert truth.joint_position.min(axis=0)[0] >= 0.0
+
+
+def test_joints_that_follow_others_move_at_random_by_default() -> None:
+    model = load_model(GRIPPER)
+    assert isinstance(make_motion(SimulatorConfig(), model), Sinusoids)

@@ -9,7 +9,6 @@ import pytest
 
 from benchmarks.honesty.paths import servicer
 from benchmarks.precapture import free_model
-from captured import LINK, alone
 from mbaid_ros.core.geometry import Array, log, rotation_from_quaternion
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import physical
@@ -21,6 +20,7 @@ from mbaid_ros.simulation.motion import Motion, Passive
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from observed import LOW, observe
+from servicers import LINK, alone
 from simulated import robot, state
 
 NOISE = SensorNoise(1e-4, 2e-3, 3e-3, 4e-4, 5e-3, 6e-4)

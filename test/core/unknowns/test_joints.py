@@ -47,7 +47,7 @@ def test_joints_that_deviate_with_their_angle_leave_nothing_in_a_window(
         here = layout.point(state(servicer7, start, nothing))
         x = state(servicer7, start, np.linalg.solve(unknown.factor, each))
         model = window_model(layout, window, here)
-        x[:6] = np.linalg.solve(model.pose_rows[:, :6], residuals(model, x)[0])
+        x[:6] = np.linalg.solve(model.pose.rows[:, :6], residuals(model, x)[0])
         found.append(np.abs(residuals(model, x)[1]).max())
     assert found[1] < 0.05 * found[0]
     assert len(state(servicer7, start, nothing)) == layout.size == BODY.stop + 2 * servicer7.model.joints

@@ -106,7 +106,7 @@ def test_readings_are_off_as_the_rows_say(
     assert after == pytest.approx(end, abs=tolerance * scale)
     # And the columns are not nothing.
     model = window_model(layout, window_of(exact, SPACING), here)
-    rows = model.twist_rows if unknown is BIAS else model.pose_rows
+    rows = model.twist.rows if unknown is BIAS else model.pose.rows
     assert np.abs(rows[:, BODY.stop + component]).max() > 0.3 * scale
 
 
@@ -192,7 +192,7 @@ def test_the_joints_noise_is_in_the_readings_as_the_covariance_says(
         model, x = gyro_window(servicer7, replace(read, joint_position=noisy), start, np.zeros(13), LINK)
         errors.append(residuals(model, x)[1])
     # Nothing else is noisy: the windows' own is 1e-15, the gyro has none.
-    expected, found = model.twist_covariance, np.cov(np.array(errors).T)
+    expected, found = model.twist.covariance, np.cov(np.array(errors).T)
     for part in (slice(0, 3), slice(6, 9)):
         assert np.trace(found[part, part]) == pytest.approx(np.trace(expected[part, part]), rel=0.2)
     size = np.sqrt(np.trace(expected[:3, :3]) * np.trace(expected[6:, 6:]))

@@ -7,17 +7,17 @@ estimate to first order. The mean for data without noise has the error that the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from benchmarks.data import (
-    DURATION,
     MAXIMUM_GAP,
     NOISE,
     RATE,
     Case,
+    drawn,
     exact_samples,
     kernel,
     momentum_of,
@@ -25,8 +25,7 @@ from benchmarks.data import (
     observed,
     target,
 )
-from benchmarks.frame import Runs
-from benchmarks.model_errors.variant import Variant, settings
+from benchmarks.frame import Runs, declared
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.filter.averaging import KnotAveraging
@@ -38,23 +37,101 @@ from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.filter.window import Window, stacked
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.identifier import Identifier
-from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.parameters import BAND, PARAMETERS
+from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.robot.momentum import physical_jacobian
+from mbaid_ros.core.robot.model_errors import ModelErrors, relative_factor
+from mbaid_ros.core.robot.momentum import body_sizes, physical_jacobian
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.core.unknowns.base import OdometryMount
 from mbaid_ros.core.unknowns.bodies import KnownBodies
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.joints import JointPlacements
-from mbaid_ros.replay.campaigns.statistics import mean, nees
+from mbaid_ros.replay.campaigns.statistics import coverage, mean, nees, nees_band
 from mbaid_ros.session.known_robot import declared_errors
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.session.settings import declared_uncertainty
 from mbaid_ros.simulation.simulation import Truth
 from mbaid_ros.simulation.true_robot import ErrorSizes
+
+# The defaults of the estimator's parameters.
+DEFAULT = ErrorSizes(0.01, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
+# By block, the fields of ErrorSizes and the parameters that declare them.
+BLOCKS = {
+    'links': {'links_relative_std': 'known_links.relative_std'},
+    'zeros': {'zero_std': 'known_joints.zero_std'},
+    'origins': {'origin_std': 'known_joints.origin_std'},
+    'axes': {'axis_std': 'known_joints.axis_std'},
+    'mount': {
+        'mount_position_std': 'odometry_mount.position_std',
+        'mount_orientation_std': 'odometry_mount.orientation_std',
+    },
+}
+PLANAR = ('table1',)
+# Distributions of a body's errors: that of `relative_factor`, one common factor, or each number by itself.
+AS_DECLARED, WHOLE, APART = 'as declared', 'as a whole', 'each number by itself'
+# Of a robot whose joints turn about z: m, h_x, h_y, I_zz.
+_IN_PLANE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One row of a table."""
+
+    robot: str  # name of a URDF of config/
+    name: str  # errors and priors, in words
+    sizes: ErrorSizes  # that robots are drawn with
+    believed: ErrorSizes  # the priors
+    spatial: bool = False  # whether a planar robot's errors may lead out of its plane
+    links: str = AS_DECLARED  # distribution of their errors
+
+    def errors(self, seed: int) -> ModelErrors:
+        """Return the errors of a seed; those of a planar robot keep it in its plane, as the table under it does."""
+        errors = drawn(self.robot, self.sizes, seed)
+        errors = replace(errors, bodies=self._bodies(errors.bodies))
+        if self.robot not in PLANAR or self.spatial:
+            return errors
+        return replace(
+            errors,
+            bodies=errors.bodies * _IN_PLANE,
+            origins=errors.origins * np.array([1.0, 1.0, 0.0]),
+            tilts=np.zeros_like(errors.tilts),
+            mount=errors.mount * np.array([0.0, 0.0, 1.0, 1.0, 1.0, 0.0]),
+        )
+
+    def _bodies(self, drawn_ones: Array) -> Array:
+        """Return (n + 1, 10) errors of the bodies with another distribution."""
+        if self.links == AS_DECLARED:
+            return drawn_ones
+        changed = np.zeros_like(drawn_ones)
+        for body, known in enumerate(kernel(self.robot).known):
+            if known[0] > 0.0:
+                std = self.sizes.links_relative_std
+                numbers = np.linalg.solve(relative_factor(known, std), drawn_ones[body])
+                changed[body] = std * (numbers[0] * known if self.links == WHOLE else numbers * body_sizes(known))
+        return changed
+
+
+def settings(sizes: ErrorSizes) -> dict[str, object]:
+    """Return the estimator's parameters that declare such robots, with the sensors' noise."""
+    names = {field: name for block in BLOCKS.values() for field, name in block.items()}
+    return {**{names[field]: value for field, value in vars(sizes).items()}, **declared(NOISE)}
+
+
+def monte_carlo(robot: str) -> Iterator[Variant]:
+    """Yield the variants of a robot: all blocks, one at a time, and with wrong priors."""
+    yield Variant(robot, 'all', DEFAULT, DEFAULT)
+    for name, fields in BLOCKS.items():
+        block = ErrorSizes(**{field: getattr(DEFAULT, field) for field in fields})
+        yield Variant(robot, name, block, block)
+    for words, factor in (('twice', 2.0), ('half', 0.5)):
+        priors = ErrorSizes(**{field: factor * value for field, value in vars(DEFAULT).items()})
+        yield Variant(robot, f'all, priors {words} as large', DEFAULT, priors)
+    for way in (WHOLE, APART):
+        yield Variant(robot, f'all, links off {way}', DEFAULT, DEFAULT, links=way)
+    if robot in PLANAR:
+        yield Variant(robot, 'all, out of the plane too', DEFAULT, DEFAULT, spatial=True)
+
 
 _ROUNDING = 1e-9
 
@@ -79,7 +156,7 @@ class Outcome(Runs):
     @property
     def coverage(self) -> Array:
         """Share of the 95 % intervals that hold the truth, of each parameter, (10,)."""
-        return mean(np.where(np.isfinite(self.z), np.abs(self.z) < BAND, np.nan))
+        return coverage(self.error, self.std)
 
     def over_bound(self, error: Array) -> Array:
         """Return RMSE over the root mean square of the bounds of the same runs, (10,)."""
@@ -91,12 +168,10 @@ class Outcome(Runs):
     def nees(self) -> tuple[float, float, float]:
         """Mean squared error in the metric of the covariance, a parameter, and the 95 % band of such means."""
         there = np.isfinite(self.error_norm)
-        freedom = float(np.sum(np.isfinite(self.z[there])))
-        if not freedom:
-            return np.nan, np.nan, np.nan
         weight = np.sum(np.isfinite(self.z[there]), axis=1)
-        low, high = (float(chi2.ppf(tail, freedom)) / freedom for tail in (0.025, 0.975))
-        return float(np.sum(weight * self.error_norm[there]) / freedom), low, high
+        freedom = int(np.sum(weight))
+        mean_norm = float(np.sum(weight * self.error_norm[there]) / freedom) if freedom else np.nan
+        return mean_norm, *nees_band(freedom)
 
     @property
     def largest(self) -> tuple[float, str, int]:
@@ -111,24 +186,13 @@ def run(work: tuple[Variant, int]) -> Outcome:
     variant, seed = work
     errors = variant.errors(seed)
     moved = motion(variant.robot, RATE, errors)
-    last = _estimates(variant, seed, errors, moved)[-1]
+    config = build(EstimatorConfig, settings(variant.believed))
+    identifier = Identifier(make_estimator(config, kernel(variant.robot)), config.window, MAXIMUM_GAP)
+    last = identifier.push(*observed(moved, Case(variant.robot, 'mid'), seed, errors))[-1]
     best = attainable(variant.robot, moved, errors, variant.sizes)
     truth = target(variant.robot)
     norms = nees(last, truth), last.residual**2
     return Outcome(np.array(last.status), last.parameters - truth, last.std, *best, *map(np.asarray, norms))
-
-
-def estimates(variant: Variant, seed: int) -> list[Estimate]:
-    """Return all estimates of a run."""
-    errors = variant.errors(seed)
-    return _estimates(variant, seed, errors, motion(variant.robot, RATE, errors))
-
-
-def _estimates(variant: Variant, seed: int, errors: ModelErrors, truth: Truth) -> list[Estimate]:
-    truth = truth[: int(np.searchsorted(truth.time, DURATION + 1e-9))]
-    config = build(EstimatorConfig, settings(variant.believed))
-    identifier = Identifier(make_estimator(config, kernel(variant.robot)), config.window, MAXIMUM_GAP)
-    return identifier.push(*observed(truth, Case(variant.robot, 'mid'), seed, errors))
 
 
 def attainable(robot: str, truth: Truth, errors: ModelErrors, sizes: ErrorSizes) -> Array:

@@ -1,30 +1,41 @@
-"""The benchmark of all methods: recordings by seed, a least-squares method on one, and its page's own example."""
+"""The benchmarks' instruments: recordings and methods of the peers, worlds, sensors and verdicts of the honesty."""
 
 from __future__ import annotations
 
 import importlib
-import json
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.special import ndtri
 
+from benchmarks.bags import write_bag
+from benchmarks.data import motion
+from benchmarks.honesty import readings, robots
+from benchmarks.honesty.disturbed import CATALOGUE
+from benchmarks.honesty.paths import sinusoids
+from benchmarks.honesty.runs import Outcome as Ends
+from benchmarks.honesty.runs import jointly, judged, run
+from benchmarks.honesty.worlds import World, float_freely, swing
 from benchmarks.peers import dataset, redysim
 from benchmarks.peers.conditions import Condition, moved
 from benchmarks.peers.recording import Known
-from benchmarks.peers.runs import Outcome, outcome_of
-from benchmarks.peers.score import Truth, score
+from benchmarks.peers.runs import Outcome, Truth, outcome_of, score
 from documents import blocks
-from mbaid_ros.core.geometry import log, rotate, rotation_from_quaternion
+from mbaid_ros.core.geometry import Array, exp, log, rotate, rotation_from_quaternion
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.simulation.sensors import Sensors
+from mbaid_ros.simulation.simulation import total_momentum
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / 'docs' / 'measured' / 'benchmark.md'
@@ -40,11 +51,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope='module')
 def manifest(folder: Path) -> dict[str, dict[str, str]]:
     return dataset.make([RUN], folder)
-
-
-def truth_of(run: Path) -> Truth:
-    values = json.loads((run / dataset.TRUTH).read_text(encoding='utf-8'))
-    return Truth(np.array(values['parameters']), np.array(values['bound'], dtype=float))
 
 
 def test_a_seed_gives_the_same_files_and_another_seed_others(
@@ -66,7 +72,7 @@ def exact(folder: Path, manifest: dict[str, dict[str, str]]) -> Path:
     run = folder / 'exact'
     shutil.copytree(folder / next(iter(manifest)), run, ignore=shutil.ignore_patterns(dataset.BAG))
     motion = moved(RUN.condition, RUN.seed, RUN.seconds)
-    dataset._write_bag(run / dataset.BAG, motion, motion.truth, Sensors(SensorNoise(*[0.0] * 6), 0))
+    write_bag(run / dataset.BAG, motion.nominal, Sensors(SensorNoise(*[0.0] * 6), 0), [(0.0, motion.truth)])
     return run
 
 
@@ -80,14 +86,14 @@ def exact(folder: Path, manifest: dict[str, dict[str, str]]) -> Path:
     ],
 )
 def test_equations_hold_without_noise(exact: Path, method: str, share: float) -> None:
-    outcome, truth = outcome_of(method, exact), truth_of(exact)
+    outcome, truth = outcome_of(method, exact), Truth.read(exact)
     assert not outcome.failure
     assert np.all(np.abs(np.array(outcome.parameters) - truth.parameters) < share * truth.sizes)
 
 
 def test_the_page_s_own_method_answers(exact: Path, tmp_path: Path) -> None:
     page = HOW_TO.read_text(encoding='utf-8')
-    code = page.partition('<!-- run by test/test_benchmark_peers.py: on a recording without noise -->\n```python\n')[
+    code = page.partition('<!-- run by test/test_benchmarks.py: on a recording without noise -->\n```python\n')[
         2
     ].partition('```')[0]
     assert 10 < len(code.splitlines()) < 30
@@ -98,7 +104,7 @@ def test_the_page_s_own_method_answers(exact: Path, tmp_path: Path) -> None:
     finally:
         sys.path.remove(str(tmp_path))
     urdf, known = (exact / dataset.URDF).read_text(encoding='utf-8'), Known.read(exact / dataset.KNOWN)
-    answer, truth = module.identify(exact / dataset.BAG, urdf, known), truth_of(exact)
+    answer, truth = module.identify(exact / dataset.BAG, urdf, known), Truth.read(exact)
     assert np.all(np.abs(answer.parameters - truth.parameters) < 1e-6 * truth.sizes)
 
 
@@ -150,7 +156,7 @@ def test_a_tumbling_robot_is_identified_as_well_as_promised(method: str, tmp_pat
         pytest.importorskip('tabulate', reason='mujoco[sysid] is optional')
     run = dataset.Run(Condition('servicer7', 'low'), 0, 40.0)
     dataset.make([run], tmp_path)
-    outcome, truth = outcome_of(method, tmp_path / run.name), truth_of(tmp_path / run.name)
+    outcome, truth = outcome_of(method, tmp_path / run.name), Truth.read(tmp_path / run.name)
     assert not outcome.failure
     assert not outcome.doubt
     assert np.all(np.abs(np.array(outcome.parameters) - truth.parameters) < 5.0 * np.array(outcome.std))
@@ -178,3 +184,95 @@ def test_the_benchmark_goes_on_and_gives_the_same_numbers(tmp_path: Path) -> Non
     assert any('trajectory' in line for line in first)
     assert scored(tmp_path / 'one') == first
     assert scored(tmp_path / 'two') == first
+
+
+def outcome(status: list[str], error: Array, jointly: float = 0.0) -> Ends:
+    """Return runs with errors (R, 10) in standard deviations of 1."""
+    none = np.zeros(len(status))
+    causes = np.array(['a cause'] * len(status))
+    return Ends(
+        np.array(status), error, np.ones_like(error), np.full(len(status), jointly), causes, causes, *(none,) * 6
+    )
+
+
+def test_the_base_floats_as_the_simulator_has_it() -> None:
+    truth = float_freely(World(robots.servicer(), sinusoids(), seconds=20.0))
+    expected = motion('servicer7')[: len(truth)]
+    np.testing.assert_allclose(truth.joint_position, expected.joint_position, atol=1e-7)
+    np.testing.assert_allclose(truth.base_position, expected.base_position, atol=1e-7)
+    np.testing.assert_allclose(truth.base_orientation, expected.base_orientation, atol=1e-7)
+    np.testing.assert_allclose(truth.base_angular_velocity, expected.base_angular_velocity, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    'name', ['a flexible panel of 0.3 Hz', 'fuel that sloshes at 0.1 Hz', 'a flexible joint of 2 Hz']
+)
+def test_springs_keep_the_momentum_and_swing_at_their_frequency(name: str) -> None:
+    world = CATALOGUE[name].world(0)
+    truth = swing(replace(world, seconds=20.0))
+    robot = load_model(world.urdf)
+    momentum = total_momentum(robot, truth)
+    np.testing.assert_allclose(momentum - momentum[0], 0.0, atol=1e-4 * np.max(np.abs(momentum)))
+    joint, spring = next(iter(world.springs.items()))
+    deflection = truth.joint_position[:, robot.joint_names.index(joint)]
+    assert deflection[0] == spring.deflection
+    frequency = np.fft.rfftfreq(len(deflection), 1.0 / world.rate)
+    spectrum = np.abs(np.fft.rfft(deflection)) * (frequency > 0.5 * spring.frequency)  # not what is slow
+    # As the robot was at first; the spectrum has a line every 0.05 Hz.
+    assert frequency[np.argmax(spectrum)] == pytest.approx(spring.frequency, rel=0.15, abs=0.051)
+
+
+@pytest.mark.parametrize(
+    'view',
+    [
+        partial(readings.mounted, np.array([0.1, -0.2, 0.3]), np.array([0.2, 0.1, -0.3])),
+        partial(readings.in_orbit_frame, 0.01),
+        partial(readings.scaled, 1.01),
+    ],
+)
+def test_views_have_the_twist_of_their_poses(view: readings.View) -> None:
+    seen = view(motion('servicer7')[:500])
+    rotation = rotation_from_quaternion(seen.base_orientation)
+    velocity = np.einsum('nij,nj->ni', rotation, seen.base_linear_velocity)
+    np.testing.assert_allclose(np.gradient(seen.base_position, 0.01, axis=0)[1:-1], velocity[1:-1], atol=1e-6)
+    middle = 0.01 * 0.5 * (seen.base_angular_velocity[1:] + seen.base_angular_velocity[:-1])
+    np.testing.assert_allclose(rotation[:-1] @ exp(middle), rotation[1:], atol=1e-7)
+
+
+def test_a_row_is_silently_wrong_by_error_or_by_coverage() -> None:
+    right, off = np.full((2, 10), 0.5), np.full((2, 10), 0.5)
+    off[1, 3] = -5.5
+    few = np.full((2, 10), 0.5)
+    few[:, :5] = 3.0
+    assert not judged(outcome(['converged', 'estimating'], right)).silently_wrong
+    assert judged(outcome(['converged', 'estimating'], off)).silently_wrong
+    assert judged(outcome(['converged', 'estimating'], few)).covered == 0.5
+    assert judged(outcome(['converged', 'estimating'], few)).silently_wrong
+    assert judged(outcome(['converged'], right[:1], jointly=5.1)).silently_wrong
+    assert not judged(outcome(['inconsistent'], right[:1], jointly=5.1)).silently_wrong
+    # The run that is off says so.
+    assert not judged(outcome(['converged', 'inconsistent'], off)).silently_wrong
+    assert np.isnan(judged(outcome(['inconsistent', 'not_identifiable'], off)).largest)
+
+
+def test_errors_together_are_measured_by_what_a_single_one_would_be_off_by() -> None:
+    def last(*pairs: tuple[int, int, float]) -> Estimate:
+        covariance = np.full((10, 10), np.nan)
+        for row, column, value in pairs:
+            covariance[row, column] = covariance[column, row] = value
+        return Estimate('trajectory', 'converged', 1.0, 0, samples=1, parameters=np.zeros(10), covariance=covariance)
+
+    both = last((0, 0, 4.0), (1, 1, 4.0), (0, 1, 0.99 * 4.0))
+    # One standard deviation each, in opposite directions: 200 of chi-square with two degrees of freedom, exp(-100).
+    sought = np.array([2.0, -2.0, *[0.0] * 8])
+    assert jointly(both, sought) == pytest.approx(-ndtri(0.5 * np.exp(-100.0)))
+    assert jointly(both, abs(sought)) == pytest.approx(-ndtri(0.5 * np.exp(-0.5 / 0.995)))
+    assert jointly(last((0, 0, 4.0)), 3.0 * sought) == pytest.approx(3.0)
+    assert np.isnan(jointly(last(), sought))
+
+
+def test_a_run_of_a_condition_says_what_it_ends_with() -> None:
+    told = run(('5 s of data', 'difference', 0))
+    assert told.error.shape == told.std.shape == (10,)
+    assert told.status in {'estimating', 'not_identifiable'}
+    assert 0.0 <= max(told.worst, told.young) < 5.0
