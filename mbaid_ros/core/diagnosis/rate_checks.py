@@ -74,8 +74,7 @@ class RateCheck:
     def add(self, window: Samples) -> None:
         """Add a window."""
         motion = self._motion(window) if len(window) >= _FEWEST_SAMPLES else None
-        misfit = motion.misfit(motion.read) if motion is not None else np.nan
-        if motion is not None and np.isfinite(misfit):
+        if motion is not None and np.isfinite(misfit := motion.misfit(motion.read)):
             self._seen.append(motion)
             self._misfits.append(misfit)
 
