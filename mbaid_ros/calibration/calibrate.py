@@ -14,7 +14,7 @@ from mbaid_ros.calibration.iteration import (
     converge,
 )
 from mbaid_ros.calibration.misfit import corrected
-from mbaid_ros.calibration.result import Calibration, Mechanism
+from mbaid_ros.calibration.result import Calibration
 from mbaid_ros.calibration.unknowns import Normals, Prior, make_prior
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.filter.state import MOMENTUM
@@ -60,7 +60,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     """
     prior = make_prior(kernel, settings.priors)
     runs = [run for run in runs if run]
-    detectors, mechanism = _mechanism(kernel, runs, settings.noise)
+    detectors, normal = _planes(kernel, runs)
     settled, motions, normals = _filtered(prior, kernel, (runs, detectors), settings)
     gaussian = settled.passed.gaussian
     widened = normals.as_far_off()
@@ -77,7 +77,9 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         corrections=corrections,
         momentum=momentum,
         momentum_covariance=momentum_covariance,
-        mechanism=mechanism,
+        kernel=kernel,
+        moving=_moving(kernel, runs, settings.noise),
+        normal=normal,
         gains=np.linalg.eigvalsh(_gained(normals.of_the_robot))[::-1],
         further_off=normals.prior_scales.sure,
         residual=float(np.sqrt(gaussian.nis / max(gaussian.measured, 1))),
@@ -113,10 +115,8 @@ def _filtered(
     return settled, motions, before.after(settled.passed, motions[0].variables, detectors[0])
 
 
-def _mechanism(
-    kernel: MomentumKernel, runs: Sequence[list[Samples]], noise: SensorNoise
-) -> tuple[list[PlaneDetector], Mechanism]:
-    """Return the plane of each motion, if all of them are planar, and the moving bodies."""
+def _planes(kernel: MomentumKernel, runs: Sequence[list[Samples]]) -> tuple[list[PlaneDetector], Array | None]:
+    """Return the plane of each motion, if all of them are planar, and its normal (3,) in the base link's frame."""
     if not runs:
         raise DataError(_NO_WINDOWS)
     detectors = []
@@ -129,17 +129,18 @@ def _mechanism(
     if spatial is not None:
         detectors = [spatial] * len(runs)
     plane = detectors[0].plane(kernel.model.links[0])
-    moving = _moving([window for run in runs for window in run], noise)
-    moving[list(kernel.springs.joints)] = True
-    return detectors, Mechanism(kernel, moving, None if plane is None else plane.normal)
+    return detectors, None if plane is None else plane.normal
 
 
-def _moving(windows: list[Samples], noise: SensorNoise) -> Flags:
+def _moving(kernel: MomentumKernel, runs: Sequence[list[Samples]], noise: SensorNoise) -> Flags:
     """Return which of the joints move, (n,)."""
+    windows = [window for run in runs for window in run]
     means = np.array([np.mean(window.joint_position, axis=0) for window in windows])
     count = float(np.median([len(window) for window in windows]))
     position = float(np.median([noise.found_in(window).joint_position for window in windows]))
-    return np.asarray(np.ptp(means, axis=0) > _MOVES * position / np.sqrt(count))
+    moving: Flags = np.ptp(means, axis=0) > _MOVES * position / np.sqrt(count)
+    moving[list(kernel.springs.joints)] = True
+    return moving
 
 
 def _physical(x: Array, covariance: Array, kernel: MomentumKernel) -> tuple[Array, Array]:

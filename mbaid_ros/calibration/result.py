@@ -20,15 +20,6 @@ _MOVED = 0.5
 
 
 @dataclass(frozen=True)
-class Mechanism:
-    """The moving parts of a robot."""
-
-    kernel: MomentumKernel  # with the unknown links
-    moving: Flags  # (n,) True for the joints that do not rest
-    normal: Array | None  # (3,) of the plane of motion in the base link's frame; None in space
-
-
-@dataclass(frozen=True)
 class LinkResult:
     """One link before and after."""
 
@@ -82,7 +73,9 @@ class Calibration:
     # momentum, momentum_covariance: (R, 6), (R, 6, 6) of each motion (P, L), odometry frame, L about its origin
     momentum: Array
     momentum_covariance: Array
-    mechanism: Mechanism  # the moving bodies
+    kernel: MomentumKernel  # with the unknown links
+    moving: Flags  # (n,) True for the joints that do not rest
+    normal: Array | None  # (3,) of the plane of motion in the base link's frame; None in space
     # information of the data on links, joints and mount in units of the prior's, along its principal directions, the
     # largest first
     gains: Array
@@ -98,13 +91,13 @@ class Calibration:
     @property
     def planar(self) -> bool:
         """Whether the motion was planar, and only its parameters were used."""
-        return self.mechanism.normal is not None
+        return self.normal is not None
 
     @property
     def still(self) -> tuple[str, ...]:
         """Names of the joints that do not move."""
-        names = self.mechanism.kernel.model.joint_names
-        return tuple(name for name, moves in zip(names, self.mechanism.moving, strict=True) if not moves)
+        names = self.kernel.model.joint_names
+        return tuple(name for name, moves in zip(names, self.moving, strict=True) if not moves)
 
     @property
     def theta(self) -> Array:
@@ -130,7 +123,7 @@ class Calibration:
     @property
     def displacements(self) -> tuple[Array, Array]:
         """(n, 3) m and (n, 3) rad: displacement and turn of each joint's frame, in that frame."""
-        across = Kinematics(self.mechanism.kernel.model).across
+        across = Kinematics(self.kernel.model).across
         return self.joints[:, 1:4], (across @ self.joints[:, 4:, None])[..., 0]
 
     @property
@@ -149,7 +142,7 @@ class Calibration:
 
         A body that nothing locates need not move its joints: its tumbling determines the ratios of its moments.
         """
-        return int(np.sum(self.gains > 1.0)) if np.any(self.mechanism.moving) or not self.located else 0
+        return int(np.sum(self.gains > 1.0)) if np.any(self.moving) or not self.located else 0
 
     @cached_property
     def links(self) -> tuple[LinkResult, ...]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig
-from mbaid_ros.config.flexible import FlexibleConfig
 from mbaid_ros.config.model_errors import (
+    FlexibleConfig,
     KnownJointsConfig,
     KnownLinksConfig,
     OdometryConfig,

@@ -6,7 +6,6 @@ import array
 import ast
 import difflib
 import inspect
-import math
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
@@ -100,21 +99,16 @@ class ParameterSpec:
     def _element(self, item: object, value: object) -> bool | int | float | str:
         """Return one entry of a list, or the value of a scalar, in its type; errors show `value`."""
         kind = self.type.removesuffix('_array')
-        if kind == 'bool' and isinstance(item, bool):
-            return item
-        if kind == 'string' and isinstance(item, str) and (not self.choices or item in self.choices):
-            return item
-        # Python's bool is an int, a parameter's is not.
-        if isinstance(item, bool) or not isinstance(item, int | float):
+        whole = isinstance(item, int) and not isinstance(item, bool)  # Python's bool is an int, a parameter's is not
+        fits = {
+            'bool': isinstance(item, bool),
+            'string': isinstance(item, str) and (not self.choices or item in self.choices),
+            'integer': whole and abs(cast('int', item)) < _INTEGER_LIMIT and self._in_range(cast('int', item)),
+            'double': (whole or isinstance(item, float)) and self._in_range(cast('float', item)),
+        }
+        if not fits[kind]:
             raise self._refused(value)
-        if kind == 'integer' and isinstance(item, int) and abs(item) < _INTEGER_LIMIT and self._in_range(item):
-            return item
-        if kind == 'double' and abs(item) < math.inf and self._in_range(item):
-            try:
-                return float(item)
-            except OverflowError as error:
-                raise self._refused(value) from error
-        raise self._refused(value)
+        return float(cast('float', item)) if kind == 'double' else cast('bool | int | str', item)
 
     def _in_range(self, number: float) -> bool:
         above = self.minimum is None or number > self.minimum or (number == self.minimum and not self.exclusive_minimum)
@@ -125,7 +119,7 @@ class ParameterSpec:
         return limits.SHORTEST if self.unit == 's' else limits.SMALLEST
 
     def _has_a_size(self, number: float) -> bool:
-        """Return whether a number is 0, or its square times another's neither over- nor underflows."""
+        """Return whether a number is 0, or its square times another's neither over- nor underflows; NaN is neither."""
         return number == 0 or self.type == 'integer' or self._smallest <= abs(number) <= limits.QUANTITY
 
     def _refused(self, value: object) -> ParameterError:
@@ -194,13 +188,13 @@ def by_name(cls: type, word: str) -> Mapping[str, Mapping[str, float]]:
 @cache
 def specifications(cls: type) -> Mapping[str, ParameterSpec]:
     """Return every parameter of a dataclass and of its groups, by dotted name, in the order of declaration."""
-    return {spec.name: spec for spec in _walk(cls, '')}
+    return {spec.name: spec for spec in _walk(cls, '') if '<' not in spec.name}
 
 
 @cache
 def named_specifications(cls: type) -> Mapping[str, ParameterSpec]:
     """Return every parameter of single links or joints, by a name like ``known_joints.<joint>.zero_std``."""
-    return {spec.name: spec for spec in _walk(cls, '', named=True)}
+    return {spec.name: spec for spec in _walk(cls, '') if '<' in spec.name}
 
 
 def specification(name: str, cls: type) -> ParameterSpec:
@@ -226,16 +220,16 @@ def _fits(name: str, pattern: str) -> bool:
     return name.startswith(group) and name.endswith(short) and len(name) > len(group) + len(short)
 
 
-def _walk(cls: type, prefix: str, *, named: bool = False) -> Iterator[ParameterSpec]:
+def _walk(cls: type, prefix: str) -> Iterator[ParameterSpec]:
     types = get_type_hints(cls)
     for item in fields(cls):
         declared = types[item.name]
         if _BY_NAME in item.metadata:
             things, word = item.metadata[_BY_NAME]
-            yield from _walk(things, f'{prefix}<{word}>.') if named else ()
+            yield from _walk(things, f'{prefix}<{word}>.')
         elif is_dataclass(declared):
-            yield from _walk(cast('type', declared), f'{prefix}{item.name}.', named=named)
-        elif not named:
+            yield from _walk(cast('type', declared), f'{prefix}{item.name}.')
+        else:
             own = {**item.metadata[_METADATA], 'field': (cls, item.name)}
             yield ParameterSpec(prefix + item.name, KINDS[declared], cast('Value', item.default), **own)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from mbaid_ros.config.environment import SimulatedOrbitConfig, SimulatedWheelsConfig
-from mbaid_ros.config.flexible import FlexibleConfig
+from mbaid_ros.config.model_errors import FlexibleConfig
 from mbaid_ros.config.parameters import parameter
 
 MOTIONS = ('passive', 'sinusoids', 'random', 'trajectory')

@@ -4,24 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.core.geometry import Array
 
-# Polynomials on [0, 1], in rising powers: factors of y1 - y0, y0', y1' of a cubic, and of y1 - y0, y0', y0'', y1', y1''
-# of a quintic.
-_CUBIC = np.array([[0.0, 0.0, 3.0, -2.0], [0.0, 1.0, -2.0, 1.0], [0.0, 0.0, -1.0, 1.0]])
-_QUINTIC = np.array(
-    [
-        [0.0, 0.0, 0.0, 10.0, -15.0, 6.0],
-        [0.0, 1.0, 0.0, -6.0, 8.0, -3.0],
-        [0.0, 0.0, 0.5, -1.5, 1.5, -0.5],
-        [0.0, 0.0, 0.0, -4.0, 7.0, -3.0],
-        [0.0, 0.0, 0.0, 0.5, -1.0, 0.5],
-    ]
-)
+if TYPE_CHECKING:
+    from scipy.interpolate import BPoly
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,41 +60,17 @@ class JointTrajectory:
             position = np.broadcast_to(self.position[0], (*np.shape(times), len(self.joints))).copy()
             return position, np.zeros_like(position), np.zeros_like(position)
         inside = np.clip(times, self.time[0], self.time[-1])
-        place = np.clip(np.searchsorted(self.time, inside, side='right') - 1, 0, len(self.time) - 2)
-        since = (inside - self.time[place])[..., None]
-        own = self._polynomials[:, place]
         moving = (inside == times)[..., None]
-        position = _horner(own, since)
-        return position, moving * _horner(_derived(own), since), moving * _horner(_derived(_derived(own)), since)
+        position, velocity, acceleration = (curve(inside) for curve in self._curves)
+        return position, moving * velocity, moving * acceleration
 
     @cached_property
-    def _polynomials(self) -> Array:
-        """Of each segment, by rising powers of the time since its begin, (6, K - 1, k)."""
-        length = np.diff(self.time)[:, None]
-        parts = [self.position[1:] - self.position[:-1]]
-        basis = np.array([[0.0, 1.0]])
+    def _curves(self) -> tuple[BPoly, BPoly, BPoly]:
+        """Position, velocity and acceleration by the time since the begin."""
+        from scipy.interpolate import BPoly  # noqa: PLC0415 - a tenth of a second that only motions need
+
+        given = [self.position]
         if self.velocity.size:
-            parts += [length * self.velocity[:-1], length * self.velocity[1:]]
-            basis = _CUBIC
-        if self.velocity.size and self.acceleration.size:
-            parts = [*parts[:2], length**2 * self.acceleration[:-1], parts[2], length**2 * self.acceleration[1:]]
-            basis = _QUINTIC
-        polynomials = np.zeros((6, *parts[0].shape))
-        for power, coefficients in enumerate(basis.T):
-            polynomials[power] = np.tensordot(coefficients, parts, axes=1) / length**power
-        polynomials[0] = self.position[:-1]
-        return polynomials
-
-
-def _derived(polynomials: Array) -> Array:
-    """Return the derivatives of polynomials, rising powers first."""
-    powers = np.arange(1.0, len(polynomials)).reshape(-1, *(1,) * (polynomials.ndim - 1))
-    return polynomials[1:] * powers
-
-
-def _horner(polynomials: Array, argument: Array) -> Array:
-    """Return the values of polynomials, rising powers first."""
-    total = np.zeros_like(polynomials[0])
-    for coefficient in polynomials[::-1]:
-        total = total * argument + coefficient
-    return total
+            given += [self.velocity, self.acceleration] if self.acceleration.size else [self.velocity]
+        position = BPoly.from_derivatives(self.time, np.stack(given, axis=1))
+        return position, position.derivative(), position.derivative(2)

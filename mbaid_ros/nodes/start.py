@@ -107,10 +107,10 @@ def _start(name: str) -> int:
         signal.signal(each, _leave)
     if not {'-h', '--help'}.isdisjoint(sys.argv):
         return run(lambda argv: bool(PARSERS[name]().parse(argv)), name=name)
-    return run(partial(_run, name), name=name)
+    return run(partial(run_node, name), name=name)
 
 
-def _run(name: str, argv: list[str]) -> int:
+def run_node(name: str, argv: list[str]) -> int:
     """Run `main` of a node's module on the arguments that are not ROS's, within ROS, and return its exit code."""
     runner = import_module('mbaid_ros.nodes.runner')
     main = import_module(f'mbaid_ros.nodes.{name}').main

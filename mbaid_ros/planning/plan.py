@@ -36,14 +36,6 @@ _EFFECTS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
-    """Numbers over time."""
-
-    time: Array  # (T,) s since the begin of the motion
-    value: Array  # (T, k)
-
-
-@dataclass(frozen=True, eq=False)
 class Bounds:
     """How far a motion moves base and passive joints at most from where they would coast, (4,): rad, m, rad/s, rad."""
 
@@ -61,7 +53,9 @@ class Plan:
     before: Array
     wanted: Array
     asked: Flags  # (10,) which of them a motion can determine
-    course: Course  # relative standard deviations on the way, (W, 10)
+    # times, course: (W,) s since the begin of the motion, (W, 10) relative standard deviations then
+    times: Array
+    course: Array
     bounds: Bounds  # of the displacement of base and passive joints from their coasting motion
     base_limits: Array  # (4,) its limits, infinite where there is none
     use: Array  # (4, k) share of position, velocity, acceleration and effort limits that the joints use; 1 is all
@@ -76,7 +70,7 @@ class Plan:
     @property
     def after(self) -> Array:
         """Relative standard deviations after the motion, (10,)."""
-        return self.course.value[-1]
+        return self.course[-1]
 
     @property
     def between(self) -> Array:

@@ -20,7 +20,6 @@ from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import (
     BINDING,
     LIMITS,
-    Course,
     Plan,
 )
 from mbaid_ros.planning.search import Candidate, Search
@@ -220,7 +219,8 @@ class Planner:
             before=self.information.relative,
             wanted=settings.relative,
             asked=self.information.asked,
-            course=Course(grid.ends, relative),
+            times=grid.ends,
+            course=relative,
             bounds=bounds,
             base_limits=settings.base.array,
             use=use,

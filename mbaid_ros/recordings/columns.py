@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.config.files import read_yaml
+from mbaid_ros.config.parameters import shown
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.recordings.recording import Recording, turned_about_z
@@ -112,7 +113,7 @@ class _Reading:
         value = mapping.required(key)
         if not isinstance(value, list) or len(value) not in lengths:
             accepted = ' or '.join(map(str, lengths))
-            raise ParameterError(f'{mapping.where(key)} is {_shown(value)}; accepted: a list of {accepted} columns')
+            raise ParameterError(f'{mapping.where(key)} is {shown(value)}; accepted: a list of {accepted} columns')
         return np.column_stack([self.column(each, mapping.where(key)) for each in value])
 
     def column(self, value: Any, where: str) -> Array:
@@ -122,7 +123,7 @@ class _Reading:
                 return np.full(len(self.table.values), _number(value['constant'], where))
             unknown = set(map(str, value)) - set(_COLUMN_KEYS)
             if unknown or 'column' not in value:
-                raise ParameterError(f'{where} is {_shown(value)}; accepted: {{column: NAME, scale: 1.0, offset: 0.0}}')
+                raise ParameterError(f'{where} is {shown(value)}; accepted: {{column: NAME, scale: 1.0, offset: 0.0}}')
             scale, offset = _number(value.get('scale', 1.0), where), _number(value.get('offset', 0.0), where)
             with np.errstate(over='ignore'):
                 values = self._raw(value['column'], where) * scale + offset
@@ -159,7 +160,7 @@ class _Reading:
                 )
             place = self.table.names.index(value)
         else:
-            raise ParameterError(f'{where} is {_shown(value)}; accepted: the name of a column, or its number from 0 on')
+            raise ParameterError(f'{where} is {shown(value)}; accepted: the name of a column, or its number from 0 on')
         return self.table.values[:, place]
 
 
@@ -170,7 +171,7 @@ class _Mapping:
         self.file, self._place = file, place
         if not isinstance(values, Mapping) or not values:
             raise ParameterError(
-                f'{self.name()} is {_shown(values)}; accepted: {listing(keys) if keys else "names"} with values'
+                f'{self.name()} is {shown(values)}; accepted: {listing(keys) if keys else "names"} with values'
             )
         self.values: dict[str, Any] = {str(key): value for key, value in values.items()}
         unknown = [key for key in self.values if keys and key not in keys]
@@ -200,14 +201,14 @@ class _Mapping:
         """Return a text."""
         value = self.values.get(key, default)
         if not isinstance(value, str) or not value:
-            raise ParameterError(f'{self.where(key)} is {_shown(value)}; accepted: a text')
+            raise ParameterError(f'{self.where(key)} is {shown(value)}; accepted: a text')
         return value
 
     def flag(self, key: str, *, default: bool) -> bool:
         """Return true or false."""
         value = self.values.get(key, default)
         if not isinstance(value, bool):
-            raise ParameterError(f'{self.where(key)} is {_shown(value)}; accepted: true or false')
+            raise ParameterError(f'{self.where(key)} is {shown(value)}; accepted: true or false')
         return value
 
     def number(self, key: str) -> float:
@@ -217,10 +218,5 @@ class _Mapping:
 
 def _number(value: object, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ParameterError(f'{where} has {_shown(value)}; accepted: a number')
+        raise ParameterError(f'{where} has {shown(value)}; accepted: a number')
     return float(value)
-
-
-def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f'{text[:57]}...'

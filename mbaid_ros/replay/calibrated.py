@@ -16,7 +16,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.parameters import BAND, PARAMETERS, rounded
 from mbaid_ros.core.results.reporting import LENGTH
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.unknowns.words import underestimated_text
+from mbaid_ros.core.unknowns.catalogue import underestimated_text
 from mbaid_ros.replay.run import BagMotions
 from mbaid_ros.session.methods import IDENTIFIABLE_STD, LARGEST_RESIDUAL
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
@@ -190,7 +190,7 @@ def joint_rows(result: Calibrated) -> list[tuple[str, ...]]:
     """Return a line a joint: name, zero, shift of the frame, tilt of the axis, with their bands."""
     calibration = result.calibration
     stds = 1e3 * calibration.stds[len(calibration.theta) : -6].reshape(-1, 6)
-    each = zip(calibration.mechanism.kernel.model.joint_names, 1e3 * calibration.joints, stds, strict=True)
+    each = zip(calibration.kernel.model.joint_names, 1e3 * calibration.joints, stds, strict=True)
     parts = slice(0, 1), slice(1, 4), slice(4, 6)
     return [(one_line(name), *(_beside(values[part], std[part]) for part in parts)) for name, values, std in each]
 

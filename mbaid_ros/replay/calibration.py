@@ -134,7 +134,7 @@ def _link_prior(link: Link, known: KnownLinksConfig) -> Array | None:
 def _calibrated_urdf(urdf: str, calibration: Calibration) -> str:
     for link in calibration.links:
         urdf = replace_inertial(urdf, link.name, link.parameters)
-    names = calibration.mechanism.kernel.model.joint_names
+    names = calibration.kernel.model.joint_names
     for name, origin, tilt in zip(names, *calibration.displacements, strict=True):
         urdf = displace_joint(urdf, name, origin, tilt)
     return urdf
@@ -202,7 +202,7 @@ def _link(link: LinkResult) -> dict[str, Any]:
 
 def _joints(calibration: Calibration) -> dict[str, Any]:
     """Return each joint's deviation from the URDF, and its frame on the body that carries it."""
-    before = calibration.mechanism.kernel.model
+    before = calibration.kernel.model
     after = displaced(before, *calibration.displacements)
     stds = calibration.stds[len(calibration.theta) : -6].reshape(-1, 6)
     names = 'zero', 'zero_std', 'origin_moved', 'origin_std', 'axis_tilted', 'axis_std', 'position', 'rotation'

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 from xml.etree import ElementTree as ET
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import pinocchio
@@ -110,9 +109,7 @@ def _written(body: Identified, arguments: argparse.Namespace, urdf: str) -> str:
     if form == 'json':
         return _plain_json(body, in_principal_axes=in_principal_axes, shape=shape)
     options: dict[str, Any] = {'in_principal_axes': in_principal_axes, 'shape': shape}
-    if form == 'urdf-link':
-        return '\n'.join([*_urdf_link(body, **options), ''])
-    element = _mjcf_body(body.link, body.parameters, **options)
+    element = _urdf_link(body, **options) if form == 'urdf-link' else _mjcf_body(body.link, body.parameters, **options)
     if form == 'mjcf':
         element = _mjcf(element, body.link, load_model(urdf, body.base_link) if urdf else None)
     ET.indent(element)
@@ -141,28 +138,21 @@ def _equivalent(parameters: Array, shape: str) -> tuple[Array, Array]:
     return (box_sizes if shape == BOX else ellipsoid_radii)(float(parameters[0]), moments), axes
 
 
-def _urdf_link(body: Identified, *, in_principal_axes: bool, shape: str) -> list[str]:
+def _urdf_link(body: Identified, *, in_principal_axes: bool, shape: str) -> ET.Element:
     """Return a <link> of a URDF; a box shows as its visual."""
     inertia, rotation = _placed(body.parameters, in_principal_axes=in_principal_axes)
     com = _spaced(body.parameters[1:4])
-    elements = ' '.join(f'{name}="{_exact(value)}"' for name, value in zip(PARAMETERS[4:], inertia, strict=True))
-    lines = [
-        f'<link name={quoteattr(_xml(body.link))}>',
-        '  <inertial>',
-        f'    <origin xyz="{com}" rpy="{_spaced(_rpy(rotation))}"/>',
-        f'    <mass value="{_exact(body.parameters[0])}"/>',
-        f'    <inertia {elements}/>',
-        '  </inertial>',
-    ]
+    link = ET.Element('link', name=_xml(body.link))
+    inertial = ET.SubElement(link, 'inertial')
+    ET.SubElement(inertial, 'origin', xyz=com, rpy=_spaced(_rpy(rotation)))
+    ET.SubElement(inertial, 'mass', value=_exact(body.parameters[0]))
+    ET.SubElement(inertial, 'inertia', dict(zip(PARAMETERS[4:], map(_exact, inertia), strict=True)))
     if shape:
         size, axes = _equivalent(body.parameters, shape)
-        lines += [
-            '  <visual>',
-            f'    <origin xyz="{com}" rpy="{_spaced(_rpy(axes))}"/>',
-            f'    <geometry><box size="{_spaced(size)}"/></geometry>',
-            '  </visual>',
-        ]
-    return [*lines, '</link>']
+        visual = ET.SubElement(link, 'visual')
+        ET.SubElement(visual, 'origin', xyz=com, rpy=_spaced(_rpy(axes)))
+        ET.SubElement(ET.SubElement(visual, 'geometry'), 'box', size=_spaced(size))
+    return link
 
 
 def _mjcf_body(name: str, parameters: Array, *, in_principal_axes: bool = False, shape: str = '') -> ET.Element:

@@ -143,7 +143,7 @@ def _as_json(plan: Plan) -> dict[str, Any]:
             name: dict(zip(('now', 'after', 'wanted', 'least', 'most'), values, strict=True)) if asked else None
             for name, values, asked in zip(PARAMETERS, stds, plan.asked, strict=True)
         },
-        'course': {'t': plan.course.time.tolist(), 'relative_std': plan.course.value.tolist()},
+        'course': {'t': plan.times.tolist(), 'relative_std': plan.course.tolist()},
         'base': {
             name: {'unit': unit, **plain(dict(zip(('most', 'certain', 'limit'), values, strict=True)))}
             for (name, unit, _), values in plan.effects

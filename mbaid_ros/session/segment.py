@@ -9,14 +9,14 @@ from functools import partial
 from typing import Any
 
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.diagnosis.rate_checks import JointRates, gyro_check, twist_check
+from mbaid_ros.core.diagnosis.rate_checks import gyro_check, twist_check
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.sensors.external_momentum import Thrust
 from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.trajectory.posterior import Continuation
-from mbaid_ros.core.window_checks import Check, HeldBase, WindowChecks
+from mbaid_ros.core.window_checks import Check, HeldBase, JointRates, WindowChecks
 from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact
 from mbaid_ros.session.methods import make_capture, make_estimator
 from mbaid_ros.session.model_summary import unmoved_joints

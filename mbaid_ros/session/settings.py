@@ -8,8 +8,7 @@ import numpy as np
 
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig, make_orbit, make_storage
 from mbaid_ros.config.estimator import EstimatorConfig, ThrustConfig
-from mbaid_ros.config.flexible import FlexibleConfig
-from mbaid_ros.config.model_errors import KnownJointsConfig, TargetPriorConfig
+from mbaid_ros.config.model_errors import FlexibleConfig, KnownJointsConfig, TargetPriorConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import rotation_from_quaternion
 from mbaid_ros.core.robot.kinematics import Kinematics, Springs

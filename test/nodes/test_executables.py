@@ -22,9 +22,10 @@ from rclpy.node import Node
 from checked import answer
 from graph import LOCAL, Graph, executable, reserved_domain
 from mbaid_ros.cli import run
-from mbaid_ros.nodes import estimator, player, recorder, simulator, start, watch
+from mbaid_ros.nodes import estimator, player, recorder, simulator, watch
 from mbaid_ros.nodes.estimator import EstimatorNode
 from mbaid_ros.nodes.simulator import SimulatorNode
+from mbaid_ros.nodes.start import run_node
 from simulated import CONFIG, options
 
 NAMES = (
@@ -135,7 +136,7 @@ def test_a_parameter_file_without_a_section_for_the_node_is_refused(
 
 
 def refused(node: Any, arguments: list[str], text: str, capfd: pytest.CaptureFixture[str]) -> None:
-    command = partial(run, partial(start._run, node.NAME), name=node.NAME)
+    command = partial(run, partial(run_node, node.NAME), name=node.NAME)
     error = answer(command, capfd, *arguments, code=2)
     assert error.startswith(f'mbaid_ros {node.NAME}: ')
     assert text in error

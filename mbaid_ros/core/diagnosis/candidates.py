@@ -46,9 +46,8 @@ from mbaid_ros.core.results.estimate import PULSE
 from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.unknowns.base import OF_TWIST, marker_text, vibration
-from mbaid_ros.core.unknowns.catalogue import Uncertainty, suspects
+from mbaid_ros.core.unknowns.catalogue import Uncertainty, deviation_text, suspects, target_changed_text
 from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.words import deviation_text, target_changed_text
 
 _EVERY = 2  # one window in so many shows which convention is likely: for half of the work
 _TRIED = 4  # conventions

@@ -62,7 +62,7 @@ class JointFaults:
         view, new = _View(self, joined.stamp, joined.position, joined.velocity, lowest, highest), len(stream.stamp)
         for symptom, check in CHECKS.items():
             flags = check.shows(view)[-new:]
-            if not len(flags):
+            if not flags.any():  # what is not frequent enough without them is not with them
                 continue
             seen = self._shown.get(symptom, 0) + np.cumsum(flags, axis=0)
             number = self._count + new - len(flags) + 1 + np.arange(len(flags))[:, None]

@@ -23,6 +23,7 @@ _HEAVY = 0.01  # share of the robot's mass, from which a link's inertia matters
 _POSITION, _ORIENTATION = 1e-3, 1e-4  # m, rad, noise of the base's poses
 _REACH = 10.0  # times the robot's size, that no link's radius of gyration reaches
 _CERTAIN = 1e6  # log-likelihood that such a cause counts as: more than a filter finds for any other
+_AT_ONCE = 300  # readings that are looked at together at most
 _SKIPPED = 10  # intervals, before which the mean is not known
 _PATTERN = 60  # intervals that show a pattern
 _SHORT, _BATCHED = 0.2, 0.4  # part of the mean interval that is short; share of such ones: of random ones it is a fifth
@@ -47,6 +48,8 @@ class PlainFaults:
     def __init__(self, model: RobotModel, noise: float) -> None:
         self._model, self._noise = model, noise
         self._kinds: dict[tuple[int, ...], tuple[JointFaults, StampPattern]] = {}
+        self._waiting: list[tuple[Mapping[tuple[int, ...], JointStream], BaseStream | None]] = []
+        self._count = 0  # of these readings
         self._base = StampPattern('the poses of the base', _POSITION)
         self._zeros: int | None = 0  # poses at the begin; None once there are others
         self._found: dict[str, tuple[int, Reason]] = {}  # by symptom: from which stamp on (ns), and the reason
@@ -54,14 +57,28 @@ class PlainFaults:
             self.name('inertia', np.iinfo(np.int64).min, described)
 
     def add(self, streams: Mapping[tuple[int, ...], JointStream], base: BaseStream | None = None) -> None:
-        """Add readings (N, k), by the joints that they are of, and of the base, in the order of arrival."""
-        if base is not None and len(base.stamp):
+        """Take readings (N, k), by the joints that they are of, and of the base, in the order of arrival.
+
+        They are looked at before the next estimate, or when there are many: few cost as much as many.
+        """
+        self._waiting.append((streams, base))
+        self._count += sum(len(each.stamp) for each in (*streams.values(), base) if each is not None)
+        if self._count >= _AT_ONCE:
+            self._look()
+
+    def _look(self) -> None:
+        """Look at the readings that wait."""
+        waiting, self._waiting, self._count = self._waiting, [], 0
+        poses = [base for _, base in waiting if base is not None and len(base.stamp)]
+        if poses:
+            base = BaseStream.concatenate(poses)
             turns = _POSITION / _ORIENTATION * base.rotation.reshape(-1, 9)
             self._name_all(self._base.add(base.stamp, np.concatenate((base.position, turns), axis=1)))
             self._begin(base)
         count = len(self._model.independent_joints)
-        for kind, stream in streams.items():
+        for kind in dict.fromkeys(kind for streams, _ in waiting for kind in streams):
             columns = [column for column, joint in enumerate(kind) if joint < count]
+            stream = JointStream.concatenate([streams[kind] for streams, _ in waiting if kind in streams])
             if columns and len(stream.stamp):
                 if kind not in self._kinds:
                     joints = JointFaults(self._model, [kind[column] for column in columns], self._noise)
@@ -73,6 +90,7 @@ class PlainFaults:
 
     def applied(self, estimate: Estimate) -> Estimate:
         """Return an estimate with the reasons that were plain by its end, the gravest first."""
+        self._look()
         reasons = [reason for _, (since, reason) in sorted(self._found.items(), key=_rank) if since <= estimate.stamp]
         if not reasons:
             return estimate
@@ -99,7 +117,8 @@ class PlainFaults:
     def name(self, symptom: str, since: int, text: str) -> None:
         """Name a fault that is plain from a stamp (ns) on: a cause where anything is wrong."""
         severity = CHECKS[symptom].severity if symptom in CHECKS else 'note'
-        self._found.setdefault(symptom, (since, Reason(text, severity, _CERTAIN)))
+        if symptom not in self._found or since < self._found[symptom][0]:
+            self._found[symptom] = since, Reason(text, severity, _CERTAIN)
 
     def _name_all(self, found: Iterable[Found]) -> None:
         for each in found:

@@ -1,22 +1,19 @@
-"""Whether measured rates are those of joint positions and poses, and which common mistake of a driver they are else.
+"""Whether twist and gyro are the rates of the poses, and which common mistake of a driver they are else.
 
-Rates and positions are compared with each other alone, window by window: no robot, body or momentum is in it. Joint
-velocities that contradict the positions are left out; where a method needs them, they are taken from the positions.
+Rates and poses are compared with each other alone, window by window: no robot, body or momentum is in it.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.errors import listing
-from mbaid_ros.core.geometry import Array, Flags, log, rotate, rotate_back
+from mbaid_ros.core.geometry import Array, log, rotate, rotate_back
 from mbaid_ros.core.results.status import Reason, Severity
 from mbaid_ros.core.samples import ArrayRecord, Samples
-from mbaid_ros.core.sensors.noise import white_noise
 
 _FEWEST_SAMPLES = 5  # samples of a window
 _FEWEST, _KEPT = 8, 80  # windows, of at least three numbers each: a wrong reading is no accident; and the latest ones
@@ -132,12 +129,6 @@ def _weights(time: Array) -> Array:
     place = np.arange(1, len(time))
     half = 0.5 * np.diff(time) * np.minimum(np.minimum(place, place[::-1]) / max(len(time) // 3, 1), 1.0)
     return np.append(half, 0.0) + np.append(0.0, half)
-
-
-def _path(time: Array, rate: Array) -> Array:
-    """Return the integral of a rate (N, k) since the first of N times (trapezoid)."""
-    steps = 0.5 * np.diff(time)[:, None] * (rate[1:] + rate[:-1])
-    return np.concatenate((np.zeros((1, rate.shape[1])), np.cumsum(steps, axis=0)))
 
 
 def _spread(covariance: Array) -> Array:
@@ -258,60 +249,3 @@ def _gyro_meanings(motion: Motion) -> Meanings:
     if np.linalg.norm(log(turn)) > _TURNED:
         text = f'the IMU is turned by {about} relative to its frame: correct the frame in the robot description, or set'
         yield 1.0, f'{text} imu.frame', motion.read @ turn.T
-
-
-_FEWEST_READINGS = 6  # samples of a window, for their noise
-_PART = 0.5  # of the motion, by positions or velocities, from which a difference is no filter's or stamp's
-_MOVES = 5e-4  # rad or m, from which the motion in a window counts: less are steps of an encoder, or a filter's tail
-_FAR = 7.0  # standard deviations of the difference, from which it is no noise
-_SURE_OF_JOINTS = 3  # windows, from which the velocities are wrong all along
-_MOST = 0.25  # share of the windows with motion, that contradict at least then
-
-
-class JointRates:
-    """Leaves out joint velocities that contradict the positions.
-
-    Parameters
-    ----------
-    names : of the joints
-    """
-
-    def __init__(self, names: Sequence[str]) -> None:
-        self._names = tuple(names)
-        self._wrong = np.zeros(len(self._names), dtype=np.int64)  # windows that contradict, by joint
-        self._moved = np.zeros(len(self._names), dtype=np.int64)  # windows in which a joint moves
-        self._left_out: Flags = np.zeros(len(self._names), dtype=bool)
-        self._zero: Flags = np.ones(len(self._names), dtype=bool)  # whether the velocity was zero all along
-
-    def applied(self, window: Samples) -> Samples:
-        """Return the next window, without velocities that are no rates."""
-        position, velocity, time = window.joint_position, window.joint_velocity, window.time
-        if len(window) < _FEWEST_READINGS or not velocity.shape[1] or window.missing_rates[0]:
-            return window
-        turned = _path(time, velocity)
-        paths = np.concatenate((position, turned, position - turned), axis=1)
-        moved, turned, apart = np.std(paths, axis=0).reshape(3, -1)
-        size = np.maximum(moved, turned)
-        read, of_rates = white_noise(np.concatenate((position, velocity), axis=1), 2).reshape(2, -1)
-        noise = np.hypot(read, (time[-1] - time[0]) / (len(time) - 1) * np.sqrt(len(window)) * of_rates)
-        moves = size > np.maximum(_FAR * noise, _MOVES)
-        wrong = moves & (apart > np.maximum(_FAR * noise, _PART * size))
-        self._wrong += wrong
-        self._moved += moves
-        self._zero &= turned == 0.0
-        if wrong.any():
-            self._left_out |= (self._wrong >= _SURE_OF_JOINTS) & (self._wrong > _MOST * self._moved)
-        if wrong.any() or self._left_out.any():
-            return replace(window, joint_velocity=np.full_like(velocity, np.nan))
-        return window
-
-    def reason(self) -> Reason | None:
-        """Return which velocities are no rates of the positions; None where none is known to be."""
-        wrong = self._left_out
-        if not wrong.any():
-            return None
-        names = listing(name for name, each in zip(self._names, wrong, strict=True) if each)
-        how = 'zero while the positions change' if np.all(self._zero[wrong]) else 'no rates of the positions'
-        return Reason(
-            f'the velocities of {names} are {how}: velocities are taken from the positions; correct the driver'
-        )

@@ -91,15 +91,6 @@ def whitener_of(noise: Array) -> Array:
     return whitener[None] if single else whitener
 
 
-def cost(blocks: Blocks, x: Array) -> float:
-    """Return the sum of the squared normalised residuals at x (u,), infinite where undefined."""
-    try:
-        whitener = whitener_of(noise_at(blocks, x))
-    except FloatingPointError:
-        return np.inf
-    return float(np.sum((whitener @ (blocks.rows @ x + blocks.offset)[..., None]) ** 2))
-
-
 def whitened(blocks: Blocks, x: Array) -> White:
     """Return residuals and corrected rows at x (u,) in units of their noise."""
     residual = blocks.rows @ x + blocks.offset

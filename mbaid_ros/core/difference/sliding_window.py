@@ -187,8 +187,13 @@ class SlidingWindow:
         starts = [*first_solutions(blocks, information, self._marginalised.right_side), self.x]
         # A negative mass can fit better while little is known, and the way back leads through infinity.
         possible = [x for x in starts if x[0] > 0.0] or starts
-        costs = [self._total_cost(eiv.cost(blocks, x), x) for x in possible]
-        self.windows.linearise(possible[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))])
+        whites = [self.windows.whitened_at(x) for x in possible]
+        costs = [
+            np.inf if white is None else self._total_cost(white.cost, x)
+            for white, x in zip(whites, possible, strict=True)
+        ]
+        best = int(np.argmin(np.nan_to_num(costs, nan=np.inf)))
+        self.windows.linearise(possible[best], whites[best])
 
     def _marginalise(self) -> None:
         """Move the oldest window to the prior."""

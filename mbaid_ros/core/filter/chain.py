@@ -83,11 +83,8 @@ def window_models(
     else:
         prediction, bodies = predict(layout, Midpoints.concatenate([motion.flat for motion, _ in motions]), point)
     for unknown, place in layout.of_joints:
-        spacings = [stack.windows[0].spacing for stack in stacks]
-        stack_motions = [motion for motion, _ in motions]
-        prediction.by_parameters[..., place] += by_deflections(
-            unknown, point.side.kernel, stack_motions, spacings, bodies
-        )
+        every = Midpoints.concatenate([motion.flat for motion, _ in motions])
+        prediction.by_parameters[..., place] += by_deflections(unknown, point.side.kernel, every, bodies)
     predictions = prediction.divided([motion.turn.shape[:2] for motion, _ in motions])
     noises = joint_noise(
         layout, point.side.kernel, stacks, [inside for _, inside in motions], predictions, bodies, swing=swing

@@ -84,7 +84,7 @@ class ConditionalRoot:
         return replace(self, triangle=triangle, right=right, links=2 * count)
 
     def updated(self, window: WhitenedWindow) -> tuple[ConditionalRoot, Array, Array]:
-        """Return the same after a window's w rows H and values; what their shared noise moves, and what is left.
+        """Return the same after a window's w rows H and values; the shift by their shared noise, and the remainder.
 
         One factorisation of R above H, beside it S above 0, z above the values, and 0 above 1. It turns the 1 into J,
         J^T J the inverse of the innovations' covariance; the values into J times the innovations; the 0 into their

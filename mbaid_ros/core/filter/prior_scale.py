@@ -63,12 +63,8 @@ class PriorComparison:
         A direction is curved along which these have `moved` (d, ..., n), where windows were linearised elsewhere, by a
         good part of the deviation sqrt(1 - variance) that means have: the data observe it at second order only.
         """
-        if covariance.shape[-1] == 1:
-            variance, back = covariance[..., 0], np.ones((1, 1))
-        else:
-            variance, directions = np.linalg.eigh(covariance)
-            back = np.swapaxes(directions, -1, -2)
-        variance = np.clip(variance, 0.0, 1.0)
+        variance, directions = np.linalg.eigh(covariance)
+        variance, back = np.clip(variance, 0.0, 1.0), np.swapaxes(directions, -1, -2)
         along = (back @ mean[..., None])[..., 0]
         shifts = np.zeros((0, *along.shape)) if moved is None else (back @ moved[..., None])[..., 0]
         return PriorComparison(along, variance, np.any(shifts**2 > LARGEST_SHIFT**2 * (1.0 - variance), axis=0))

@@ -74,11 +74,6 @@ class SquareRootInformation:
         return root
 
     @property
-    def triangle(self) -> Array:
-        """The triangle (n, n) alone."""
-        return self.root[:, :-2]
-
-    @property
     def misfit(self) -> float:
         """Log-likelihood lost by innovations larger than expected."""
         return 0.5 * (self.nis - self.measured)
@@ -93,7 +88,7 @@ class SquareRootInformation:
 
         Raises LinAlgError: The information has a direction without any.
         """
-        both, info = dtrtrs(self.triangle, self.root[:, -2:])
+        both, info = dtrtrs(self.root[:, :-2], self.root[:, -2:])
         if info:
             raise np.linalg.LinAlgError('a direction of the state has no information')
         return both[:, 0] + both[:, 1], both[:, 0]
@@ -101,12 +96,12 @@ class SquareRootInformation:
     @property
     def factor(self) -> Array:
         """A factor of the covariance, (n, n)."""
-        return np.asarray(dtrtri(self.triangle)[0])
+        return np.asarray(dtrtri(self.root[:, :-2])[0])
 
     @property
     def least_squares(self) -> Array:
         """The mean without the correction for shared noise, (n,)."""
-        return np.asarray(dtrtrs(self.triangle, self.root[:, -1])[0])
+        return np.asarray(dtrtrs(self.root[:, :-2], self.root[:, -1])[0])
 
     def sharing(self, other: SquareRootInformation) -> SquareRootInformation:
         """Return the same measurements with the variables' root of another Gaussian."""
@@ -195,7 +190,7 @@ class MeanAndCovariance:
         """Return a covariance factor (m, v) of numbers (m, w) that are linear in the first w variables."""
         right = np.zeros((self.gaussian.size, len(numbers)), order='F')
         right[: numbers.shape[1]] = numbers.T
-        return np.asarray(dtrtrs(self.gaussian.triangle, right, trans=1, overwrite_b=True)[0]).T
+        return np.asarray(dtrtrs(self.gaussian.root[:, :-2], right, trans=1, overwrite_b=True)[0]).T
 
     def by_force(self, pushed: Array) -> Array:
         """Return the (6,) change of the momentum by a constant force, of `pushed` (p, f) as of `HypothesisFilter`."""
@@ -245,7 +240,7 @@ class MeanAndCovariance:
 
     def with_variables(self, factor: Array) -> Array:
         """Return the covariance (v, m) of the variables with numbers of a covariance factor (m, v)."""
-        return np.asarray(dtrtrs(self.gaussian.triangle, factor.T)[0])
+        return np.asarray(dtrtrs(self.gaussian.root[:, :-2], factor.T)[0])
 
     def unknowns(self, layout: Layout) -> tuple[Array, Array]:
         """Return the unknowns' numbers (e,), of unit variance about zero a priori, and their covariance (e, e).
@@ -265,7 +260,7 @@ class MeanAndCovariance:
         count = len(self.variables.scale) - first
         if not count:  # LAPACK complains of empty triangles, on the terminal
             return np.zeros((0, 0))
-        upper = dpotri(self.gaussian.triangle[first:, first:])[0][:count, :count]
+        upper = dpotri(self.gaussian.root[first:, first:-2])[0][:count, :count]
         return np.where(upper_ones(count), upper, upper.T)
 
     def prior_scales(self, layout: Layout, moved: Array | None = None) -> PriorScaleFactors:

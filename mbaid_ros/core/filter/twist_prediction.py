@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
-from mbaid_ros.core.filter.knots import Midpoints, gradient
+from mbaid_ros.core.filter.knots import Midpoints
 from mbaid_ros.core.filter.passive_prediction import PassiveColumns, passive_columns
 from mbaid_ros.core.filter.state import (
     ANGULAR_FIRST,
@@ -18,52 +17,27 @@ from mbaid_ros.core.filter.state import (
     mobility_and_joint_momentum,
     total_momentum,
 )
-from mbaid_ros.core.geometry import Array, Integers, cross, skew
+from mbaid_ros.core.geometry import Array, Integers, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about, of_link
 from mbaid_ros.core.robot.passive import PassiveInertias, PassiveMotion, along_passive, spring_constants
 from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
 from mbaid_ros.core.samples import ArrayRecord
-from mbaid_ros.core.unknowns.declaration import JointMotion, Unknown
+from mbaid_ros.core.unknowns.declaration import Unknown
 
 
-def by_deflections(
-    unknown: Unknown, kernel: MomentumKernel, motions: Sequence[Midpoints], spacings: Sequence[float], bodies: Bodies
-) -> Array:
+def by_deflections(unknown: Unknown, kernel: MomentumKernel, motion: Midpoints, bodies: Bodies) -> Array:
     """Return the derivative (N, 6, e) of the predicted twist (v, w) by an unknown that adds to the joints' motion.
 
     Parameters
     ----------
     unknown, kernel : of the joints; of the robot where it is linearised
-    motions, spacings : of each stack of windows, and s between its instants
-    bodies : of all instants, one after the other
+    motion, bodies : at N instants
     """
-    # Momentum about the base's origin of all that a joint moves, (N, n, 6).
-    states = bodies.states
-    carried = kernel.kinematics.ancestors.T @ states.momenta
-    origin, axes = states.body_twist[:, 0, :3], states.configuration.joint_twist
-    ends = np.cumsum([0, *(motion.turn[..., 0].size for motion in motions)])
-    parts = [
-        _joint_motion(motion, spacing, *(part[begin:end] for part in (carried, origin, axes)))
-        for (begin, end), motion, spacing in zip(pairwise(ends), motions, spacings, strict=True)
-    ]
-    position, rate = unknown.deflections(JointMotion.concatenate(parts))
+    position, rate = unknown.deflections(motion.joint_position, motion.joint_velocity)
     by_rate, by_position = joint_gains(kernel, bodies)
     return np.asarray((by_position @ position + by_rate @ rate) @ unknown.factor)
-
-
-def _joint_motion(motion: Midpoints, spacing: float, carried: Array, origin: Array, axes: Array) -> JointMotion:
-    """Return the joints' motion and load in a stack, one instant after the other."""
-    shape = motion.turn.shape[:2]
-    momenta, velocity, axis = (part.reshape(*shape, *part.shape[1:]) for part in (carried, origin, axes))
-    # Force and moment are the rate of the momentum about the base's origin, which moves.
-    force = gradient(momenta) / spacing
-    force[..., 3:] += cross(np.broadcast_to(velocity[..., None, :], momenta[..., :3].shape), momenta[..., :3])
-    torque = np.sum(axis * force, axis=-1)
-    rate = motion.joint_velocity
-    values = (motion.joint_position, rate, gradient(rate) / spacing, torque, gradient(torque) / spacing)
-    return JointMotion(*(value.reshape(-1, value.shape[-1]) for value in values))
 
 
 @dataclass(frozen=True)

@@ -252,7 +252,8 @@ def _joints(
         name, kind = joint.get('name', ''), joint.get('type', '')
         with _noted(problems):
             _check_kind(joint, name, kind)
-            _check_origin(joint, f"joint '{name}' has")
+            for key in ('xyz', 'rpy'):  # pinocchio's parser would refuse these without naming the joint
+                triple(f"joint '{name}' has origin", joint.find('origin'), key)
             if kind == 'fixed':
                 continue
             axes[name] = _axis(joint, f"joint '{name}' has")
@@ -275,12 +276,6 @@ def _check_kind(joint: ET.Element, name: str, kind: str) -> None:
             f"; make it fixed, or let parameter base_link be '{child.get('link', '')}' if the robot floats from there"
         )
     refuse(f"joint '{name}' is of type '{kind}'; accepted are {listing(SUPPORTED_JOINTS)}{advice}")
-
-
-def _check_origin(joint: ET.Element, what: str) -> None:
-    """Check the numbers that pinocchio's parser would refuse without naming the joint."""
-    for key in ('xyz', 'rpy'):
-        triple(f'{what} origin', joint.find('origin'), key)
 
 
 def _axis(joint: ET.Element, what: str) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ from bisect import insort
 from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from itertools import pairwise
 
 import numpy as np
 
@@ -55,22 +55,6 @@ class _Command:
     wrench: Array = field(compare=False)
 
 
-class _Part(NamedTuple):
-    """A window, and the one before it."""
-
-    before: Samples
-    window: Samples
-
-    @property
-    def end(self) -> float:
-        """Time of the last sample, s."""
-        return float(self.window.time[-1])
-
-    def joined(self) -> Samples:
-        """Return the last sample before the window, and its samples."""
-        return Samples.concatenate([self.before[-1:], self.window])
-
-
 class Thrust:
     """Integrates commanded thrust to momentum.
 
@@ -96,7 +80,7 @@ class Thrust:
         self._columns: Array = np.zeros((len(uncertain), 6, OF_A_THRUSTER))  # derivatives of `brought` by the errors
         self._commands: dict[str, list[_Command]] = {}
         self._origin = 0
-        self._past: deque[_Part] = deque()  # windows that were used, of the last seconds
+        self._past: deque[Samples] = deque()  # windows that were used, of the last seconds and the one before
         self.odometry_frame = ''
         self.brought: Array = np.zeros(6)
         self.commands = 0
@@ -146,22 +130,22 @@ class Thrust:
     def applied(self, window: Samples, origin: int) -> Samples:
         """Return the next window with the impulse of thrust until each of its samples; `origin` is ns at time 0."""
         self._origin = origin
-        part = _Part(self._past[-1].window if self._past else window[:1], window)
-        self._past.append(part)
-        while window.time[-1] - self._past[0].end > _FAR * 1e-9:
+        self._past.extend([window] if self._past else [window[:1], window])
+        while window.time[-1] - self._past[1].time[-1] > _FAR * 1e-9:
             self._past.popleft()
         columns = np.tile(self._columns, (len(window), 1, 1, 1))
         if not self.commands:
             return replace(window, thrust=columns.reshape(len(window), -1)) if self._uncertain else window
-        joined = part.joined()
+        joined = self._joined(self._past[-2], window)
         total = np.tile(self.brought, (len(window), 1))
         for frame in list(self._commands):
             if frame not in self._links and frame != self.odometry_frame:
                 self.dropped[UNKNOWN_FRAME] += len(self._commands.pop(frame))
                 continue
-            total += np.cumsum(self._pulses(frame, joined), axis=0)
+            by_errors = np.cumsum(self._pulses(frame, joined), axis=0)
+            total += by_errors[..., 0]
             if frame in self._uncertain:
-                columns[:, self._uncertain[frame]] += np.cumsum(self._error_pulses(frame, joined), axis=0)
+                columns[:, self._uncertain[frame]] += by_errors
             known, oldest = self._commands[frame], origin + round(float(window.time[-1]) * 1e9) - _REMEMBERED
             while len(known) > 1 and known[1].stamp < oldest:  # nothing depends on it any more
                 del known[0]
@@ -171,31 +155,31 @@ class Thrust:
     def _insert(self, frame: str, command: _Command) -> None:
         """Add a command, and the difference that it makes to windows that were used already."""
         time = (command.stamp - self._origin) * 1e-9
-        missed = [part.joined() for part in self._past if part.end > time]
+        missed = [self._joined(before, window) for before, window in pairwise(self._past) if window.time[-1] > time]
 
-        def totals() -> tuple[Array, Array]:
-            pulses = (np.sum(self._pulses(frame, part), axis=0) for part in missed)
-            errors = (np.sum(self._error_pulses(frame, part), axis=0) for part in missed)
-            return sum(pulses, np.zeros(6)), sum(errors, np.zeros((6, OF_A_THRUSTER)))
+        def total() -> Array:
+            return sum((np.sum(self._pulses(frame, part), axis=0) for part in missed), np.zeros((6, OF_A_THRUSTER)))
 
-        before, errors_before = totals()
+        before = total()
         insort(self._commands.setdefault(frame, []), command)
         self.commands += 1
         self.exact = self.exact or (frame not in self._uncertain and bool(np.any(command.wrench)))
-        after, errors_after = totals()
-        more = after - before
-        self.brought = self.brought + more
+        more = total() - before
+        self.brought = self.brought + more[:, 0]
         if frame in self._uncertain:
-            self._columns[self._uncertain[frame]] += errors_after - errors_before
-        self.late = self.late or bool(np.any(more))
+            self._columns[self._uncertain[frame]] += more
+        self.late = self.late or bool(np.any(more[:, 0]))
+
+    @staticmethod
+    def _joined(before: Samples, window: Samples) -> Samples:
+        """Return the last sample before a window, and its samples."""
+        return Samples.concatenate([before[-1:], window])
 
     def _pulses(self, frame: str, samples: Samples) -> Array:
-        """Return the changes of (P, L) by the commands of a frame from each of N samples to the next, (N - 1, 6)."""
-        impulses = np.diff(self._impulse(frame, samples.time), axis=0)
-        return np.einsum('nij,nj->ni', self._mean_gain(frame, samples), impulses) if np.any(impulses) else impulses
+        """Return the changes of (P, L) from each of N samples to the next by the errors of a thruster, (N - 1, 6, 5).
 
-    def _error_pulses(self, frame: str, samples: Samples) -> Array:
-        """Return the derivatives of `_pulses` by the errors of the thruster: scale, turn, delay, (N - 1, 6, 5)."""
+        Scale, turn and delay: the change by the scale is that by the commands themselves.
+        """
         impulses = np.diff(self._impulse(frame, samples.time), axis=0)
         delayed = -np.diff(self._wrench(frame, samples.time), axis=0)  # what begins or ends is missing or left over
         columns = np.concatenate((np.einsum('kij,nj->nik', _BY_ERROR, impulses), delayed[..., None]), axis=2)

@@ -7,11 +7,12 @@ and scale stay bias and scale in it, and its differences are exact means of the 
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import dataclass
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, cross, exp
-from mbaid_ros.core.samples import BaseStream, ImuStream, Stamps
+from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, Stamps
 from mbaid_ros.core.sensors.base import orientation_only
 
 SATURATED = 'IMU: angular velocity at the end of its range, or stuck'
@@ -21,6 +22,16 @@ LARGEST_BACKLOG = 1_000_000  # measurements that wait for joints: more are memor
 # end.
 _STUCK, _FAST = 8, 0.5
 _NOWHERE = -1  # index of an entry not found
+
+
+@dataclass(frozen=True)
+class _Integrated(ArrayRecord):
+    """N readings of a gyro and the integral of its rate."""
+
+    stamp: Stamps  # ns
+    rate: Array  # (N, 3) rad/s
+    turned: Array  # (N, 3) rad
+    part: Stamps  # number of the part without a gap
 
 
 class Gyro:
@@ -43,8 +54,7 @@ class Gyro:
         self._maximum_gap = maximum_gap
         self._largest = largest
         none = np.zeros(0, dtype=np.int64)
-        # Stamps, rates, integrals, and numbers of the parts without a gap.
-        self._kept: tuple[Stamps, Array, Array, Stamps] = none, np.zeros((0, 3)), np.zeros((0, 3)), none
+        self._kept = _Integrated(none, np.zeros((0, 3)), np.zeros((0, 3)), none)
         self._parts = 0  # so far
         self._sampled = _NOWHERE  # in which of them the last sample was
         self._last: Array = np.full(3, np.nan)  # reading
@@ -74,7 +84,7 @@ class Gyro:
 
     def at(self, stamps: Stamps) -> tuple[Array, Stamps]:
         """Return the integral at instants (N, 3), rad, and the number of their part without a gap; NaN, -1 in a gap."""
-        known, rate, turned, parts = self._kept
+        known, rate, turned, parts = vars(self._kept).values()
         if not len(known):
             return np.full((len(stamps), 3), np.nan), np.full(len(stamps), _NOWHERE)
         right = np.minimum(np.searchsorted(known, stamps, side='left'), len(known) - 1)
@@ -87,12 +97,10 @@ class Gyro:
 
     def forget_before(self, stamp: int) -> None:
         """Drop readings that no instant from a stamp on needs."""
-        known = self._kept[0]
-        surplus = int(np.searchsorted(known, stamp, side='right')) - 1
-        surplus = min(max(surplus, len(known) - LARGEST_BACKLOG), len(known) - 1)  # new readings are added to the last
+        count, surplus = len(self._kept), int(np.searchsorted(self._kept.stamp, stamp, side='right')) - 1
+        surplus = min(max(surplus, count - LARGEST_BACKLOG), count - 1)  # new readings are added to the last
         if surplus > 0:
-            stamps, rate, turned, parts = self._kept
-            self._kept = stamps[surplus:], rate[surplus:], turned[surplus:], parts[surplus:]
+            self._kept = self._kept[surplus:]
 
     def _add_up(self, stream: ImuStream, lost: Flags) -> None:
         """Integrate measurements (trapezoid); lost ones make a gap."""
@@ -103,23 +111,17 @@ class Gyro:
         stamp, rate = stream.stamp[good], stream.angular_velocity[good]
         breaks = np.cumsum(lost)[good]
         gap = np.diff(breaks, prepend=0) > 0
-        old = tuple(values[-1:] for values in self._kept)
-        if len(old[0]):
-            apart = np.diff(np.concatenate((old[0], stamp)))
-            steps = 0.5e-9 * apart[:, None] * (np.concatenate((old[1], rate[:-1])) + rate)
-            gap |= apart > self._maximum_gap
-            # One after the other, from the last sum: the same sums however the stream is cut.
-            turned = np.cumsum(np.concatenate((old[2], steps)), axis=0)[1:]
-        else:
-            apart = np.diff(stamp)
-            gap[1:] |= apart > self._maximum_gap
-            steps = 0.5e-9 * apart[:, None] * (rate[:-1] + rate[1:])
-            turned = np.cumsum(np.concatenate((np.zeros((1, 3)), steps)), axis=0)
-        parts = self._parts + np.cumsum(gap)
-        self._parts = int(parts[-1]) + int(bool(lost[-1]))  # lost ones at the end part it from the next ones
-        kept = zip(self._kept, (stamp, rate, turned, parts), strict=True)
-        stamps, rates, sums, numbers = (np.concatenate(pair) for pair in kept)
-        self._kept = stamps, rates, sums, numbers
+        last = self._kept[-1:]
+        # Without a reading before, the integral begins at the first one.
+        before = last if len(last) else _Integrated(stamp[:1], rate[:1], np.zeros((1, 3)), last.part)
+        apart = np.diff(stamp, prepend=before.stamp)
+        steps = 0.5e-9 * apart[:, None] * (np.concatenate((before.rate, rate[:-1])) + rate)
+        gap |= apart > self._maximum_gap
+        # One after the other, from the last sum: the same sums however the stream is cut.
+        turned = np.cumsum(np.concatenate((before.turned, steps)), axis=0)[1:]
+        part = self._parts + np.cumsum(gap)
+        self._parts = int(part[-1]) + int(bool(lost[-1]))  # lost ones at the end part it from the next ones
+        self._kept = _Integrated.concatenate([self._kept, _Integrated(stamp, rate, turned, part)])
 
     def _at_the_end(self, rate: Array) -> Flags:
         """Return which readings are at the end of the gyro's range, or stuck, (N,)."""

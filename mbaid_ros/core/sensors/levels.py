@@ -10,7 +10,8 @@ import numpy as np
 from mbaid_ros.core.errors import listing
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise, Stamps
-from mbaid_ros.core.sensors.noise import ORDER, NoiseLevels, median
+from mbaid_ros.core.sensors.correlation import NoiseLevels
+from mbaid_ros.core.sensors.noise import ORDER, median
 
 CHANNELS = (
     'joint_position',

@@ -7,16 +7,12 @@ to the same however the readings are cut into calls.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from math import comb
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Flags, Integers, log
-from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise, Stamps
-from mbaid_ros.core.sensors.base import block_std
-from mbaid_ros.core.sensors.correlation import FEWEST, Variances, candidates, chosen
+from mbaid_ros.core.geometry import Array, Integers
+from mbaid_ros.core.samples import Stamps
 
 # Of the differences: they cancel polynomials of fifth degree, which motion resembles over seven readings.
 ORDER = 6
@@ -37,11 +33,6 @@ _SQUARES = np.exp2(_LOWEST + _PLACE // _PARTS) * (1.0 + (_PLACE % _PARTS + 0.5) 
 _CLIPPED, _OF_NORMAL = 4.0, 0.920542
 _OF_NORMAL_SIZE = 0.6745  # median of a normal number's size over its standard deviation
 _ROUNDS = 8  # of clipping and taking the mean again: each removes a part of the remaining bias
-# Readings from one that is taken to the next: by octaves, up to where motion shows at a hundred hertz.
-_STRIDES = (1, 2, 4, 8, 16, 32)
-_LONG_STRIDES = (16, 32, 64, 128, 256, 512)  # of the poses less the integrated twist: no motion shows at any
-_GROWS = 1.4  # times the variance grows from one stride to the next, halfway to what errors do that last
-_ANEW = 1.25  # times as many differences, at which levels are worked out again: nothing changes before
 
 
 class Differences:
@@ -109,6 +100,11 @@ class Differences:
                 self._uncounted[0] = when[end:], code[end:]
                 return
             del self._uncounted[0]
+
+    @property
+    def uncounted(self) -> int:
+        """Number of differences after the stamp of the latest `count`."""
+        return sum(len(when) for when, _ in self._uncounted)
 
     def _differences(self, row: int, stride: int, new: int) -> tuple[Stamps, Integers]:
         """Return the stamps of differences that end with a new reading, (K,) ns, and where they are counted.
@@ -191,126 +187,3 @@ def _turns(difference: Array, rotation: Array) -> Array:
     """Return the (K, 3) small rotations in differences (K, 9) of matrices near rotations (K, 9)."""
     matrix = difference.reshape(-1, 3, 3) @ np.swapaxes(rotation.reshape(-1, 3, 3), -1, -2)
     return 0.5 * (matrix - np.swapaxes(matrix, -1, -2))[:, [2, 0, 1], [1, 2, 0]]
-
-
-@dataclass(frozen=True)
-class Levels:
-    """The noise of all readings until some time.
-
-    Attributes
-    ----------
-    factor : (6,) of CHANNELS, standard deviation over the declared one; NaN for too few readings
-    used, contradicted : (6,) whether it takes the declared one's place; whether the latter cannot be right
-    times : (2,) s, over which the errors of poses and of twists are correlated; 0 for white noise
-    clear : whether neither motion nor too few readings hide what the errors are
-    """
-
-    factor: Array
-    used: Flags
-    contradicted: Flags
-    times: Array
-    clear: bool = True
-
-
-class NoiseLevels:
-    """Estimates noise levels from differences of readings, the same however the streams are cut.
-
-    Parameters
-    ----------
-    noise : of the joints, as declared; the readings hold that of the base
-    joints : number
-    passive : those that nothing measures
-    trusted : whether declared levels are right
-    """
-
-    def __init__(self, noise: SensorNoise, joints: int, passive: Sequence[int] = (), *, trusted: bool = False) -> None:
-        measured = [joint for joint in range(joints) if joint not in passive]
-        self._measured = slice(None) if not passive else np.array(measured, dtype=np.intp)
-        joints = len(measured)
-        self._noise = np.array([noise.joint_position, noise.joint_velocity])
-        self._time, self._trusted = noise.base_correlation_time, trusted
-        self._joints = Differences((slice(0, joints), slice(joints, 2 * joints)), (1,))
-        columns = slice(0, 3), slice(3, 12), slice(12, 15), slice(15, 18)
-        self._base = Differences(columns, _STRIDES)
-        self._drift = Differences((slice(0, 3), slice(3, 6)), _LONG_STRIDES, order=1)
-        self._latest: tuple[BaseStream, Array] | None = None  # of the base, and the drift (1, 6) until then
-        self._ratio = np.ones(2)  # 1/s, of the noise that the first message declares of twist and pose
-        self._counted, self._free = 0, (False, False)
-        self._levels = Levels(np.full(6, np.nan), np.zeros(6, dtype=bool), np.zeros(6, dtype=bool), np.zeros(2))
-
-    def take(self, joints: JointStream | None, base: BaseStream | None) -> None:
-        """Add readings of each kind in the order of their stamps."""
-        if joints is not None and len(joints.stamp):
-            read = (joints.position[:, self._measured], joints.velocity[:, self._measured])
-            values = np.concatenate(read, axis=1)
-            self._joints.add(joints.stamp, values, np.repeat(self._noise[None], len(values), axis=0))
-        if base is not None and len(base.stamp):
-            parts = base.position, base.rotation.reshape(-1, 9), base.linear_velocity, base.angular_velocity
-            sizes = np.concatenate((block_std(base.pose_covariance), block_std(base.twist_covariance)), axis=1)
-            if self._latest is None:
-                self._ratio = sizes[0, 2:] / sizes[0, :2]
-            self._base.add(base.stamp, np.concatenate(parts, axis=1), sizes)
-            self._drift.add(base.stamp, self._drifted(base), sizes[:, :2])
-
-    def _drifted(self, base: BaseStream) -> Array:
-        """Return the change (N, 6) of position and orientation less the integrated twist, since the first reading."""
-        both = base if self._latest is None else base.concatenate((self._latest[0], base))
-        step = (np.diff(both.stamp) * 1e-9)[:, None]
-        turn = log(both.rotation[1:] @ np.swapaxes(both.rotation[:-1], 1, 2))
-        twist = np.concatenate((both.linear_velocity, both.angular_velocity), axis=1)
-        change = np.concatenate((np.diff(both.position, axis=0), turn), axis=1) - 0.5 * step * (twist[1:] + twist[:-1])
-        start = np.zeros((1, 6)) if self._latest is None else self._latest[1]
-        drift = np.cumsum(np.concatenate((start, change)), axis=0)
-        self._latest = base[-1:], drift[-1:]
-        return drift if len(drift) == len(base.stamp) else drift[1:]
-
-    def until(self, stamp: int, spacing: float, *, free: tuple[bool, bool]) -> Levels:
-        """Return the levels of the readings until a stamp, no earlier than that of the call before.
-
-        Parameters
-        ----------
-        stamp : ns
-        spacing : s, between poses
-        free : whether nothing is declared of the levels of poses, and of twists
-        """
-        for each in (self._joints, self._base, self._drift):
-            each.count(stamp)
-        total = int(self._joints.counts.sum() + self._base.counts.sum())
-        if total > _ANEW * self._counted or free != self._free:
-            self._counted, self._free = total, free
-            self._levels = self._estimated(spacing, free)
-        return self._levels
-
-    def _estimated(self, spacing: float, free: tuple[bool, bool]) -> Levels:
-        """Return the levels by the present counts."""
-        joints, base, drift = (variances(each.counts) for each in (self._joints, self._base, self._drift))
-        counts = self._base.counts.sum(axis=1).reshape(2, 2, len(_STRIDES))
-        base = base.reshape(counts.shape)
-        poses, twists = (
-            candidates(
-                Variances(base[place], counts[place], np.array(_STRIDES) * spacing),
-                time,
-                'no' if free[place] else 'trusted' if self._trusted else 'yes',
-            )
-            for place, time in enumerate((self._time, 0.0))
-        )
-        numbers = self._drift.counts.sum(axis=1).reshape(2, -1)
-        long = Variances(drift.reshape(numbers.shape), numbers, np.array(_LONG_STRIDES) * spacing)
-        pose, twist = chosen(poses, twists, long, self._ratio)
-        enough = np.concatenate((self._joints.counts.sum(axis=1), counts[..., 0].ravel())) >= FEWEST
-        factor = np.sqrt(np.where(enough, np.concatenate((joints, pose.variance, twist.variance)), np.nan))
-        joints_as_declared = np.zeros(2, dtype=bool)
-        used = np.concatenate((joints_as_declared, pose.used, twist.used)) & enough
-        contradicted = np.concatenate((joints_as_declared, pose.contradicted, twist.contradicted)) & enough
-        times, before = np.array([pose.time, twist.time]), self._levels
-        growth = np.where(counts[..., 1] > 0, base[..., 1] / np.maximum(base[..., 0], 1e-300), 0.0).min(axis=1)
-        # What was clear once stays, where motion hides the errors later.
-        hidden = np.isnan(factor) & enough & np.isfinite(before.factor)
-        few = np.isnan(factor[2:]) & ~hidden[2:] & (counts[..., 0].ravel() > 0)
-        return Levels(
-            np.where(hidden, before.factor, factor),
-            np.where(hidden, before.used, used),
-            np.where(hidden, before.contradicted, contradicted),
-            np.where(hidden[2::2], before.times, times),
-            clear=not (np.any(few) or np.any((times == 0.0) & (growth > _GROWS))),
-        )

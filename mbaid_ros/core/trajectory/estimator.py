@@ -36,7 +36,7 @@ from mbaid_ros.core.trajectory.solution import (
     thrusters,
 )
 from mbaid_ros.core.trajectory.target_runs import TargetRuns, TrajectorySettings
-from mbaid_ros.core.unknowns.words import underestimated_text
+from mbaid_ros.core.unknowns.catalogue import underestimated_text
 
 _AT_REST = 'no joint has moved yet: with joints at rest no single body is observable'
 _TUMBLING = (

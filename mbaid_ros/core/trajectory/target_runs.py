@@ -27,9 +27,8 @@ from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.posterior import Continuation
 from mbaid_ros.core.trajectory.solution import jumps
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.catalogue import Uncertainty, kind_in_words, target_changed_text
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
-from mbaid_ros.core.unknowns.words import kind_in_words, target_changed_text
 
 
 @dataclass(frozen=True)

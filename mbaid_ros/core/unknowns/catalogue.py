@@ -1,4 +1,4 @@
-"""All unknowns of the nominal model.
+"""All unknowns of the nominal model, and the words of their causes.
 
 A new unknown is a class beside its kin with its words, a field of `Uncertainty` and a line here: in `_of_sensors` where
 it belongs to a run, in `_not_calibrated` where it belongs to the robot.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -27,25 +28,10 @@ from mbaid_ros.core.unknowns.base import (
     twist_bias,
 )
 from mbaid_ros.core.unknowns.bodies import KnownTarget, TargetPrior, TotalMass, known_bodies, spin_inertias
-from mbaid_ros.core.unknowns.declaration import Linear, Unknown, diagonal
-from mbaid_ros.core.unknowns.environment import (
-    Circle,
-    Pushing,
-    external,
-    gravity,
-    orbit_shape,
-    thrusters,
-)
-from mbaid_ros.core.unknowns.flexible import (
-    spring_errors,
-    starting_swing,
-    swing_noise,
-)
-from mbaid_ros.core.unknowns.joints import (
-    flexible_joints,
-    joint_placements,
-    joint_tracking,
-)
+from mbaid_ros.core.unknowns.declaration import Linear, Unknown, Words, diagonal
+from mbaid_ros.core.unknowns.environment import Circle, Pushing, external, gravity, orbit_shape, thrusters
+from mbaid_ros.core.unknowns.flexible import spring_errors, starting_swing, swing_noise
+from mbaid_ros.core.unknowns.joints import geared_joints, joint_placements, joint_tracking
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 from mbaid_ros.core.unknowns.sensors import GyroErrors, clock_drift, gyro, time_offset
 
@@ -117,14 +103,11 @@ def _of_springs(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unkno
     if not springs.count:
         return ()
     names = [kernel.model.joint_names[joint] for joint in springs.joints]
-    nothing = np.zeros(springs.count)
-    frequency, ratio, start, noise = (
-        part if len(part) else nothing
-        for part in (
-            *(uncertainty.spring_frequency, uncertainty.spring_ratio),
-            *(uncertainty.spring_start, uncertainty.spring_noise),
-        )
+    parts = (
+        *(uncertainty.spring_frequency, uncertainty.spring_ratio),
+        *(uncertainty.spring_start, uncertainty.spring_noise),
     )
+    frequency, ratio, start, noise = (part if len(part) else np.zeros(springs.count) for part in parts)
     return (
         spring_errors(names, frequency, ratio),
         starting_swing(names, start, springs.rate),
@@ -232,6 +215,72 @@ def suspects(known: Sequence[str], joints: Sequence[str]) -> tuple[Linear, ...]:
         TwistLate(np.array([[3e-4]]), (LATE,)),
         twist_bias(1e-5, 0.0),
         twist_bias(0.0, 1e-4),
-        flexible_joints(joints),
+        geared_joints(joints),
     )
     return tuple(each for each in every if not set(each.causes) & set(known))
+
+
+def _kinds(kind: type[Unknown]) -> list[type[Unknown]]:
+    """Return a class of unknowns and all that derive from it."""
+    return [kind, *(each for part in kind.__subclasses__() for each in _kinds(part))]
+
+
+# By kind of cause: those of every unknown, and of the priors of target and momentum.
+_WORDS: dict[str, Words] = {
+    'target prior': Words(remedy='the prior of the target (target_prior)'),
+    'momentum prior': Words(remedy='the prior of the momentum (momentum.linear_prior_std)'),
+}
+for _kind in _kinds(Unknown):
+    _WORDS.update(_kind.words)
+_LARGEST_SIZE = 10.0  # that is tried (trajectory.md, eq. 8): beyond it, how many times is not known
+
+
+def _words_of(cause: str) -> tuple[Words, str]:
+    """Return the words of a cause's kind and the name of the thing: 'zero:elbow', or 'zero' for all zeros."""
+    kind, _, name = cause.partition(':')
+    return _WORDS.get(kind, Words()), name
+
+
+def in_words(cause: str) -> str:
+    """Return a cause of the error budget in words: 'link:arm' is link arm, 'zero:elbow' the zero of elbow."""
+    kind, _, name = cause.partition(':')
+    return f'{kind} {name}' if kind == 'link' else f'the {kind} of {name}' if name else kind
+
+
+@lru_cache(maxsize=1024)  # asked for at each window
+def kind_in_words(cause: str) -> str:
+    """Return a cause of the error budget, or a kind of them, in words: 'zero' is the joints' zeros."""
+    words, name = _words_of(cause)
+    return words.every if words.every and not name else in_words(cause)
+
+
+def remedy_text(cause: str) -> str:
+    """Return a cause in words, and its remedy."""
+    words, name = _words_of(cause)
+    return words.remedy.format(name) or cause
+
+
+def underestimated_text(cause: str, size: float) -> str:
+    """Return that a thing, 'link:arm', or all of a kind, 'link', is `size` times as far off as declared."""
+    words, name = _words_of(cause)
+    parameter = words.parameter or 'its standard deviation'
+    times = f'{size:.1f}' if size < 0.95 * _LARGEST_SIZE else f'{_LARGEST_SIZE:g} or more'
+    return (
+        f'{kind_in_words(cause)} {"looks" if name else "look"} {times} times as far off as declared: intervals allow '
+        f'for that; raise {parameter}'
+    )
+
+
+def deviation_text(cause: str, value: Array) -> str:
+    """Return the value that an unknown would need, by its label and numbers (k,), SI units, and the remedy."""
+    words, name = _words_of(cause)
+    if words.deviation is None:
+        return f'{cause} is off by {np.linalg.norm(value):.3g}'
+    return words.deviation(name, value)
+
+
+def target_changed_text(time: float, *, exchanged: bool) -> str:
+    """Return that the body moved in the grasp at a time, s, or was exchanged for another."""
+    if exchanged:
+        return f'another body is in the grasp since {time:.1f} s, caught or lost: identify it from then on'
+    return f'the body moved in the grasp at {time:.1f} s: identify it again from then on'

@@ -12,7 +12,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, moved_base
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.samples import ArrayRecord, Samples
+from mbaid_ros.core.samples import Samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,18 +47,6 @@ class NominalModel:
             base_rotation=rotation,
             base_linear_velocity=linear,
         )
-
-
-@dataclass(frozen=True)
-class JointMotion(ArrayRecord):
-    """The motion of n joints at N instants."""
-
-    position: Array  # (N, n) rad or m
-    rate: Array  # (N, n) rad/s or m/s
-    acceleration: Array  # (N, n) rad/s^2 or m/s^2
-    # torque, torque_rate: (N, n) N m or N, about or along each axis, that moves all that it carries; and per s
-    torque: Array
-    torque_rate: Array
 
 
 @dataclass(frozen=True)
@@ -187,8 +175,8 @@ class Unknown:
         del motion
         return None
 
-    def deflections(self, motion: JointMotion) -> tuple[Array, Array]:
-        """Return how much further on and faster than read the joints are by it, (N, n, k) each."""
+    def deflections(self, position: Array, rate: Array) -> tuple[Array, Array]:
+        """Return how much further on and faster than read (N, n) the joints are by it, (N, n, k) each."""
         raise NotImplementedError(type(self).__name__)
 
     def gyro_reading(self, motion: Reading) -> Array | None:

@@ -1,4 +1,4 @@
-"""The joints: zero, origin and axis of each may be off; it may not be where it is read to be; it may be flexible.
+"""The joints: zero, origin and axis of each may be off; its reading may be off at random, or by its gear.
 
 A displaced joint frame takes all that it carries along: trajectory.md, eq. 2.
 """
@@ -16,7 +16,7 @@ from mbaid_ros.core.geometry import Array, cross, rotate, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics, PlaneDetector
 from mbaid_ros.core.robot.momentum import inertia_matrix
-from mbaid_ros.core.unknowns.declaration import JointMotion, Linear, NominalModel, Unknown, Words, diagonal
+from mbaid_ros.core.unknowns.declaration import Linear, NominalModel, Unknown, Words, diagonal
 
 _PLACEMENT_NUMBERS = 6  # numbers a joint: zero (1), origin (3), tilt of the axis (2)
 
@@ -169,40 +169,38 @@ def joint_tracking(names: Sequence[str], deviations: Sequence[float], times: Seq
     return JointTracking(diagonal(each), tuple(f'{TRACKING}:{name}' for name in names), correlation)
 
 
-FLEXIBLE = 'flexible'
-# Standard deviations of compliance (rad/(N m)), lag (s), swing (rad, rad): far below those of drives; a thousand
-# times as much is plausible.
-_FLEXIBLE_STDS = (3e-6, 1e-5, 1e-5, 1e-5)
-
-
-def _flexible_deviation(name: str, value: Array) -> str:
-    load, lag, swing = (f'{1e3 * part:.2g}' for part in (value[0], value[1], float(np.hypot(*value[2:]))))
-    return (
-        f'{name} is flexible or geared: relative to its encoder it deflects by {load} mrad/(N m), lags by {lag} ms and '
-        f'deviates by {swing} mrad (mm) with its angle'
-    )
+GEARED = 'geared'
+# Standard deviation, rad or m: far below that of drives; a thousand times as much is plausible.
+_GEARED_STD = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class FlexibleJoints(Linear):
-    """Of each joint: compliance (rad/(N m) or m/N), lag (s), and how it swings with its own angle (rad or m)."""
+class GearedJoints(Linear):
+    """Of each joint: how it deviates from its reading with its own angle, by sine and cosine of that (rad or m)."""
 
-    words: ClassVar = {FLEXIBLE: Words(deviation=_flexible_deviation)}
+    words: ClassVar = {
+        GEARED: Words(
+            deviation=lambda name, value: (
+                f'{name} is flexible or geared: it deviates by {1e3 * np.linalg.norm(value):.2g} mrad (mm) from its '
+                'encoder with its angle'
+            )
+        )
+    }
     read = False
     of_joints = True
 
-    def deflections(self, motion: JointMotion) -> tuple[Array, Array]:
+    def deflections(self, position: Array, rate: Array) -> tuple[Array, Array]:
         """Return the contribution of each number to the position of its own joint, and to its rate."""
-        sine, cosine = np.sin(motion.position), np.cos(motion.position)
-        off = np.stack((-motion.torque, motion.rate, sine, cosine), axis=-1)
-        changing = (-motion.torque_rate, motion.acceleration, cosine * motion.rate, -sine * motion.rate)
-        joints = np.eye(off.shape[1])[:, :, None]
-        shape = (*off.shape[:2], off.shape[1] * len(_FLEXIBLE_STDS))
-        position, rate = ((joints * part[:, :, None, :]).reshape(shape) for part in (off, np.stack(changing, axis=-1)))
-        return position, rate
+        sine, cosine = np.sin(position), np.cos(position)
+        joints = np.eye(position.shape[1])[:, :, None]
+        places, rates = (
+            (joints * np.stack(part, axis=-1)[:, :, None, :]).reshape(*position.shape, -1)
+            for part in ((sine, cosine), (cosine * rate, -sine * rate))
+        )
+        return places, rates
 
 
-def flexible_joints(names: Sequence[str]) -> FlexibleJoints:
-    """Return them as nearly rigid, for joints of these names."""
-    labels = tuple(f'{FLEXIBLE}:{name}' for name in names for _ in _FLEXIBLE_STDS)
-    return FlexibleJoints(np.diag(np.tile(_FLEXIBLE_STDS, len(names))), labels)
+def geared_joints(names: Sequence[str]) -> GearedJoints:
+    """Return them as nearly exact, for joints of these names."""
+    labels = tuple(f'{GEARED}:{name}' for name in names for _ in range(2))
+    return GearedJoints(_GEARED_STD * np.eye(len(labels)), labels)

@@ -19,7 +19,7 @@ from mbaid_ros.core.results.parameters import (
 )
 from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
 from mbaid_ros.core.sensors.levels import UNITS as CHANNEL_UNITS
-from mbaid_ros.core.unknowns.words import remedy_text
+from mbaid_ros.core.unknowns.catalogue import remedy_text
 from mbaid_ros.replay.report.markup import PLUS_MINUS, estimates, folded, listed, number, paragraph, table, text
 from mbaid_ros.replay.results import Run
 

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from benchmarks.precapture import WEIGHED, factors, free_model, perturbed
 from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
-from mbaid_ros.calibration.result import Calibration, Mechanism
+from mbaid_ros.calibration.result import Calibration
 from mbaid_ros.core.geometry import Array, vec
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
@@ -30,11 +30,11 @@ SERVICER = Uncertainty([1e-3] * 7, [1e-3] * 7, [1e-3] * 7, 2e-3, 2e-3, time_offs
 TABLE = Uncertainty([1e-3] * 4, [1e-3] * 4, [0.0] * 4, 2e-3, 2e-3)
 
 
-def planar_basis(mechanism: Mechanism, link: Link) -> Array:
+def planar_basis(found: Calibration, link: Link) -> Array:
     """Return the (10, 4) orthonormal basis of what planar motion can tell of a link: mass, first moment, moment."""
-    kernel = mechanism.kernel
+    kernel = found.kernel
     configuration = kernel.kinematics.configure(np.eye(3)[None], np.zeros((1, kernel.model.joints)))
-    normal = configuration.link(link)[0][0].T @ np.asarray(mechanism.normal)
+    normal = configuration.link(link)[0][0].T @ np.asarray(found.normal)
     basis = np.zeros((10, 4))
     basis[0, 0] = 1.0
     basis[1:4, 1:3] = np.linalg.svd(normal[None])[2][1:].T
@@ -122,7 +122,7 @@ def test_a_planar_robot(seed: int) -> None:
     found = calibrate(unknown, [run], CalibrationSettings(MID, factors(unknown, priors), TABLE))
     assert found.planar
     assert found.residual == pytest.approx(1.0, abs=0.1)
-    bases = [planar_basis(found.mechanism, link) for link in found.mechanism.kernel.unknown]
+    bases = [planar_basis(found, link) for link in found.kernel.unknown]
     rows = np.zeros((20, len(found.values)))
     for index, basis in enumerate(bases):
         rows[4 * index : 4 * index + 4, 10 * index : 10 * index + 10] = basis.T

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.diagnosis.plain_faults import PlainFaults
-from mbaid_ros.core.diagnosis.rate_checks import JointRates, twist_check
+from mbaid_ros.core.diagnosis.rate_checks import twist_check
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, Stamps
-from mbaid_ros.core.window_checks import HELD, HeldBase, WindowChecks
+from mbaid_ros.core.window_checks import HELD, HeldBase, JointRates, WindowChecks
 from observed import HIGH, MID, configured_motion, kernel, observe, windows
 from simulated import CONFIG, robot
 

@@ -142,7 +142,9 @@ def test_rates_taken_from_positions_are_as_noisy_as_the_equations_say(spatial: T
         )
         noisy.append(window)
         untilted.append(replace(window, rate_tilt=np.ones_like(window.rate_tilt)))
-    tilted, plain = (eiv.cost(window_rows(servicer, each, MID, ORIGIN), x) / 1800.0 for each in (noisy, untilted))
+    tilted, plain = (
+        eiv.whitened(window_rows(servicer, each, MID, ORIGIN), x).cost / 1800.0 for each in (noisy, untilted)
+    )
     # Chi-square of 1800: its mean is known to 3 %.
     assert tilted == pytest.approx(1.0, abs=0.12)
     assert plain > 1.15
@@ -164,7 +166,7 @@ def test_the_cost_is_that_of_the_normalised_residuals(seed: int) -> None:
         residual = blocks.rows[k] @ x + blocks.offset[k]
         spread = blocks.noise[k] + blocks.noise_rows[k] @ x
         expected += residual @ np.linalg.inv(spread @ spread.T) @ residual
-    assert eiv.cost(blocks, x) == pytest.approx(expected, rel=1e-9)
+    assert eiv.whitened(blocks, x).cost == pytest.approx(expected, rel=1e-9)
     assert eiv.maximum_likelihood(blocks, x).cost == pytest.approx(expected, rel=1e-9)
     assert eiv.maximum_likelihood(blocks, x).equations == 7 * EQUATIONS
 
@@ -174,7 +176,7 @@ def test_the_gradient_is_half_the_derivative_of_the_cost(seed: int) -> None:
     blocks = noisy_blocks(20, seed, noise=0.3, row_noise=0.3)
     x = TRUE + 0.3 * np.random.default_rng(seed).normal(size=UNKNOWNS)
     linear = eiv.maximum_likelihood(blocks, x)
-    expected = 0.5 * central_difference(lambda at: np.array(eiv.cost(blocks, at)), x, 1e-6)
+    expected = 0.5 * central_difference(lambda at: np.array(eiv.whitened(blocks, at).cost), x, 1e-6)
     assert linear.gradient == pytest.approx(expected, rel=1e-6, abs=1e-6 * float(np.abs(linear.gradient).max()))
     assert np.array_equal(linear.information, linear.information.T)
     assert np.linalg.eigvalsh(linear.information)[0] > 0.0

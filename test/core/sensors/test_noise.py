@@ -12,8 +12,9 @@ from checked import some
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
 from mbaid_ros.core.sensors.base import usable_covariance
+from mbaid_ros.core.sensors.correlation import Levels, NoiseLevels
 from mbaid_ros.core.sensors.levels import FoundNoise
-from mbaid_ros.core.sensors.noise import Differences, Levels, NoiseLevels
+from mbaid_ros.core.sensors.noise import Differences
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from measured import base_stream, joint_stream
 from observed import MID
