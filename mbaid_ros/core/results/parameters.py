@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -131,6 +132,39 @@ class ErrorBudget:
     def _ordered(self, row: Array, least: float) -> dict[str, float]:
         pairs = [(cause, float(share)) for cause, share in zip(self.causes, row, strict=True) if share >= least]
         return dict(sorted(pairs, key=lambda pair: -pair[1]))
+
+
+class DeferredBudget(ErrorBudget):
+    """An error budget that is computed when it is read: most estimates are published or kept without anybody asking.
+
+    Parameters
+    ----------
+    causes : as of `ErrorBudget`
+    compute : returns its shares and the unobservable part
+    """
+
+    def __init__(self, causes: tuple[str, ...], compute: Callable[[], tuple[Array, Flags]]) -> None:
+        object.__setattr__(self, 'causes', causes)
+        object.__setattr__(self, '_compute', compute)
+
+    @cached_property
+    def _computed(self) -> tuple[Array, Flags]:
+        computed: tuple[Array, Flags] = self.__dict__.pop('_compute')()  # with the state that it is computed of
+        return computed
+
+    @property
+    def shares(self) -> Array:
+        """The shares, (10, c)."""
+        return self._computed[0]
+
+    @property
+    def unchecked(self) -> Flags:
+        """Which of them the data hardly see, (10, c)."""
+        return self._computed[1]
+
+    def __reduce__(self) -> tuple[type[ErrorBudget], tuple[tuple[str, ...], Array, Flags]]:
+        """Leave the state behind when it is sent to another process."""
+        return ErrorBudget, (self.causes, self.shares, self.unchecked)
 
 
 def _listed(causes: Iterable[str], shares: dict[str, list[str]]) -> str:

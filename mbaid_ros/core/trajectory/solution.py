@@ -22,7 +22,7 @@ from mbaid_ros.core.results.estimate import (
     Thruster,
     constant_force,
 )
-from mbaid_ros.core.results.parameters import SENSOR_NOISE, ErrorBudget
+from mbaid_ros.core.results.parameters import SENSOR_NOISE, DeferredBudget, ErrorBudget
 from mbaid_ros.core.results.status import MOST_JUMPS, Reason
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import physical_jacobian
@@ -85,7 +85,9 @@ def error_budget(
     if uncertainty.linear_momentum > 0.0:
         given.append(('momentum prior', slice(distribution.variables.poses, distribution.variables.head)))
     names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
-    return ErrorBudget(names, *_shares(distribution, layout, [which for _, which in given], prior_scales, known))
+    return DeferredBudget(
+        names, lambda: _shares(distribution, layout, [which for _, which in given], prior_scales, known)
+    )
 
 
 def _shares(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 import re
 from dataclasses import replace
 from typing import Any
@@ -16,9 +17,9 @@ from documents import ROOT
 from made_runs import budget, estimate, planar, run
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
-from mbaid_ros.core.geometry import Array, unvec
+from mbaid_ros.core.geometry import Array, Flags, unvec
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.parameters import PARAMETERS, SENSOR_NOISE, ErrorBudget, rounded
+from mbaid_ros.core.results.parameters import PARAMETERS, SENSOR_NOISE, DeferredBudget, ErrorBudget, rounded
 from mbaid_ros.core.results.physical_consistency import inertia_ratios
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian, physical_shift
@@ -45,6 +46,23 @@ def known_budget() -> ErrorBudget:
 def test_the_shares_of_a_parameter_come_the_largest_first_without_the_least() -> None:
     assert known_budget().of('mass') == {'link:base_link': 0.9, SENSOR_NOISE: 0.0996}
     assert list(known_budget().of('com_y')) == ['zero:joint6', SENSOR_NOISE, 'link:base_link']
+
+
+def test_a_deferred_budget_is_computed_once_when_it_is_read_and_leaves_its_process_as_numbers() -> None:
+    calls = []
+
+    def compute() -> tuple[Array, Flags]:
+        calls.append(1)
+        return known_budget().shares, np.ones((10, 3), dtype=bool)
+
+    deferred = DeferredBudget(CAUSES, compute)
+    assert (deferred.causes, calls) == (CAUSES, [])
+    assert deferred.of('mass') == known_budget().of('mass')
+    assert deferred.unchecked.all()
+    sent = pickle.loads(pickle.dumps(deferred))
+    assert type(sent) is ErrorBudget
+    np.testing.assert_array_equal(sent.shares, deferred.shares)
+    assert calls == [1]
 
 
 def test_a_group_counts_its_elements_by_their_variances() -> None:
