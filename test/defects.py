@@ -21,9 +21,9 @@ from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion
+from recorded import header, joint_state, odometry, of
 from sessions import fed
 from simulated import CONFIG, robot
-from wire import header, joint_state, odometry, of
 
 EPOCH = 1_700_000_000_000_000_000  # ns
 JOINTS, ODOMETRY = 'joint_states', 'odom'

@@ -1,21 +1,21 @@
-"""Small bags: of simulated robots, and of random numbers."""
+"""JointState and Odometry as objects and as bytes, and small bags: of simulated robots, and of random numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mbaid_ros.bags import BagReader, BagWriter, message_class
+from mbaid_ros.bags import BagReader, BagWriter, deserialize, message_class, serialize
 from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Passive
 from mbaid_ros.simulation.simulation import Simulation, Truth
 from simulated import table1
-from wire import joint_state, odometry
 
 JOINT_STATE, ODOMETRY = JOINT_STATE_TYPE, ODOMETRY_TYPE
 EPOCH = 1_700_000_000  # s, stamp of the first sample
@@ -85,3 +85,44 @@ def write_bag(path: Path, count: int = COUNT) -> Path:
 def everything(path: Path) -> tuple[list[tuple[str, bytes, int]], list[str]]:
     with BagReader(path) as bag:
         return list(bag.raw()), bag.warnings
+
+
+def header(stamp: int, frame: str = '') -> Any:
+    second, nanosecond = divmod(stamp, 1_000_000_000)
+    time = message_class('builtin_interfaces/msg/Time')(sec=second, nanosec=nanosecond)
+    return message_class('std_msgs/msg/Header')(stamp=time, frame_id=frame)
+
+
+def of(kind: str, values: Sequence[float] | Array) -> Any:
+    """Return a message of geometry_msgs that holds numbers alone: a Point, a Quaternion, a Vector3."""
+    return message_class(f'geometry_msgs/msg/{kind}')(*map(float, values))
+
+
+def joint_state(
+    names: Sequence[str], position: Any, velocity: Any, *, stamp: int = 1, effort: int = 0, frame: str = ''
+) -> Any:
+    numbers = (np.array(each, dtype=float) for each in (position, velocity, np.ones(effort)))
+    return message_class(JOINT_STATE_TYPE)(header(stamp, frame), list(names), *numbers)
+
+
+def odometry(
+    numbers: Array, covariances: Array, *, stamp: int = 1, child: str = 'base_link', frame: str = 'odom'
+) -> Any:
+    """Return an Odometry of 13 numbers (position, orientation, linear and angular velocity) and two covariances."""
+    parts = []
+    for name, kinds, values, covariance in (
+        ('Pose', ('Point', 'Quaternion'), np.split(numbers[:7], [3]), covariances[0]),
+        ('Twist', ('Vector3', 'Vector3'), np.split(numbers[7:], [3]), covariances[1]),
+    ):
+        part = message_class(f'geometry_msgs/msg/{name}')(*map(of, kinds, values))
+        parts.append(message_class(f'geometry_msgs/msg/{name}WithCovariance')(part, covariance.ravel()))
+    return message_class(ODOMETRY_TYPE)(header(stamp, frame), child, *parts)
+
+
+def as_bytes(message: Any) -> bytes:
+    return serialize(message, message.__msgtype__)
+
+
+def again(data: bytes, type_name: str) -> Any:
+    """Return the object that bytes hold."""
+    return deserialize(data, type_name)

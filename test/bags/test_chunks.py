@@ -19,8 +19,7 @@ from mbaid_ros.bags.chunks import Block, Raw, in_blocks
 from mbaid_ros.bags.types import definition
 from mbaid_ros.cdr import JOINT_STATE_TYPE, Packets
 from mbaid_ros.messages.fields import joint_state_shape
-from recorded import COUNT, everything
-from wire import as_bytes, joint_state
+from recorded import COUNT, as_bytes, everything, joint_state
 
 ONE = np.ones(1)
 

@@ -15,7 +15,7 @@ from rosbags.serde import SerdeError
 from mbaid_ros.bags import message_types
 from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, Packer, packer
 from mbaid_ros.messages.fields import joint_state_shape, odometry_shape, stamp_of
-from wire import again, as_bytes, joint_state, odometry
+from recorded import again, as_bytes, joint_state, odometry
 
 NAMES = st.lists(st.text(st.characters(exclude_characters='\0', codec='utf-8'), max_size=9), max_size=4)
 COUNT = st.integers(0, 4)

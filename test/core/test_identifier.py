@@ -21,8 +21,8 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples, Stamps
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.core.two_stage import DISAGREE, FIRST_STAGE, LATE, TwoStageEstimator
-from measured import base_stream, joint_stream, piece
 from observed import MID, configured_motion, observe, windows
+from windowed import base_stream, joint_stream, piece
 
 START = 1_700_000_000_000_000_000
 

@@ -25,8 +25,8 @@ from mbaid_ros.messages.fields import (
 )
 from mbaid_ros.messages.joints import JointReader
 from mbaid_ros.session.session import Session
+from recorded import again, as_bytes, joint_state, odometry
 from simulated import CONFIG
-from wire import again, as_bytes, joint_state, odometry
 
 COUNT = 300
 MARKER: dict[str, object] = {'marker.position': (0.1, 0.2, 0.3)}

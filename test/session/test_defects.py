@@ -37,8 +37,8 @@ from mbaid_ros.messages.fields import (
 from mbaid_ros.nodes.reports import remarks
 from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles
 from mbaid_ros.session.session import Session
+from recorded import header, of
 from simulated import CONFIG, robot
-from wire import header, of
 
 ROBOT, SECONDS = 'servicer7', 12.0
 QUATERNION = np.array([0.1, 0.2, -0.3, 0.9]) / np.sqrt(0.95)

@@ -19,8 +19,8 @@ from checked import same
 from defects import JOINTS, ODOMETRY, Arrival, arrivals, estimates
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import physical
+from recorded import header, of
 from simulated import robot
-from wire import header, of
 
 ROBOT = 'table1'
 STATUSES = {'waiting', 'estimating', 'converged', 'not_identifiable', 'inconsistent'}
@@ -34,10 +34,6 @@ Change = Callable[[Any, int], None]
 def clean(name: str = ROBOT, seconds: float = 3.0) -> list[Arrival]:
     every = np.arange(0.0, seconds, 0.04)
     return arrivals(name, seconds, 1, every, every)
-
-
-def number(choice: int) -> float:
-    return NUMBERS[choice % len(NUMBERS)]
 
 
 def set_stamp(message: Any, choice: int) -> None:
@@ -86,23 +82,23 @@ def half(message: Any, choice: int) -> None:
 def spoil_number(message: Any, choice: int) -> None:
     if hasattr(message, 'twist'):
         parts = (message.pose.pose.position, message.pose.pose.orientation)
-        setattr(parts[choice % 2], 'xyz'[choice % 3], number(choice))
+        setattr(parts[choice % 2], 'xyz'[choice % 3], NUMBERS[choice % len(NUMBERS)])
     elif len(message.position):
-        message.position[choice % len(message.position)] = number(choice)
+        message.position[choice % len(message.position)] = NUMBERS[choice % len(NUMBERS)]
 
 
 def spoil_twist(message: Any, choice: int) -> None:
     if hasattr(message, 'twist'):
-        setattr(message.twist.twist.angular, 'xyz'[choice % 3], number(choice))
+        setattr(message.twist.twist.angular, 'xyz'[choice % 3], NUMBERS[choice % len(NUMBERS)])
     elif len(message.velocity):
-        message.velocity[choice % len(message.velocity)] = number(choice)
+        message.velocity[choice % len(message.velocity)] = NUMBERS[choice % len(NUMBERS)]
 
 
 def spoil_covariance(message: Any, choice: int) -> None:
     if hasattr(message, 'twist'):
         part = message.pose if choice % 2 else message.twist
         part.covariance = part.covariance.copy()
-        part.covariance[choice % 36] = number(choice)
+        part.covariance[choice % 36] = NUMBERS[choice % len(NUMBERS)]
 
 
 def zero_quaternion(message: Any, choice: int) -> None:

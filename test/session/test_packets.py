@@ -26,9 +26,9 @@ from mbaid_ros.session.known_robot import KnownRobot
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.session.segment import PART
 from mbaid_ros.session.session import Session
+from recorded import as_bytes
 from simulated import CONFIG
 from streams import run, urdf
-from wire import as_bytes
 
 ROBOT, SECONDS = 'servicer7', 2.6
 INPUTS = Inputs(JOINTS, ODOMETRY)

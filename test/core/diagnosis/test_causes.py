@@ -19,7 +19,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.status import Innovations
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
-from measured import base_stream, joint_stream
+from windowed import base_stream, joint_stream
 
 JOINT = 1e-4  # rad
 

@@ -18,8 +18,7 @@ from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, kernel, observe, windows
-from peer import Motion, Peer
-from random_robots import random_inertial, random_state, random_urdf
+from random_robots import Motion, Peer, random_inertial, random_state, random_urdf
 from simulated import robot
 
 INSTANTS = 33

@@ -12,8 +12,7 @@ from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import express, load_model
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
 from mbaid_ros.core.robot.sensitivity import sensitivity
-from peer import Motion, Peer
-from random_robots import random_state, random_storage, random_urdf
+from random_robots import Motion, Peer, random_state, random_storage, random_urdf
 
 SEEDS = range(8)
 COUNT = 30

@@ -16,8 +16,8 @@ from mbaid_ros.core.sensors.correlation import Levels, NoiseLevels
 from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.sensors.noise import Differences
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
-from measured import base_stream, joint_stream
 from observed import MID
+from windowed import base_stream, joint_stream
 
 TRUE = np.array([2e-4, 5e-3, 3e-3, 2.5e-4, 5e-4, 3e-4])  # of CHANNELS; MID is declared
 BEGIN = 1_700_000_000_000_000_000

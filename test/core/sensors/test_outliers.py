@@ -20,7 +20,7 @@ from mbaid_ros.core.sensors.outliers import (
     Repeats,
     joint_channels,
 )
-from measured import base_stream, piece
+from windowed import base_stream, piece
 
 GAP = 100_000_000  # ns
 POSITION, ORIENTATION = 1e-3, 1e-4  # m, rad: noise

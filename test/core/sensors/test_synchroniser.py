@@ -15,7 +15,7 @@ from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
 from mbaid_ros.core.sensors import synchroniser
 from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.core.sensors.synchroniser import NO_ODOMETRY, ODOMETRY_GAP, OUT_OF_ORDER, Synchroniser
-from measured import base_stream, joint_stream, piece, smooth_motion
+from windowed import base_stream, joint_stream, piece, smooth_motion
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
