@@ -21,6 +21,7 @@ from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion
+from sessions import fed
 from simulated import CONFIG, robot
 from wire import header, joint_state, odometry, of
 
@@ -121,13 +122,7 @@ def estimates(
     """Return what a session makes of messages, handed over so many at a time."""
     config = build(EstimatorConfig, {**EXACT, **(parameters or {})})
     session = Session(config, (CONFIG / f'{name}.urdf').read_text(encoding='utf-8'))
-    result = []
-    for index, arrival in enumerate(messages, start=1):
-        take = session.add_joint_state if arrival.topic == JOINTS else session.add_odometry
-        take(arrival.message)
-        if index % at_once == 0:
-            result += session.process()
-    return result + session.process(), session
+    return fed(session, ((arrival.topic, arrival.message) for arrival in messages), at_once), session
 
 
 # What goes wrong

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import deepcopy
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -23,7 +24,7 @@ from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from mbaid_ros.simulation.simulation import total_momentum
-from sessions import NOISE
+from sessions import NOISE, fed
 from simulated import robot
 from streams import urdf
 
@@ -80,17 +81,13 @@ def taken(
     at_once: int = 100_000,
 ) -> tuple[Session, list[Estimate]]:
     session = Session(build(EstimatorConfig, parameters), urdf(name))
-    take = {'joint_states': session.add_joint_state, 'odom': session.add_odometry, 'imu': session.add_imu}
-    found: list[Estimate] = []
-    for place, each in enumerate(said):
-        message = each.message
-        if each.topic == 'imu' and spoil is not None:
-            message = spoil(each.time, deepcopy(message))
-        if message is not None:
-            take[each.topic](message)
-        if place % at_once == at_once - 1:
-            found += session.process()
-    return session, [*found, *session.process()]
+    if spoil is not None:
+        changed = (
+            replace(each, message=spoil(each.time, deepcopy(each.message))) if each.topic == 'imu' else each
+            for each in said
+        )
+        said = tuple(each for each in changed if each.message is not None)
+    return session, fed(session, ((each.topic, each.message) for each in said), at_once)
 
 
 def angular_momentum(name: str) -> Array:

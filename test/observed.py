@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.data import sampled, simulation, simulator_config
+from benchmarks.data import LEVELS, sampled, simulation, simulator_config
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
@@ -26,9 +26,7 @@ from mbaid_ros.simulation.true_robot import true_robot
 from simulated import robot
 
 # One standard deviation of a sample: the encoders' as the names say, the base's the same in all.
-LOW = SensorNoise(1e-5, 1e-4, 1e-3, 1e-4, 1e-3, 1e-4)
-MID = SensorNoise(1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4)
-HIGH = SensorNoise(1e-3, 1e-2, 1e-3, 1e-4, 1e-3, 1e-4)
+LOW, MID, HIGH = LEVELS.values()
 
 
 def configured_motion(name: str, seconds: float, rate: float, model_errors: ModelErrors | None = None) -> Truth:

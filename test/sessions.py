@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -51,17 +52,26 @@ def session(**parameters: object) -> Session:
     return Session(build(EstimatorConfig, {**EXACT, **NOISE, 'target_link': 'link7', **_dotted(parameters)}), URDF)
 
 
-def feed(messages: Iterable[TimedMessage], into: Session) -> list[Estimate]:
-    """Return all estimates of messages."""
+def fed(into: Session, messages: Iterable[tuple[str, Any]], at_once: int = 1_000_000) -> list[Estimate]:
+    """Return all estimates of messages with their topics, so many before each time that the session works."""
     take = {
         'joint_states': into.add_joint_state,
         'odom': into.add_odometry,
+        'imu': into.add_imu,
         'stored_momentum': into.add_stored_momentum,
         'thrust': into.add_thrust,
     }
-    for timed in messages:
-        take[timed.topic](timed.message)
-    return into.process()
+    found: list[Estimate] = []
+    for place, (topic, message) in enumerate(messages, start=1):
+        take[topic](message)
+        if place % at_once == 0:
+            found += into.process()
+    return [*found, *into.process()]
+
+
+def feed(messages: Iterable[TimedMessage], into: Session) -> list[Estimate]:
+    """Return all estimates of messages."""
+    return fed(into, ((each.topic, each.message) for each in messages))
 
 
 def history(run: SimulatedRun, into: Session) -> list[Estimate]:

@@ -15,6 +15,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.nodes.subscriptions import TYPES
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
+from sessions import feed
 from simulated import CONFIG
 
 EPOCH = 1_700_000_000_000_000_000  # ns, stamp of the first sample
@@ -42,18 +43,9 @@ def run(robot: str, seconds: float, rate: float = 100.0, start: int = EPOCH) -> 
     return tuple(simulated.read(seconds - 0.5 / rate))
 
 
-def offline(
-    config: EstimatorConfig, robot: str, messages: Sequence[TimedMessage], at_once: int = 1_000_000
-) -> list[list[Estimate]]:
-    """Return what the core makes of the messages, handed over so many at a time: the estimates of each call."""
-    session = Session(config, urdf(robot))
-    calls = []
-    for begin in range(0, len(messages), at_once):
-        for timed in messages[begin : begin + at_once]:
-            take = session.add_joint_state if timed.topic == 'joint_states' else session.add_odometry
-            take(timed.message)
-        calls.append(session.process())
-    return calls
+def offline(config: EstimatorConfig, robot: str, messages: Sequence[TimedMessage]) -> list[Estimate]:
+    """Return what the core makes of the messages."""
+    return feed(messages, Session(config, urdf(robot)))
 
 
 def every_bit(message: Any, type_name: str) -> bytes:

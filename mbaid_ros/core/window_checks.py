@@ -23,7 +23,9 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.noise import white_noise
 
-_EVERY, _KEPT = 10, 120  # windows from one comparison to the next; the latest ones, whose motion is compared
+# Windows before a first comparison, and part of those compared before that come before the next: fewer add little; the
+# latest ones, whose motion is compared.
+_FEWEST, _MORE, _KEPT = 10, 0.5, 120
 _READ = 5  # samples of a window, of which the mean centre of mass is taken
 _MOVED = 1e-3  # m, root mean square, that the centre of mass has to move by at least
 _REACTION = 0.15  # times the motion of the centre of mass: the base's, from which it may be free
@@ -72,7 +74,7 @@ class HeldBase:
         some = np.arange(_READ) * (len(window) - 1) // (_READ - 1)
         middle = np.concatenate(([window.time.mean()], window.base_position.mean(axis=0)))
         self._new.append((middle, window.base_rotation[some], window.joint_position[some]))
-        if len(self._new) < _EVERY:
+        if len(self._new) < max(_FEWEST, _MORE * len(self._seen)):
             return None
         middles, rotations, joints = map(np.array, zip(*self._new, strict=True))
         self._new.clear()

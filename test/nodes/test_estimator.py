@@ -119,7 +119,7 @@ def test_a_run_is_that_of_the_core_to_the_last_bit_goes_stale_and_is_forgotten(g
 
     messages = run('table1', 16.0)
     publish(graph, messages)
-    expected = last_of_each_window(offline(EstimatorConfig(), 'table1', messages)[0], WINDOW)
+    expected = last_of_each_window(offline(EstimatorConfig(), 'table1', messages), WINDOW)
     assert len(expected) == 31  # the last window, of 32, is still open
 
     def closed() -> list[InertiaEstimate]:
@@ -176,7 +176,7 @@ def test_a_fully_identified_link_and_the_captured_body_alone_are_published(graph
     descriptions = graph.collect('/estimator/robot_description', String)
     bodies = graph.collect('/estimator/debris', InertiaEstimate)
     publish(graph, messages)
-    expected = offline(EstimatorConfig(), 'servicer7', messages)[0][-1]
+    expected = offline(EstimatorConfig(), 'servicer7', messages)[-1]
     assert is_complete(expected)
     text = replace_inertial(free_urdf(), 'link7', expected.parameters)
     session = Session(build(EstimatorConfig, {'debris.report': True}), free_urdf())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 import recorded
-from graph import Graph, graph
+from graph import Graph
 from mbaid_ros.bags import BagReader, BagWriter, deserialize, message_class, serialize
 from mbaid_ros.config.parameters import METHODS
 from mbaid_ros.nodes.subscriptions import LATCHED, qos
@@ -32,14 +32,6 @@ COUNT = 300
 DEEP = qos(10_000)
 SECONDS = Duration(seconds=20)
 STRING = 'std_msgs/msg/String'
-
-
-@pytest.fixture
-def live(tmp_path: Path) -> Iterator[Graph]:
-    folder = tmp_path / 'processes'
-    folder.mkdir()
-    with graph(folder) as made:
-        yield made
 
 
 @pytest.fixture(scope='module')
@@ -68,9 +60,9 @@ def by_topic(path: Path) -> dict[str, list[bytes]]:
     return found
 
 
-def start_recorder(live: Graph, path: Path, *parameters: str) -> Any:
+def start_recorder(graph: Graph, path: Path, *parameters: str) -> Any:
     arguments = [part for parameter in parameters for part in ('-p', parameter)]
-    return live.start('recorder', '--ros-args', '-p', f'output:={path}', *arguments)
+    return graph.start('recorder', '--ros-args', '-p', f'output:={path}', *arguments)
 
 
 def joint_state(index: int) -> JointState:
@@ -79,14 +71,14 @@ def joint_state(index: int) -> JointState:
     return message
 
 
-def test_everything_a_reliable_publisher_sends_is_in_the_bag_whatever_ends_it(live: Graph, tmp_path: Path) -> None:
+def test_everything_a_reliable_publisher_sends_is_in_the_bag_whatever_ends_it(graph: Graph, tmp_path: Path) -> None:
     names = {'all': (), 'chosen': ('topics:=[/other]',), 'brief': ('topics:=[/odom]', 'duration:=0.3')}
-    recorders = {name: start_recorder(live, tmp_path / name, *given) for name, given in names.items()}
+    recorders = {name: start_recorder(graph, tmp_path / name, *given) for name, given in names.items()}
     kinds = {'/joint_states': JointState, '/thrust': WrenchStamped, '/diagnostics': DiagnosticArray}
     # The types of /other and of /odom are taken as they are.
-    published = {topic: live.publisher(topic, kind, DEEP) for topic, kind in kinds.items()}
-    published |= {topic: live.publisher(topic, JointState, DEEP) for topic in ('/other', '/odom')}
-    published['/robot_description'] = live.publisher('/robot_description', String, LATCHED)
+    published = {topic: graph.publisher(topic, kind, DEEP) for topic, kind in kinds.items()}
+    published |= {topic: graph.publisher(topic, JointState, DEEP) for topic in ('/other', '/odom')}
+    published['/robot_description'] = graph.publisher('/robot_description', String, LATCHED)
     begin = time.time_ns()
     published['/robot_description'].publish(String(data='<robot/>'))
     for topic, kind in kinds.items():
@@ -95,14 +87,14 @@ def test_everything_a_reliable_publisher_sends_is_in_the_bag_whatever_ends_it(li
     for index in range(COUNT):
         published['/joint_states'].publish(joint_state(index))
     published['/other'].publish(joint_state(1))
-    live.wait(lambda: published['/odom'].get_subscription_count() == 2, 'two recorders of one topic')
+    graph.wait(lambda: published['/odom'].get_subscription_count() == 2, 'two recorders of one topic')
     published['/odom'].publish(joint_state(2))
     assert all(publisher.wait_for_all_acked(SECONDS) for publisher in published.values())
     assert recorders['brief'].wait() == 0
     # A best effort publisher matches as soon as the recorder asks for no more than it offers.
     states = published['/joint_states']
-    best_effort = live.publisher('/joint_states', JointState, qos(100, best_effort=True))
-    live.wait(lambda: states.get_subscription_count() == 1, 'the recorder on both')
+    best_effort = graph.publisher('/joint_states', JointState, qos(100, best_effort=True))
+    graph.wait(lambda: states.get_subscription_count() == 1, 'the recorder on both')
     for _ in range(50):  # best effort may lose some
         best_effort.publish(joint_state(COUNT + 1))
     states.publish(joint_state(COUNT))
@@ -127,11 +119,11 @@ def test_everything_a_reliable_publisher_sends_is_in_the_bag_whatever_ends_it(li
 
 
 def test_the_player_publishes_the_bag_and_the_recorder_records_the_same_bytes(
-    live: Graph, bag: Path, tmp_path: Path
+    graph: Graph, bag: Path, tmp_path: Path
 ) -> None:
-    copying = start_recorder(live, tmp_path / 'copy')
+    copying = start_recorder(graph, tmp_path / 'copy')
     begin = time.monotonic()
-    playing = live.start('player', bag, '--rate', 4, '--wait-for-subscribers', 30)
+    playing = graph.start('player', bag, '--rate', 4, '--wait-for-subscribers', 30)
     assert playing.wait() == 0, playing.stderr
     assert time.monotonic() - begin > 2.0 / 4
     assert copying.stop() == 0
@@ -143,26 +135,26 @@ def test_the_player_publishes_the_bag_and_the_recorder_records_the_same_bytes(
 
 
 @pytest.mark.long
-def test_a_choice_of_topics_with_a_clock_and_latched_topics_in_a_loop(live: Graph, bag: Path) -> None:
-    states = live.collect('/joint_states', JointState, DEEP)
-    clocks = live.collect('/clock', Clock, DEEP)
-    chosen = live.start('player', bag, '--topics', '/joint_states', '--clock', '--wait-for-subscribers', 30)
-    live.wait(lambda: not chosen.running, 'the end of the bag')
-    live.wait(lambda: len(states) == 41, 'all joint states')
-    assert '/odom' not in dict(live.node.get_topic_names_and_types())
+def test_a_choice_of_topics_with_a_clock_and_latched_topics_in_a_loop(graph: Graph, bag: Path) -> None:
+    states = graph.collect('/joint_states', JointState, DEEP)
+    clocks = graph.collect('/clock', Clock, DEEP)
+    chosen = graph.start('player', bag, '--topics', '/joint_states', '--clock', '--wait-for-subscribers', 30)
+    graph.wait(lambda: not chosen.running, 'the end of the bag')
+    graph.wait(lambda: len(states) == 41, 'all joint states')
+    assert '/odom' not in dict(graph.node.get_topic_names_and_types())
     times = [clock.clock.sec + clock.clock.nanosec * 1e-9 for clock in clocks]
     assert times == sorted(times)
     assert times[0] >= recorded.EPOCH
     assert times[-1] <= recorded.EPOCH + 2.0
     assert len(times) > 50
     states.clear()
-    looping = live.start('player', bag, '--loop', '--rate', 10)
-    live.wait(lambda: len(states) > 0, 'joint states')
-    descriptions = live.collect('/robot_description', String, LATCHED)
-    live.wait(lambda: len(descriptions) > 0, 'the robot description')
+    looping = graph.start('player', bag, '--loop', '--rate', 10)
+    graph.wait(lambda: len(states) > 0, 'joint states')
+    descriptions = graph.collect('/robot_description', String, LATCHED)
+    graph.wait(lambda: len(descriptions) > 0, 'the robot description')
     assert descriptions[0].data == '<robot/>'
     # A loop: more messages than there are in the bag.
-    live.wait(lambda: len(states) > 60, 'a second turn')
+    graph.wait(lambda: len(states) > 60, 'a second turn')
     assert looping.stop() == 0
     assert looping.stderr == ''
 
@@ -181,23 +173,23 @@ def comparable(data: bytes) -> bytes:
 
 
 def by_window(data: Iterable[bytes]) -> dict[int, bytes]:
-    """Return the last estimate of each window: of several a window, as the paper's methods give, that one is live."""
+    """Return the last estimate of each window: of several a window, as the paper's methods give, that one is graph."""
     spans = [(deserialize(each, TYPE).span, each) for each in data]
     return {(span.sec * 1_000_000_000 + span.nanosec + 1) // WINDOW: each for span, each in spans}
 
 
 @pytest.mark.long
 @pytest.mark.parametrize('method', METHODS)
-def test_a_played_bag_gives_the_estimates_of_its_replay(live: Graph, tmp_path: Path, method: str) -> None:
+def test_a_played_bag_gives_the_estimates_of_its_replay(graph: Graph, tmp_path: Path, method: str) -> None:
     moving = papers_case(tmp_path / 'moving', duration=20.0, rate=100.0)
     parameters, model = tmp_path / 'estimator.yaml', CONFIG / 'table1.urdf'
     given = f'method: {method}, paper.total_angular_momentum: {list(TABLE1_MOMENTUM)}'
     parameters.write_text(f'/**: {{ros__parameters: {{{given}}}}}\n')
     arguments = ['--params-file', parameters, '-p', f'robot_description_file:={model}']
-    live.start('estimator', '--ros-args', *arguments)
-    published: list[Any] = live.collect('/estimator/estimate', InertiaEstimate)
-    live.wait(lambda: published, 'what the estimator waits for')
-    playing = live.start('player', moving, '--rate', '20', '--wait-for-subscribers', '30')
+    graph.start('estimator', '--ros-args', *arguments)
+    published: list[Any] = graph.collect('/estimator/estimate', InertiaEstimate)
+    graph.wait(lambda: published, 'what the estimator waits for')
+    playing = graph.start('player', moving, '--rate', '20', '--wait-for-subscribers', '30')
 
     output = tmp_path / 'estimates'
     assert replay([str(moving), '--model', str(model), '--params', str(parameters), '--output', str(output)]) == 0
@@ -208,6 +200,6 @@ def test_a_played_bag_gives_the_estimates_of_its_replay(live: Graph, tmp_path: P
     def fresh() -> list[Any]:  # on a busy machine one may go stale, and be published again, before the next
         return [each for each in published if each.samples and not each.stale]
 
-    live.wait(lambda: len(fresh()) >= len(replayed), 'every estimate')
+    graph.wait(lambda: len(fresh()) >= len(replayed), 'every estimate')
     assert playing.wait() == 0
     assert [comparable(serialize_message(each)) for each in fresh()] == list(replayed.values())

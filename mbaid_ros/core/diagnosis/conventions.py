@@ -117,28 +117,24 @@ def _masses(kernel: MomentumKernel) -> Iterator[Convention]:
         )
 
 
-def _inverse(knots: Knots) -> Knots:
-    return replace(knots, base_rotation=np.swapaxes(knots.base_rotation, -1, -2))
-
-
 def _scalar_first(knots: Knots) -> Knots:
     """Return the knots of quaternions whose w stands where x should, and so on."""
     quaternion = quaternion_from_rotation(knots.base_rotation)
     return replace(knots, base_rotation=rotation_from_quaternion(np.roll(quaternion, -1, axis=-1)))
 
 
-def _in_millimetres(knots: Knots) -> Knots:
-    return replace(knots, base_position=_MILLIMETRE * knots.base_position)
-
-
 _POSES: tuple[tuple[str, Callable[[Knots], Knots], float], ...] = (
     (
         'the orientation of the odometry is the inverse: in ROS it rotates from the base to the odometry frame',
-        _inverse,
+        lambda knots: replace(knots, base_rotation=np.swapaxes(knots.base_rotation, -1, -2)),
         0.0,
     ),
     ('the quaternion of the odometry has its w first: in ROS it is x, y, z, w', _scalar_first, 0.0),
-    ('the position of the odometry is in millimetres: in ROS it is in metres', _in_millimetres, _FAR_BASE),
+    (
+        'the position of the odometry is in millimetres: in ROS it is in metres',
+        lambda knots: replace(knots, base_position=_MILLIMETRE * knots.base_position),
+        _FAR_BASE,
+    ),
 )
 
 

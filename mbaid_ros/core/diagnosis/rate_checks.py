@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -73,8 +74,7 @@ class RateCheck:
     def add(self, window: Samples) -> None:
         """Add a window."""
         motion = self._motion(window) if len(window) >= _FEWEST_SAMPLES else None
-        misfit = motion.misfit(motion.read) if motion is not None else np.nan
-        if motion is not None and np.isfinite(misfit):
+        if motion is not None and np.isfinite(misfit := motion.misfit(motion.read)):
             self._seen.append(motion)
             self._misfits.append(misfit)
 
@@ -126,9 +126,15 @@ def _step(ends: Array) -> Array:
 
 def _weights(time: Array) -> Array:
     """Return the weights (N,), s, with which a rate makes the step of its integral (trapezoid) between the ends."""
-    place = np.arange(1, len(time))
-    half = 0.5 * np.diff(time) * np.minimum(np.minimum(place, place[::-1]) / max(len(time) // 3, 1), 1.0)
+    half = 0.5 * np.diff(time) * _shares(len(time))
     return np.append(half, 0.0) + np.append(0.0, half)
+
+
+@cache
+def _shares(count: int) -> Array:
+    """Return the part of the steps of N values (N - 1,) that each step between two of them is in."""
+    place = np.arange(1, count)
+    return np.asarray(np.minimum(np.minimum(place, place[::-1]) / max(count // 3, 1), 1.0))
 
 
 def _spread(covariance: Array) -> Array:

@@ -63,15 +63,11 @@ def swinging(windows: Sequence[Window], joint: int, times: float, joints: int) -
     ]
 
 
-def swing_size(windows: Sequence[Window], times: float) -> float:
-    """Return by how much a window's mean is off with noise so many times as declared, one standard deviation."""
-    noise = [window.noise for window in windows]
-    return times * float(np.mean([np.max(each.joint_position) / np.sqrt(each.samples) for each in noise]))
-
-
 def loose_joint_text(joint: str, windows: Sequence[Window], times: float) -> str:
     """Return the cause that a joint's load swings against its encoder, with that many times the declared noise."""
-    size = 1e3 * swing_size(windows, times)
+    noise = [window.noise for window in windows]
+    # By how much a window's mean is off, one standard deviation.
+    size = 1e3 * times * float(np.mean([np.max(each.joint_position) / np.sqrt(each.samples) for each in noise]))
     return (
         f'{joint} is flexible or has play: its load swings by about {size:.1g} mrad (mm) relative to its encoder; '
         'check both'

@@ -101,8 +101,7 @@ class ConditionalRoot:
         triangle, reflectors, factors, _ = dtpqrt(0, min(_BLOCK, size), before.triangle, rows, overwrite_b=True)
         right = np.concatenate((before.right, np.zeros((size, count), order='F')), axis=1)
         right, left, _ = dtpmqrt(0, reflectors, factors, right, left, trans='T', overwrite_a=True, overwrite_b=True)
-        score = np.concatenate((np.zeros(before.links), window.shared))
-        moved = dtrtrs(triangle, score, trans=1)[0]
+        moved = dtrtrs(triangle, np.concatenate((np.zeros(before.links), window.shared)), trans=1)[0]
         right[:, 0] += moved
         after = replace(before, triangle=triangle, right=np.asfortranarray(right[:, :width]))
         return after, moved, dgeqrf(np.concatenate((left[:, width:], left[:, :width]), axis=1))[0]

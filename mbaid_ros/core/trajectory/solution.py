@@ -116,7 +116,8 @@ def _seen(errors: Array, covariance: Array, layout: Layout) -> Array:
     A cause that is k of its deviations off shifts an estimate by k sqrt(share) standard deviations, and raises the
     chi-square by k^2 times this part: where the part is below the share, the data do not warn in time.
     """
-    within = (layout.belongs @ layout.belongs.T) * covariance  # of numbers of the same cause
+    cause = layout.belongs.argmax(axis=1)
+    within = np.where(cause[:, None] == cause, covariance, 0.0)
     left = ((errors @ within) * errors) @ layout.belongs
     return np.asarray(1.0 - left / np.maximum(errors**2 @ layout.belongs, np.finfo(float).tiny))
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.diagnosis.plain_faults import StampPattern
-from mbaid_ros.core.diagnosis.readings import stopped_readings, swing_size, swinging
+from mbaid_ros.core.diagnosis.readings import loose_joint_text, stopped_readings, swinging
 from mbaid_ros.core.filter.knots import AFTER, BEFORE
 from mbaid_ros.core.filter.state import Layout
 from mbaid_ros.core.filter.window import Window
@@ -94,10 +94,10 @@ def test_joints_that_are_all_alike_are_as_noisy_as_with_one_number(robot: Moment
 
 def test_the_size_is_that_of_a_windows_mean(window: Window, robot: MomentumKernel) -> None:
     (loose,) = swinging([window], JOINT, TIMES, robot.model.joints)
-    assert loose.noise.joint_position == pytest.approx(
-        JOINT_NOISE * np.where(np.arange(robot.model.joints) == JOINT, TIMES, 1.0)
-    )
-    assert swing_size([window], TIMES) == pytest.approx(TIMES * JOINT_NOISE / np.sqrt(window.noise.samples))
+    larger = np.where(np.arange(robot.model.joints) == JOINT, TIMES, 1.0)
+    assert loose.noise.joint_position == pytest.approx(JOINT_NOISE * larger)
+    size = 1e3 * TIMES * JOINT_NOISE / np.sqrt(window.noise.samples)
+    assert f'its load swings by about {size:.1g} mrad' in loose_joint_text('elbow', [window], TIMES)
 
 
 COUNT, SPACING = 600, 20_000_000
