@@ -34,8 +34,8 @@ _BODIES = BodyDeviations(0.02, 0.5, 0.15)  # of the twins' bodies about the robo
 def twin(flown: Recording, seed: int) -> tuple[Recording, Array]:
     """Return the readings of a twin, and its true bodies (3, 10), standard parameters.
 
-    It moves as the telemetry has it. Its gyros store the momentum that conservation leaves, with gravity gradient and a
-    torque that varies as declared. All readings have the noise that the parameters declare.
+    Its motion is that of the telemetry. Its gyros store the momentum that conservation leaves, with gravity gradient
+    and a torque that varies as declared. All readings have the noise that the parameters declare.
     """
     assert flown.imu, _NEEDED
     assert flown.imu.orientation is not None, _NEEDED
