@@ -1,4 +1,4 @@
-"""Sensor readings, simulated or of a log, and their messages, duck-typed as in `outgoing`; stamps in ns."""
+"""Sensor readings, simulated or of a log, and their messages, duck-typed as in `estimate_messages`; stamps in ns."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.outgoing import MessageTypes, stamped, vector
+from mbaid_ros.estimate_messages import MessageTypes, stamped, vector
 from mbaid_ros.simulation.sensors import BaseReadings, ImuReadings, JointReadings
 
 SENSOR_TYPES = {

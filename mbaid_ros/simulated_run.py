@@ -15,7 +15,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.outgoing import Frames, MessageTypes, inertia_message, time_message
+from mbaid_ros.estimate_messages import Frames, MessageTypes, inertia_message, time_message
 from mbaid_ros.sensor_messages import (
     SENSOR_TYPES,
     Imu,

@@ -14,7 +14,7 @@ from mbaid_ros.core.errors import MbaidError, ModelError, ParameterError
 from mbaid_ros.core.geometry import rotate, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Debris, Estimate, Event, PassiveJoint
 from mbaid_ros.core.results.parameters import ErrorBudget
-from mbaid_ros.outgoing import Frames, debris_message, estimate_message
+from mbaid_ros.estimate_messages import Frames, debris_message, estimate_message
 from mbaid_ros.simulated_robot import make_initial_state, make_motion, make_simulation
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from mbaid_ros.simulation.changes import with_target

@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_
 from rosbags.typesys.store import Typestore
 
 from mbaid_ros.core.errors import DataError
-from mbaid_ros.outgoing import MessageTypes
+from mbaid_ros.estimate_messages import MessageTypes
 
 ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'
 EVENT_TYPE = 'mbaid_msgs/msg/MomentumEvent'

@@ -17,9 +17,9 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.capture.known_momentum import Capture
 from mbaid_ros.core.results.estimate import Debris, Estimate, is_complete
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
+from mbaid_ros.estimate_messages import Frames, Publications, estimate_message
 from mbaid_ros.nodes.reports import RunLog, RunState
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, quiet_publisher
-from mbaid_ros.outgoing import Frames, Publications, estimate_message
 from mbaid_ros.session.session import Session
 
 _PATIENCE = Duration(nanoseconds=50_000_000)  # with a subscriber that has died, or has no time

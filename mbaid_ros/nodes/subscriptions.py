@@ -28,9 +28,9 @@ from std_msgs.msg import String
 
 from mbaid_ros.cdr import packer
 from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.estimate_messages import MessageTypes
 from mbaid_ros.files import as_utf8
 from mbaid_ros.nodes.runner import RCLError
-from mbaid_ros.outgoing import MessageTypes
 
 RMWError = rclpy_implementation.RMWError
 

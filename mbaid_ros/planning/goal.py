@@ -1,4 +1,7 @@
-"""The goal of a planned motion: which parameters it has to determine how well; and what it may not exceed."""
+"""The goal of a planned motion: which parameters it has to determine how well; and what it may not exceed.
+
+What is minimised is in `search.py`.
+"""
 
 from __future__ import annotations
 

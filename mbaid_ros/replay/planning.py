@@ -22,8 +22,8 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.config.trajectory import as_yaml
 from mbaid_ros.core.errors import DataError, ParameterError
 from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.estimate_messages import trajectory_message
 from mbaid_ros.files import write_text
-from mbaid_ros.outgoing import trajectory_message
 from mbaid_ros.planning.plan import Plan
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import check_outputs, plain, write_results

@@ -19,8 +19,8 @@ from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Debris, Estimate
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.estimate_messages import Frames, Publications
 from mbaid_ros.messages.fields import stamps_of
-from mbaid_ros.outgoing import Frames, Publications
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.results import Arrivals, History, Run, TopicStatistics
 from mbaid_ros.session.explanation import intake_warnings, missing_joints

@@ -21,7 +21,7 @@ from mbaid_ros.messages.fields import (
     WRONG_CHILD_FRAME,
 )
 from mbaid_ros.messages.imu import IMU_FRAME
-from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, OTHER_SOURCE, REORDER_TIME, SPOKEN
+from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY, OTHER_SOURCE, REORDER_TIME, SPOKEN
 from mbaid_ros.session.session import Session
 
 _APART = 2_000_000_000  # ns between the newest stamps of the two topics: more is no delay, also on a busy machine

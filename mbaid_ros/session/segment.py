@@ -17,10 +17,10 @@ from mbaid_ros.core.sensors.external_momentum import Thrust
 from mbaid_ros.core.sensors.levels import FoundNoise
 from mbaid_ros.core.trajectory.posterior import Continuation
 from mbaid_ros.core.window_checks import Check, HeldBase, JointRates, WindowChecks
+from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY, Intake, MessageQueue, make_gyro
 from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact
 from mbaid_ros.session.methods import make_capture, make_estimator
 from mbaid_ros.session.model_summary import unmoved_joints
-from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, Intake, MessageQueue, make_gyro
 from mbaid_ros.session.robot import Robot
 from mbaid_ros.session.settings import falling_frame, uncertain_thrusters
 

@@ -15,8 +15,8 @@ from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from mbaid_ros.core.trajectory.posterior import Continuation, Posterior
 from mbaid_ros.messages.fields import number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.continuation import read_continuation
+from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY, BaseSource, MessageQueue
 from mbaid_ros.session.model_summary import ModelSummary, summarise
-from mbaid_ros.session.reading import IMU, JOINTS, ODOMETRY, BaseSource, MessageQueue
 from mbaid_ros.session.robot import Robot
 from mbaid_ros.session.segment import MakeEstimator, Segment
 

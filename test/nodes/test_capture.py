@@ -23,8 +23,8 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.capture.estimator import BEFORE
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST
+from mbaid_ros.estimate_messages import Frames, debris_message, estimate_message
 from mbaid_ros.nodes.subscriptions import TYPES, qos
-from mbaid_ros.outgoing import Frames, debris_message, estimate_message
 from mbaid_ros.session.session import Session
 from servicers import WRENCH, capture, pulse, sensed
 from servicers import thrust_messages as pushed_messages

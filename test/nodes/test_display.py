@@ -18,9 +18,9 @@ from graph import Graph
 from graph import graph as new_graph
 from made_runs import BODY, estimate, planar
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.estimate_messages import Frames
 from mbaid_ros.nodes.publishers import Publishers
 from mbaid_ros.nodes.subscriptions import LATCHED, message_class
-from mbaid_ros.outgoing import Frames
 from simulated import CONFIG
 from streams import urdf
 

@@ -28,9 +28,9 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.results.estimate import InertiaPublication, is_complete
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
+from mbaid_ros.estimate_messages import Frames, debris_message, estimate_message, inertia_message
 from mbaid_ros.nodes.publishers import last_of_each_window
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, qos
-from mbaid_ros.outgoing import Frames, debris_message, estimate_message, inertia_message
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import TimedMessage
 from simulated import CONFIG, options

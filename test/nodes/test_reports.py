@@ -19,12 +19,12 @@ from mbaid_msgs.msg import InertiaEstimate
 from graph import PATIENCE, Graph, executable
 from made_runs import BODY, HOSTILE, budget, estimate, planar
 from mbaid_ros.core.sensors.levels import SensorLevels
+from mbaid_ros.estimate_messages import Frames, estimate_message
 from mbaid_ros.nodes import diagnostics, reports
 from mbaid_ros.nodes.diagnostics import Diagnostics
 from mbaid_ros.nodes.reports import ERROR, OK, RunLog, RunState, estimate_report, headline
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES
 from mbaid_ros.nodes.watch import drawn, line, screen
-from mbaid_ros.outgoing import Frames, estimate_message
 from mbaid_ros.session.model_summary import summarise
 from simulated import robot
 

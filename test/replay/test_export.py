@@ -23,7 +23,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.status import contradictions, with_reasons
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import box_sizes
-from mbaid_ros.outgoing import Frames, estimate_message
+from mbaid_ros.estimate_messages import Frames, estimate_message
 from mbaid_ros.replay.output import as_json
 from mbaid_ros.replay.provenance import made_by
 from mbaid_ros.replay.run import EstimateWriter

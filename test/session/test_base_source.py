@@ -19,12 +19,12 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.estimate_messages import Frames, estimate_message
 from mbaid_ros.messages.fields import WRONG_CHILD_FRAME
-from mbaid_ros.outgoing import Frames, estimate_message
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.run import replay_bag
 from mbaid_ros.session.explanation import explain, intake_warnings
-from mbaid_ros.session.reading import OTHER_SOURCE
+from mbaid_ros.session.intake import OTHER_SOURCE
 from mbaid_ros.session.session import Session
 from streams import run, urdf
 

@@ -95,7 +95,7 @@ def _names(model: RobotModel, bodies: Sequence[int]) -> list[str]:
 
 @dataclass(frozen=True)
 class TargetPrior:
-    """The prior of the target link: mass and CoM, where given."""
+    """The prior of the target link: mass and CoM, where given. What changes with time: `core/filter/variables.py`."""
 
     mass: float = 0.0  # kg; 0 where nothing is known of it
     mass_std: float = 0.0  # kg

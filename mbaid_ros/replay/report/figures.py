@@ -11,7 +11,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate, determined
 from mbaid_ros.core.results.parameters import BAND, PARAMETERS
 from mbaid_ros.replay.report.markup import SERIES, TIME, Colour, curve, entitle, legend, level, new_axes, scale, svg
-from mbaid_ros.replay.report.sections import SHOWN_UNITS
+from mbaid_ros.replay.report.tables import SHOWN_UNITS
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.saved import Truth
 from mbaid_ros.session.methods import LARGEST_RESIDUAL

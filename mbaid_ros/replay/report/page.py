@@ -26,7 +26,7 @@ from mbaid_ros.replay.report.markup import (
     table,
     text,
 )
-from mbaid_ros.replay.report.sections import (
+from mbaid_ros.replay.report.tables import (
     MOMENTUM,
     MOMENTUM_UNITS,
     SHOWN_UNITS,
