@@ -16,7 +16,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.planning.evolution import CHOSEN, GENERATION, Evolution
-from mbaid_ros.planning.goal import BaseLimits, Wanted
+from mbaid_ros.planning.requirements import BaseLimits, Wanted
 from mbaid_ros.planning.motions import Motions
 
 LEGS = 8  # of a joint: more turns help where the base's limit binds

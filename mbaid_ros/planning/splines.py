@@ -14,7 +14,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.planning.goal import JointLimits
+from mbaid_ros.planning.requirements import JointLimits
 
 _DENSE = 4  # instants a piece at which limits are checked
 _KEPT = 0.999  # of a limit, as numbers are rounded and a position may bulge between these

@@ -13,7 +13,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.environment import Pushing
-from mbaid_ros.session import methods, session, settings
+from mbaid_ros.session import methods, segment, settings
 from mbaid_ros.session.planning import plan_settings
 from mbaid_ros.session.session import Session
 from mbaid_ros.session.settings import storage
@@ -39,10 +39,10 @@ def argument(module: Any, name: str, key: str, parameters: dict[str, object]) ->
 @pytest.mark.parametrize(
     ('name', 'value', 'beside', 'module', 'made', 'key', 'expected'),
     [
-        ('maximum_gap', 0.3, {}, session, 'Identifier', 'maximum_gap', 0.3),
-        ('noise.estimate', True, {}, session, 'FoundNoise', 'estimate', True),
-        ('noise.trust_declared', True, {}, session, 'FoundNoise', 'trusted', True),
-        ('thrust.frames', ['link2'], {}, session, 'Thrust', 'uncertain', ('link2',)),
+        ('maximum_gap', 0.3, {}, segment, 'Identifier', 'maximum_gap', 0.3),
+        ('noise.estimate', True, {}, segment, 'FoundNoise', 'estimate', True),
+        ('noise.trust_declared', True, {}, segment, 'FoundNoise', 'trusted', True),
+        ('thrust.frames', ['link2'], {}, segment, 'Thrust', 'uncertain', ('link2',)),
         ('capture.detect', True, BEFORE, methods, 'CaptureEstimator', 'detect', True),
         ('disturbance.constant', 'body', {}, methods, 'TrajectorySettings', 'constant', 'body'),
         ('momentum.linear_prior_std', 0.1, {}, methods, 'DifferenceSettings', 'linear_momentum_std', 0.1),

@@ -1,4 +1,7 @@
-"""The base at the joints' stamps (a cubic with the velocities at both ends), frames on it, and its covariances."""
+"""The base at the joints' stamps (a cubic with the velocities at both ends), frames on it, and its covariances.
+
+Its streams come from `session/intake.py`; `synchroniser.py` joins them.
+"""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.planning.collisions import Collisions, Efforts, no_mesh
-from mbaid_ros.planning.goal import BaseLimits, JointLimits, joint_limits, keeping_speed
+from mbaid_ros.planning.requirements import BaseLimits, JointLimits, joint_limits, keeping_speed
 from mbaid_ros.planning.splines import Splines
 from mbaid_ros.session.robot import mesh_points
 from mbaid_ros.simulation.dynamics import Dynamics, State

@@ -22,7 +22,7 @@ from mbaid_ros.core.robot.kinematics import Springs
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.trajectory.posterior import End
 from mbaid_ros.planning.collisions import Collisions, no_mesh
-from mbaid_ros.planning.goal import BaseLimits
+from mbaid_ros.planning.requirements import BaseLimits
 from mbaid_ros.planning.information import Grid
 from mbaid_ros.planning.plan import Plan
 from mbaid_ros.planning.planner import Planner

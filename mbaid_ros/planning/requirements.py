@@ -1,7 +1,4 @@
-"""The goal of a planned motion: which parameters it has to determine how well; and what it may not exceed.
-
-What is minimised is in `search.py`.
-"""
+"""What a planned motion has to determine, how well, and what it may not exceed; `search.py` minimises its duration."""
 
 from __future__ import annotations
 
