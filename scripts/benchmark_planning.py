@@ -23,11 +23,11 @@ from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.streams import Windows
-from mbaid_ros.planning.requirements import BaseLimits, JointLimits, Wanted, joint_limits
 from mbaid_ros.planning.information import Grid
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import Plan
 from mbaid_ros.planning.planner import Planner, PlanSettings
+from mbaid_ros.planning.requirements import BaseLimits, JointLimits, Wanted, joint_limits
 from mbaid_ros.planning.splines import Splines
 from mbaid_ros.session.methods import make_estimator, make_reporting
 from mbaid_ros.simulation.dynamics import State

@@ -15,8 +15,8 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.planning.requirements import joint_limits
 from mbaid_ros.planning.planner import Planner, PlanSettings
+from mbaid_ros.planning.requirements import joint_limits
 from mbaid_ros.planning.splines import Splines
 from mbaid_ros.session.methods import make_reporting
 from mbaid_ros.simulation.dynamics import State

@@ -13,10 +13,10 @@ from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.planning.collisions import INSTANTS, Collisions
 from mbaid_ros.planning.floating import Floating
-from mbaid_ros.planning.requirements import BaseLimits, Wanted
 from mbaid_ros.planning.information import Grid
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import Bounds
+from mbaid_ros.planning.requirements import BaseLimits, Wanted
 from mbaid_ros.planning.search import Candidate
 from mbaid_ros.planning.splines import Splines
 

@@ -15,8 +15,8 @@ from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.planning.collisions import Efforts
 from mbaid_ros.planning.floating import BaseMotion, Floating, as_they_may_be
-from mbaid_ros.planning.requirements import BaseLimits, JointLimits
 from mbaid_ros.planning.information import Grid, Information
+from mbaid_ros.planning.requirements import BaseLimits, JointLimits
 from mbaid_ros.planning.splines import Splines
 
 _PARTS = (slice(0, 3), slice(3, 6))  # of a twist

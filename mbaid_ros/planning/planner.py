@@ -14,7 +14,6 @@ from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.planning.assurance import Assurance, beyond_motion, single_joint
 from mbaid_ros.planning.collisions import Collisions, Efforts, ReadMesh, no_mesh
-from mbaid_ros.planning.requirements import BaseLimits, Wanted, joint_limits, keeping_speed
 from mbaid_ros.planning.information import Grid, Information
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import (
@@ -22,6 +21,7 @@ from mbaid_ros.planning.plan import (
     LIMITS,
     Plan,
 )
+from mbaid_ros.planning.requirements import BaseLimits, Wanted, joint_limits, keeping_speed
 from mbaid_ros.planning.search import Candidate, Search
 from mbaid_ros.planning.splines import Splines
 

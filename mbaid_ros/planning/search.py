@@ -16,8 +16,8 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.planning.evolution import CHOSEN, GENERATION, Evolution
-from mbaid_ros.planning.requirements import BaseLimits, Wanted
 from mbaid_ros.planning.motions import Motions
+from mbaid_ros.planning.requirements import BaseLimits, Wanted
 
 LEGS = 8  # of a joint: more turns help where the base's limit binds
 NUMBERS = 2 * LEGS + 1  # of a joint: logarithms of lengths, places, logarithm of a part of the speed

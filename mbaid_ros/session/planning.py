@@ -8,8 +8,8 @@ from mbaid_ros.config.estimator import EstimatorConfig, PlanConfig
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.planning.requirements import BaseLimits
 from mbaid_ros.planning.planner import Planner, PlanSettings
+from mbaid_ros.planning.requirements import BaseLimits
 from mbaid_ros.session.methods import make_reporting
 from mbaid_ros.session.robot import mesh_points
 from mbaid_ros.session.session import UNSOLVABLE

@@ -22,10 +22,10 @@ from mbaid_ros.core.robot.kinematics import Springs
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.trajectory.posterior import End
 from mbaid_ros.planning.collisions import Collisions, no_mesh
-from mbaid_ros.planning.requirements import BaseLimits
 from mbaid_ros.planning.information import Grid
 from mbaid_ros.planning.plan import Plan
 from mbaid_ros.planning.planner import Planner
+from mbaid_ros.planning.requirements import BaseLimits
 from mbaid_ros.planning.search import drawn_legs, speeds_of
 from mbaid_ros.session.methods import make_reporting
 from mbaid_ros.session.planning import advice
