@@ -172,7 +172,7 @@ class TrajectoryEstimator:
             reasons=(
                 *notes((*self._runs.warnings, *too_small, *estimated, *self._soft)),
                 *contradictions(verdict.reasons),
-                *implausible(distribution, layout, flexible),
+                *(implausible(distribution, layout, flexible, run.resolved) if flexible else ()),
             ),
         )
 

@@ -148,7 +148,7 @@ def thrusters(distribution: MeanAndCovariance, layout: Layout) -> tuple[Thruster
 def passive_joints(
     distribution: MeanAndCovariance, layout: Layout, deflections: Array, resolved: Flags
 ) -> tuple[PassiveJoint, ...]:
-    """Return the passive joints as estimated; `deflections`, `resolved` as of `PassiveJoint.all_of`."""
+    """Return the passive joints as estimated, those that carry the target as declared; see `PassiveJoint.all_of`."""
     springs, model = layout.kernel.springs, layout.kernel.model
     value: Array = np.zeros((springs.count, 2))
     std = prior = value
@@ -156,25 +156,29 @@ def passive_joints(
         value, std = numbers.reshape(-1, 2), stds.reshape(-1, 2)
         prior = np.linalg.norm(unknown.factor, axis=1).reshape(-1, 2)
     names = [model.joint_names[joint] for joint in springs.joints]
+    resolved = resolved & ~_carry_target(layout.kernel)
     return PassiveJoint.all_of(names, (springs.rate, springs.ratio, prior), value, std, deflections, resolved)
 
 
 _FAR = 3.0  # standard deviations of its declaration, beyond which a frequency is another thing's
 
 
-def implausible(distribution: MeanAndCovariance, layout: Layout, joints: Sequence[PassiveJoint]) -> list[Reason]:
-    """Return why passive joints contradict their declaration."""
+def implausible(
+    distribution: MeanAndCovariance, layout: Layout, joints: Sequence[PassiveJoint], resolved: Flags
+) -> list[Reason]:
+    """Return why passive joints contradict their declaration; `resolved` (f,): whose frequency the data resolve."""
     model, springs = layout.kernel.model, layout.kernel.springs
     reasons = []
-    away = {}
+    away, found = {}, springs.rate / (2.0 * np.pi)
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, SpringErrors):
             away = dict(zip(unknown.causes, distribution.mean[place].tolist(), strict=True))
-    for joint, index, rate in zip(joints, springs.joints, springs.rate, strict=True):
+            found = found * np.exp((unknown.factor @ distribution.mean[place])[::2])
+    for joint, index, rate, hertz, seen in zip(joints, springs.joints, springs.rate, found, resolved, strict=True):
         far = abs(away.get(f'{FREQUENCY}:{joint.joint}', 0.0))
-        if far > _FAR and joint.resolved:
+        if far > _FAR and seen:
             text = (
-                f'{joint.joint} would swing at {joint.frequency:.3g} Hz, {far:.1f} standard deviations from '
+                f'{joint.joint} would swing at {hertz:.3g} Hz, {far:.1f} standard deviations from '
                 f'flexible.{joint.joint}.frequency, {rate / (2.0 * np.pi):.3g} Hz: correct it, or something else swings'
             )
             reasons.append(Reason(text, 'contradiction', 0.5 * far**2))
@@ -190,14 +194,19 @@ def implausible(distribution: MeanAndCovariance, layout: Layout, joints: Sequenc
 
 
 def soft_grasps(kernel: MomentumKernel) -> list[str]:
-    """Return a warning of each passive joint between base and target: 3 Hz have been found 9.7 deviations off."""
-    names, carried = kernel.model.joint_names, kernel.kinematics.ancestors[kernel.target.body]
+    """Return a warning of each passive joint between base and target."""
+    names = kernel.model.joint_names
     return [
         f'{names[joint]} is passive and carries the target: encoder noise drives its swing, so its frequency and '
-        'damping may be further off than their intervals'
-        for joint in kernel.springs.joints
-        if carried[joint]
+        'damping stay as declared'
+        for joint, carries in zip(kernel.springs.joints, _carry_target(kernel), strict=True)
+        if carries
     ]
+
+
+def _carry_target(kernel: MomentumKernel) -> Flags:
+    """Return which passive joints (f,) lie between base and target: 3 Hz of one were found 9.7 deviations off."""
+    return np.asarray(kernel.kinematics.ancestors[kernel.target.body, list(kernel.springs.joints)], dtype=bool)
 
 
 def _of_kind(distribution: MeanAndCovariance, layout: Layout, kind: type[U]) -> Iterator[tuple[U, Array, Array]]:

@@ -160,7 +160,7 @@ def test_a_stiff_joint_that_is_pushed_slowly_stays_in_equilibrium() -> None:
     assert found == pytest.approx(deflections[1:], abs=1e-8)
 
 
-def test_only_a_grasp_that_gives_warns_of_narrow_intervals() -> None:
+def test_only_a_grasp_that_gives_keeps_its_declaration() -> None:
     for name, (urdf, joints, frequencies) in ROBOTS.items():
         model = load_model(urdf)
         places = tuple(model.joint_names.index(joint) for joint in joints)
