@@ -7,6 +7,7 @@ import csv
 import re
 import runpy
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -230,3 +231,11 @@ def test_the_versions_agree() -> None:
     releases = re.findall(r'^(\d+\.\d+\.\d+) \(', (ROOT / 'CHANGELOG.rst').read_text(), re.MULTILINE)
     assert releases[0] == version
     assert releases == sorted(releases, reverse=True)
+
+
+def test_the_public_modules_exist() -> None:
+    listed = re.findall(
+        r'^   (mbaid_ros\.[\w.]+)$', (ROOT / 'docs/api/modules.md').read_text(encoding='utf-8'), re.MULTILINE
+    )
+    assert 'mbaid_ros.testing' in listed
+    assert [name for name in listed if find_spec(name) is None] == []
