@@ -205,7 +205,7 @@ def filtered(
 
     Parameters
     ----------
-    score : (v - h,) to add to that of least squares, of what all motions share
+    score : (v - h,) to add to that of least squares, of the variables that all motions share
     given : (v - h,) values of some of this, known exactly; NaN elsewhere
     """
     gaussian: SquareRootInformation | None = None

@@ -114,7 +114,7 @@ class EstimatePublication:
             self._state.estimate, self._state.stale = estimate, ''
             robot = session.robot
             alone, capture = robot.debris(estimate), robot.captured(estimate)
-            self._publishers.publish(estimate, _frames(session), robot.urdf, alone, capture)
+            self._publishers.publish(estimate, session.frames, robot.urdf, alone, capture)
             self._log.estimate(estimate)
         if session.restarted != self._restarted:
             self._report_restart(session)
@@ -128,7 +128,7 @@ class EstimatePublication:
             return
         self._waiting = missing
         session = self._state.session
-        frames = _frames(session) if session else Frames(target_link=self._config.target_link, odometry='')
+        frames = session.frames if session else Frames(target_link=self._config.target_link, odometry='')
         stamp = self._node.get_clock().now().nanoseconds
         waiting = Estimate(method=self._config.method, status='waiting', stamp=stamp, warnings=missing)
         self._publishers.publish(waiting, frames, '')
@@ -141,7 +141,7 @@ class EstimatePublication:
         state.stale = reason
         self._log.event(f'the estimate is stale: {reason}')
         warnings = [state.account, reason]
-        message = estimate_message(state.estimate, TYPES, _frames(state.session), warnings, stale=True)
+        message = estimate_message(state.estimate, TYPES, state.session.frames, warnings, stale=True)
         self._publishers.send('~/estimate', message)
 
     def withdraw(self, *, warned: bool = False) -> None:
@@ -158,11 +158,6 @@ class EstimatePublication:
         for restart in session.restarts:
             self._log.warn_once(restart)
         self.withdraw(warned=True)
-
-
-def _frames(session: Session) -> Frames:
-    robot, prefix = session.robot, session.config.frame_prefix
-    return Frames(target_link=robot.target_link, odometry=session.intake.odometry_reader.frame, prefix=prefix)
 
 
 def last_of_each_window(estimates: Sequence[Estimate], window: float) -> list[Estimate]:

@@ -194,11 +194,10 @@ class _Intake:
 
 def _keep(estimates: Sequence[Estimate], session: Session, history: History, writer: EstimateWriter | None) -> None:
     robot = session.robot
-    frames = Frames(robot.target_link, session.intake.odometry_reader.frame, session.config.frame_prefix)
     for estimate in estimates:
         history.add(estimate)
         if writer:
-            writer.write(estimate, frames, robot.debris(estimate), robot.captured(estimate))
+            writer.write(estimate, session.frames, robot.debris(estimate), robot.captured(estimate))
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, SHARED_THRUST
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from mbaid_ros.core.trajectory.posterior import Continuation, Posterior
+from mbaid_ros.estimate_messages import Frames
 from mbaid_ros.messages.fields import number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY, BaseSource, MessageQueue
@@ -177,6 +178,11 @@ class Session:
     def posterior(self) -> Posterior | None:
         """Return the posterior of the run; None if its method has none, or none yet."""
         return self._segment.identifier.knowledge()
+
+    @property
+    def frames(self) -> Frames:
+        """The frames that its estimates are given in."""
+        return Frames(self.robot.target_link, self.intake.odometry_reader.frame, self.config.frame_prefix)
 
     @property
     def closing(self) -> int | None:
