@@ -21,6 +21,7 @@ from mbaid_ros.core.robot.model_errors import relative_factor
 from mbaid_ros.core.robot.orbit import OF_A_THRUSTER
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust
+from mbaid_ros.core.trajectory.solution import thrusters as estimated_thrusters
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Thrusters, thrusters
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
@@ -151,18 +152,19 @@ def test_the_momentum_depends_on_them_by_these_columns() -> None:
     assert unknown.momentum_columns(servicer, states) == pytest.approx(-moved, abs=1e-12)
 
 
-def test_calibrate_tells_what_it_has_found_of_them() -> None:
+def test_calibrate_reports_their_deviations() -> None:
     servicer = kernel('servicer7')
     uncertainty = Uncertainty(thrusters=['link3'], thrust_scale=0.1, thrust_direction=0.05, thrust_delay=0.02)
     prior = make_prior(servicer, [relative_factor(servicer.target.parameters, 0.01)])
     before = Normals.before(prior, servicer, uncertainty)
-    (found,) = before.thrusters()
+    (found,) = estimated_thrusters(before.values_of(Thrusters))
     assert (found.scale, found.scale_std, found.delay, found.delay_std) == pytest.approx((1.0, 0.1, 0.0, 0.02))
     assert found.turn_std == pytest.approx(np.full(3, 0.05))
     mean = before.gaussian.mean.copy()
     place = 10 + sum(each.count for each in before.unknowns[: before.unknowns.index(_thrusters(before))])
     mean[place : place + OF_A_THRUSTER] = [2.0, 0.0, -1.0, 0.0, 3.0]
-    (found,) = replace(before, gaussian=UnknownsPrior(mean, 0.5 * before.gaussian.factor)).thrusters()
+    after = replace(before, gaussian=UnknownsPrior(mean, 0.5 * before.gaussian.factor))
+    (found,) = estimated_thrusters(after.values_of(Thrusters))
     assert found.frame == 'link3'
     assert (found.scale, found.scale_std) == pytest.approx((1.2, 0.05))
     assert found.turn == pytest.approx([0.0, -0.05, 0.0])
