@@ -18,7 +18,7 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model_errors import relative_factor
-from mbaid_ros.core.robot.orbit import OF_A_THRUSTER
+from mbaid_ros.core.robot.momentum import OF_A_THRUSTER
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust
 from mbaid_ros.core.trajectory.solution import thrusters as estimated_thrusters

@@ -21,8 +21,7 @@ from mbaid_ros.core.results.reporting import Reporting, Solution
 from mbaid_ros.core.results.status import Verdict, contradictions, judge, notes
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.robot.momentum import standard
-from mbaid_ros.core.robot.orbit import brought
+from mbaid_ros.core.robot.momentum import brought, standard
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import End, Posterior, posterior
 from mbaid_ros.core.trajectory.solution import (

@@ -10,7 +10,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
-from benchmarks.honesty.runs import PUBLISHED
+from benchmarks.frame import PUBLISHED
 from checked import some
 from floating import DEFAULT, float_freely, follow, make, normalised, pushing, true_momentum
 from mbaid_ros.core.geometry import Array

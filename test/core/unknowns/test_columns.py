@@ -14,7 +14,8 @@ from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import RobotModel, displaced, express, load_model
 from mbaid_ros.core.robot.model_errors import declared
-from mbaid_ros.core.robot.orbit import FallingFrame, Orbit, momentum_rates, of_bodies
+from mbaid_ros.core.robot.momentum import of_bodies
+from mbaid_ros.core.robot.orbit import FallingFrame, Orbit, momentum_rates
 from mbaid_ros.core.samples import BaseStream
 from mbaid_ros.core.unknowns.bodies import known_bodies, spin_inertias
 from mbaid_ros.core.unknowns.declaration import Reading, Unknown
