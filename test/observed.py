@@ -70,7 +70,7 @@ def kernel(name: str) -> MomentumKernel:
 
 
 def estimator(unknown: MomentumKernel, noise: SensorNoise, **parameters: object) -> Estimator:
-    """Return a method, `difference` unless the estimator's parameters (with __ for the dot) name it, told the noise."""
+    """Return a method, `difference` unless the estimator's parameters (with __ for the dot) name it; noise declared."""
     given = {'method': 'difference', **{name.replace('__', '.'): value for name, value in parameters.items()}}
     return make_estimator(
         build(EstimatorConfig, {**EXACT, **{f'noise.{k}': v for k, v in vars(noise).items()}, **given}), unknown

@@ -176,8 +176,8 @@ def test_a_result_of_another_robot_is_refused(capsys: pytest.CaptureFixture[str]
     robot = Path(MODEL).read_text(encoding='utf-8')
     result = written(tmp_path, made_by=made_by('replay', [], MODEL, robot))
     file = tmp_path / 'robot.xml'
-    told = exported(capsys, result, '--format', 'mjcf', '--model', MODEL, '--output', str(file))
-    assert told == f"{file}: 'link7' as mjcf\n"
+    reported = exported(capsys, result, '--format', 'mjcf', '--model', MODEL, '--output', str(file))
+    assert reported == f"{file}: 'link7' as mjcf\n"
     other = tmp_path / 'other.urdf'
     other.write_text(f'{robot}<!-- -->', encoding='utf-8')
     error = exported(capsys, result, '--format', 'mjcf', '--model', str(other), code=2)

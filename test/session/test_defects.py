@@ -1,4 +1,4 @@
-"""Inputs as they really arrive: each defect changes the estimate by less than it is uncertain, or is told."""
+"""Inputs as they really arrive: each defect changes the estimate by less than it is uncertain, or is reported."""
 
 from __future__ import annotations
 
@@ -111,13 +111,13 @@ def test_how_the_calls_are_spread_makes_no_difference(defect: str) -> None:
 
 
 @pytest.mark.parametrize('at_once', [1_000_000, 7])
-def test_poses_that_are_told_again_make_no_difference(at_once: int) -> None:
-    told, poses = 0, []
+def test_repeated_poses_make_no_difference(at_once: int) -> None:
+    reported, poses = 0, []
     for arrival in clean():
         if arrival.topic == ODOMETRY:
-            if told % 5 == 0:
+            if reported % 5 == 0:
                 poses.append(arrival)
-            told += 1
+            reported += 1
     without = defects.in_order([*poses, *(arrival for arrival in clean() if arrival.topic == JOINTS)])
     again = defects.in_order(
         [
@@ -137,7 +137,7 @@ def test_poses_that_are_told_again_make_no_difference(at_once: int) -> None:
 
 
 @pytest.mark.parametrize('share', [0.01, 0.05])
-def test_outliers_cost_little_and_are_told(share: float) -> None:
+def test_outliers_cost_little_and_are_reported(share: float) -> None:
     found, session = estimates(ROBOT, thrown(share))
     last, count = found[-1], session.dropped[OUTLIER]
     assert last.status == undisturbed().status
@@ -205,14 +205,14 @@ def test_a_recording_that_ends_before_its_noise_is_known_uses_all_of_its_windows
 
 
 def test_the_first_numbers_say_that_they_are_first() -> None:
-    told = [each for each in estimates(ROBOT, clean())[0] if each.identifiable.any()]
-    young = [YOUNG in each.warnings for each in told]
-    assert young == [each.time < told[0].time + 6.0 for each in told]
+    reported = [each for each in estimates(ROBOT, clean())[0] if each.identifiable.any()]
+    young = [YOUNG in each.warnings for each in reported]
+    assert young == [each.time < reported[0].time + 6.0 for each in reported]
     assert young[0]
     assert not young[-1]
 
 
-def test_noise_that_nobody_declares_is_found() -> None:
+def test_undeclared_noise_is_estimated() -> None:
     silent = changed(ODOMETRY, defects.no_covariance)(clean())
     last = estimates(ROBOT, silent)[0][-1]
     assert last.status == undisturbed().status
@@ -229,7 +229,7 @@ def test_noise_that_nobody_declares_is_found() -> None:
     assert declared.std[1:4].mean() > 1.1 * last.std[1:4].mean()
 
 
-def test_slow_poses_of_a_noise_that_nobody_declares_contradict_nothing() -> None:
+def test_slow_poses_of_undeclared_noise_contradict_nothing() -> None:
     noise = np.random.default_rng(1)
 
     def silent(message: Any) -> None:
@@ -301,7 +301,7 @@ def test_a_link_of_the_robot_that_is_fixed_to_the_base_is_found_by_itself() -> N
         (changed(JOINTS, lambda m: setattr(m, 'name', list('abcdefg'))), JOINT_MISSING, 'they hold a, b, c, d, e, f'),
     ],
 )
-def test_what_cannot_be_used_is_told(
+def test_unusable_messages_are_reported(
     spoil: Callable[[list[Arrival]], list[Arrival]], cause: str, sentence: str
 ) -> None:
     messages = arrivals(ROBOT, 2.0, 2)  # a copy of its own: nested parts are changed in place
@@ -341,8 +341,8 @@ def test_covariances_that_are_none_are_counted_and_the_parameters_stand_in_for_t
     result, session = estimates(ROBOT, changed(ODOMETRY, spoil)(messages), at_once=at_once)
     assert np.array_equal(first_columns(result), first_columns(plain))
     assert (session.replaced, session.dropped.total()) == ({POSE_COVARIANCE: 400}, 0)
-    told = '400 messages partly used: covariance of the pose is none: not finite, not symmetric, not positive'
-    assert [warning.startswith(told) for warning in intake_warnings(session)] == [True]
+    reported = '400 messages partly used: covariance of the pose is none: not finite, not symmetric, not positive'
+    assert [warning.startswith(reported) for warning in intake_warnings(session)] == [True]
     session.reset()
     assert not session.replaced
 
@@ -439,7 +439,7 @@ def test_stray_and_zero_stamps_are_dropped_alone() -> None:
     assert np.all(np.abs(result[-1].parameters - undisturbed().parameters) < 0.5 * result[-1].std)
 
 
-def test_clocks_that_differ_are_told() -> None:
+def test_clocks_that_differ_are_reported() -> None:
     result, session = estimates(ROBOT, changed(JOINTS, shifted(100.0))(clean()[:400]))
     assert result == []
     text = 'the stamps of the joint states are 100 s ahead of those of the poses of the base'

@@ -106,20 +106,20 @@ def test_commands_that_are_right_stay_so() -> None:
 
 
 def commanded(wrench: Array, delay: float = 0.0, *, late: bool = False) -> tuple[Array, Array]:
-    """Return impulse (N, 6) and columns (N, 6, 5) of a wrench on link3, told before its samples or after all."""
+    """Return impulse (N, 6) and columns (N, 6, 5) of a wrench on link3, published before its samples or after all."""
     thrust = Thrust(robot('servicer7'), ['link3'])
     parts = windows(observe(pushed(), MID))
     last = len(parts) - 1
-    found = [] if late else _told(thrust, wrench, delay)
+    found = [] if late else _reported(thrust, wrench, delay)
     for place, part in enumerate(parts):
         if late and place == last:
-            _told(thrust, wrench, delay)
+            _reported(thrust, wrench, delay)
         found.append(thrust.applied(part, 0))
     impulse, columns = (np.concatenate([getattr(part, name) for part in found]) for name in ('impulse', 'thrust'))
     return impulse, columns.reshape(-1, 6, OF_A_THRUSTER)
 
 
-def _told(thrust: Thrust, wrench: Array, delay: float) -> list[Samples]:
+def _reported(thrust: Thrust, wrench: Array, delay: float) -> list[Samples]:
     thrust.command('link3', round((ON + delay) * 1e9), wrench, None)
     thrust.command('link3', round((OFF + delay) * 1e9), np.zeros(6), None)
     return []
@@ -137,7 +137,7 @@ def test_columns_are_what_other_commands_would_have_brought() -> None:
     changing = np.isin(np.round(time, 6), (ON, OFF))
     assert found[~changing, :, 4] == pytest.approx(expected[~changing, :, 4], abs=5e-3 * np.abs(FORCE_TORQUE).max())
     assert np.abs(expected[..., 4]).max() > 1.0
-    # Told late, all of it counts from then on.
+    # Published late, all of it counts from then on.
     assert commanded(FORCE_TORQUE, late=True)[1][-1] == pytest.approx(found[-1], abs=1e-9)
 
 
@@ -226,7 +226,7 @@ def test_the_wrong_command_is_a_disturbance(method: str) -> None:
     assert last.events[0].linear == pytest.approx(-(OFF - ON) * rotation @ FORCE_TORQUE[:3], abs=0.7)
 
 
-def test_a_command_that_comes_late_is_told_and_not_lost() -> None:
+def test_a_late_command_is_reported_and_not_lost() -> None:
     on, off = pulse()
     read = thrust_messages(0, off)
     # Two seconds after it acted.

@@ -1,4 +1,4 @@
-"""Wheels inside the base, from the simulator's messages to estimates: by their speeds, by their momentum, or untold."""
+"""Wheels inside the base, from simulated messages to estimates: by their speeds, their momentum, or undeclared."""
 
 from __future__ import annotations
 

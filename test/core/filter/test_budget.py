@@ -203,7 +203,7 @@ def test_the_base_with_one_flywheel_is_identified_only_with_a_mass_that_is_given
 
 
 @pytest.mark.long
-def test_a_wheel_out_of_balance_tells_the_mass_of_its_base_as_far_as_it_is_out() -> None:
+def test_an_unbalanced_wheel_determines_the_mass_of_its_base_as_far_as_it_is_unbalanced() -> None:
     estimate = last(0.01)
     assert estimate.identifiable.all()
     assert np.all(np.abs(estimate.parameters - BASE) < 3.0 * estimate.std)

@@ -231,7 +231,7 @@ def test_a_jump_loosens_the_momentum_and_the_pose_it_moved() -> None:
     assert added[12:] == pytest.approx(np.zeros((STATE - 12, STATE)), abs=1e-9)
 
 
-def test_a_variance_may_shrink_by_more_than_double_precision_tells() -> None:
+def test_a_variance_may_shrink_by_more_than_double_precision() -> None:
     """What is measured 1e-9 as well as it was known stays known, and known to be: as a covariance it would be lost."""
     rng = np.random.default_rng(6)
     unit = np.ones(STATE)

@@ -183,7 +183,7 @@ def test_sensors_without_noise_are_not_taken_for_exact() -> None:
     assert MID.found_in(changed).joint_position == pytest.approx(1e-4 / 30.0)
 
 
-def test_an_encoder_at_rest_between_two_steps_tells_nothing() -> None:
+def test_an_encoder_at_rest_between_two_steps_shows_no_noise() -> None:
     joints, base = streams(20.0, 100.0)
     step = 2.0 * np.pi / 2**12
     moving = np.arange(len(joints.stamp)) >= 1500  # a quarter of the time
@@ -198,7 +198,7 @@ def test_an_encoder_at_rest_between_two_steps_tells_nothing() -> None:
     assert 0.7 < MID.found_in(later).joint_position / (step / np.sqrt(12.0)) < 2.0
 
 
-def test_what_nobody_declares_is_found_until_a_message_declares_it() -> None:
+def test_undeclared_noise_is_estimated_until_a_message_declares_it() -> None:
     joints, base = streams(20.0, 100.0)
     undeclared = np.array([True, False, True, True, True, False])
     says = np.zeros((len(base.stamp), 4), dtype=bool)
