@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from distributed import Client
 
-from campaigns import TEXT, refused, written
+from campaigns import FILES, TEXT, refused, written
 from documents import CAMPAIGNS, blocks, project
 from mbaid_ros.config.campaign import CampaignRun, load_campaign
 from mbaid_ros.replay.campaigns import command
@@ -122,10 +122,7 @@ def test_the_campaign_that_ships_is_accepted() -> None:
 
 
 RUNS = int(os.environ.get('MBAID_ROS_CAMPAIGN_RUNS', '20'))
-BRIEF = f"""
-model: {CONFIG / 'table1.urdf'}
-simulator_params: {CONFIG / 'table1_simulator.yaml'}
-estimator_params: {CONFIG / 'table1_estimator.yaml'}
+BRIEF = f"""{FILES}
 simulator: {{duration: 2.0, joint_rate: 20.0, odometry_rate: 20.0}}
 noise: {{joint_position: 1.0e-4, base_position: 1e-4}}
 seeds: {RUNS}

@@ -142,7 +142,7 @@ def test_parameters_that_do_not_fit_are_refused(given: dict[str, object], reason
 
 NOISE = 1e-3  # rad
 ALONE = {**KNOWN, 'imu.alone': True, 'imu.bias_std': 3e-3, 'imu.orientation_std': 2e-3}
-ORIENTED = {**ALONE, 'imu.orientation': True}
+ORIENTED, BY_GYRO = {**ALONE, 'imu.orientation': True}, {**ALONE, 'imu.orientation_std': 1e-3}
 
 
 def mounted(turn: Array) -> Spoil:
@@ -248,8 +248,7 @@ def test_its_absence_from_all_messages_is_reported(covariance: float) -> None:
 
 
 def test_a_robot_is_identified_by_how_it_turns() -> None:
-    alone = {**KNOWN, 'imu.alone': True, 'imu.bias_std': 3e-3, 'imu.orientation_std': 1e-3}
-    session, found = taken(messages('ets7', 14.0, 3), 'ets7', alone)
+    session, found = taken(messages('ets7', 14.0, 3), 'ets7', BY_GYRO)
     last = found[-1]
     assert (last.stage, last.status) == ('trajectory', 'estimating')
     assert session.received['odom'] == 0
@@ -268,9 +267,8 @@ def test_a_bag_without_poses_gives_json_and_exit_code(tmp_path: Path) -> None:
         for timed in messages('ets7', 14.0, 3):
             if timed.topic != 'odom':
                 bag.write(f'/{timed.topic}', timed.message, 1_700_000_000_000_000_000 + round(1e9 * timed.time))
-    given = {**KNOWN, 'imu.alone': True, 'imu.bias_std': 3e-3, 'imu.orientation_std': 1e-3}
     arguments = [str(tmp_path / 'bag'), '--model', str(CONFIG / 'ets7.urdf'), '--json', str(tmp_path / 'found.json')]
-    for name, value in given.items():
+    for name, value in BY_GYRO.items():
         arguments += ['-p', f'{name}:={json.dumps(value)}']
     assert replay(arguments) == 0
     found = json.loads((tmp_path / 'found.json').read_text(encoding='utf-8'))

@@ -17,11 +17,10 @@ from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
 from mbaid_ros.simulation.simulation import total_momentum
-from observed import nees
+from observed import LIMIT, nees
 from sessions import AWAY, URDF, declared, history, identify, session, simulated
 
 SECONDS = 30.0
-LIMIT = float(chi2.isf(1e-3, 10))
 LONG = pytest.mark.long
 ECCENTRIC: dict[str, object] = {'orbit.eccentricity': 0.3, 'orbit.true_anomaly': 1.0}
 FAST = 0.005  # rad/s: four times the mean motion of a low orbit, so that half a minute is enough

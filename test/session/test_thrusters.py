@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
 from checked import central_difference
 from floating import true_momentum
@@ -27,13 +26,12 @@ from mbaid_ros.core.unknowns.environment import Thrusters, thrusters
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
-from observed import MID, kernel, nees, observe, true_body, windows
+from observed import LIMIT, MID, kernel, nees, observe, true_body, windows
 from servicers import FORCE_TORQUE, OFF, ON, Timed, command, pulse, pushed, thrust_messages
 from sessions import identify, session, simulated
 from simulated import robot
 
 SECONDS = 30.0
-LIMIT = float(chi2.isf(1e-3, 10))
 SCALE, TURN = 1.1, np.radians(5.0) * np.array([1.0, 0.0, 0.0])  # of a force along y, which that turns to z
 LATE = 0.05  # s
 PRIOR: dict[str, object] = {'thrust__scale_std': 0.15, 'thrust__direction_std': 0.1, 'thrust__delay_std': 0.1}

@@ -94,7 +94,7 @@ class RateCheck:
 
 def twist_check() -> RateCheck:
     """Return the check whether the base's twist is the rate of its poses."""
-    return RateCheck(_twist_motion, _twist_error)
+    return RateCheck(_twist_motion, lambda motion, misfit: _likeliest(motion, misfit, _twist_meanings(motion)))
 
 
 def gyro_check() -> RateCheck:
@@ -161,11 +161,6 @@ def _twist_motion(window: Samples) -> Motion | None:
     variance += 5.0 / 9.0 * length**2 / count * _spread(window.twist_covariance)
     rows = step, read, np.sqrt(variance), arm, rotation[count // 2]
     return Motion(*(row[None] for row in rows))
-
-
-def _twist_error(motion: Motion, contradiction: float) -> tuple[str, float]:
-    """Return the convention that a twist follows instead of the rate of the poses, and its gain."""
-    return _likeliest(motion, contradiction, _twist_meanings(motion))
 
 
 def _twist_meanings(motion: Motion) -> Meanings:

@@ -18,7 +18,7 @@ from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout, Poi
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate, PassiveJoint
 from mbaid_ros.core.results.reporting import Reporting, Solution
-from mbaid_ros.core.results.status import Verdict, contradictions, judge, notes
+from mbaid_ros.core.results.status import Reason, Verdict, judge, notes
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.momentum import brought, standard
@@ -180,7 +180,7 @@ class TrajectoryEstimator:
             curvatures=run.curvatures(explained=verdict.adequate),
             reasons=(
                 *notes((*self._runs.warnings, *too_small, *estimated, *self._soft)),
-                *contradictions(verdict.reasons),
+                *(Reason(text, 'contradiction') for text in verdict.reasons),
                 *(implausible(distribution, layout, flexible, run.resolved) if flexible else ()),
             ),
         )

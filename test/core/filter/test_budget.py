@@ -147,10 +147,7 @@ MASS, MASS_STD = 180.0, 1.8  # kg
 MOUNT = 2e-3  # m
 # As the estimator's defaults have it.
 UNCERTAIN = {
-    'known_links__relative_std': 0.01,
-    'known_joints__zero_std': 1e-3,
-    'known_joints__origin_std': 1e-3,
-    'known_joints__axis_std': 1e-3,
+    **DECLARED,
     'odometry_mount__position_std': MOUNT,
     'odometry_mount__orientation_std': 2e-3,
 }

@@ -18,7 +18,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth
-from observed import HIGH, MID, estimator, kernel, observe, true_body, windows
+from observed import HIGH, LIMIT, MID, estimator, kernel, observe, true_body, windows
 from servicers import capture
 
 SECONDS = 20.0
@@ -26,8 +26,6 @@ FORCE_TORQUE = np.array([0.012, -0.010, 0.011, -0.006, 0.005, 0.006])  # N, N m
 PULSE = np.array([0.6, -0.6, 0.5, 0.3, 0.25, -0.3])  # N s, N m s
 PULSED = 12.2  # s
 LATE = 0.005  # s
-# Ten parameters, one run in a thousand.
-LIMIT = float(chi2.isf(1e-3, 10))
 
 
 @pytest.fixture(scope='module')

@@ -21,7 +21,7 @@ from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.simulation.environment import Surroundings, Wheels
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
-from observed import MID, estimator, kernel, observe, windows
+from observed import LIMIT, MID, estimator, kernel, observe, windows
 from servicers import FORCE_TORQUE, OFF, ON, pushed, spinning, unaware, wheeled
 from simulated import robot, state
 
@@ -141,8 +141,6 @@ def test_commands_that_cannot_be_used_are_counted() -> None:
 
 
 SECONDS = 20.0
-# Ten parameters, one run in a thousand.
-LIMIT = float(chi2.isf(1e-3, 10))
 
 
 @pytest.fixture(scope='module')

@@ -164,14 +164,10 @@ def test_a_window_has_what_was_found_where_that_is_asked_for(estimate: bool) -> 
     used = levels.found if estimate else DECLARED
     own = MID.found_in(changed)
     assert (own.joint_position, own.joint_velocity) == pytest.approx(tuple(used[:2]))
-    sizes = np.sqrt(
-        np.concatenate([np.diagonal(each[0]) for each in (changed.pose_covariance, changed.twist_covariance)])
-    )
-    assert sizes == pytest.approx(np.repeat(used[2:], 3))
-    assert any(
-        'base orientation: your noise value, 0.0001 rad, is 2.5 times too small' in line
-        for line in levels.differences()
-    )
+    both = changed.pose_covariance, changed.twist_covariance
+    assert np.sqrt(np.concatenate([np.diagonal(each[0]) for each in both])) == pytest.approx(np.repeat(used[2:], 3))
+    line = 'base orientation: your noise value, 0.0001 rad, is 2.5 times too small'
+    assert any(line in each for each in levels.differences())
 
 
 def test_sensors_without_noise_are_not_taken_for_exact() -> None:
