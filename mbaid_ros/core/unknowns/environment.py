@@ -36,8 +36,7 @@ _TRACELESS = np.array(
         np.diag([1.0, 1.0, -2.0]) / np.sqrt(6.0),
     ]
 )
-# Further than this from its origin, m, a frame does not count as one that falls with the robot.
-_NEAR = 200.0
+_NEAR = 200.0  # m from its origin, beyond which a frame does not count as one that falls with the robot
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,16 +44,14 @@ def streams(
     count = joints.position.shape[1]
     joints.position[:] = swing[:, :1] + errors(0, count)
     joints.velocity[:] = swing[:, :1] + errors(1, count)
-    shape = (len(time), 6, 6)
-    return joints, replace(
-        base,
-        position=swing + errors(2),
-        rotation=exp(errors(3)) @ exp(swing),
-        linear_velocity=swing + errors(4),
-        angular_velocity=swing + errors(5),
-        pose_covariance=np.broadcast_to(MID.pose_covariance(), shape),
-        twist_covariance=np.broadcast_to(MID.twist_covariance(), shape),
-    )
+    read = swing + errors(2), exp(errors(3)) @ exp(swing), swing + errors(4), swing + errors(5)
+    return joints, as_declared(base, *read)
+
+
+def as_declared(base: BaseStream, position: Array, rotation: Array, linear: Array, angular: Array) -> BaseStream:
+    """Return readings of the base of which MID is declared."""
+    pose, twist = (np.tile(each, (len(base.stamp), 1, 1)) for each in (MID.pose_covariance(), MID.twist_covariance()))
+    return BaseStream(base.stamp, position, rotation, linear, angular, pose, twist)
 
 
 def found(joints: JointStream, base: BaseStream, spacing: float, *, free: bool = True) -> Levels:
@@ -103,15 +101,7 @@ def drifting(constant: float, wrong: float, seed: int) -> tuple[JointStream, Bas
         white[1:] *= np.sqrt(1.0 - keep**2)
         return np.asarray(wrong * DECLARED[channel] * lfilter([1.0], [1.0, -keep], white, axis=0))
 
-    return joints, replace(
-        base,
-        position=errors(2),
-        rotation=exp(errors(3)),
-        linear_velocity=errors(4),
-        angular_velocity=errors(5),
-        pose_covariance=np.broadcast_to(MID.pose_covariance(), base.pose_covariance.shape),
-        twist_covariance=np.broadcast_to(MID.twist_covariance(), base.twist_covariance.shape),
-    )
+    return joints, as_declared(base, errors(2), exp(errors(3)), errors(4), errors(5))
 
 
 @pytest.mark.parametrize('wrong', [1.0, 1.5, 0.1, 10.0])

@@ -137,7 +137,10 @@ def test_spin_inertias(seed: int) -> None:
     storage = case.kernel.storage
     unknown = spin_inertias(case.kernel, [0.1, 0.2, 0.0, *(0.0,) * 3])
     found = unknown.momentum_columns(case.kernel, case.states(case.kernel))
-    stored = lambda value: case.momentum(case.kernel.storing(storage.changed(value)))  # noqa: E731
+
+    def stored(value: Array) -> Array:
+        return case.momentum(case.kernel.storing(storage.changed(value)))
+
     close(found, central_difference(stored, np.zeros(storage.count), STEP))
     assert unknown.count == 2
     assert unknown.causes == ('wheel:wheel0', 'wheel:wheel1')
