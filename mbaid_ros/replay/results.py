@@ -141,7 +141,7 @@ class History:
         self._ends_with_last = self._count % self._stride == 0
         if self._ends_with_last:
             self._kept.append(_compact(estimate))
-            if len(self._kept) > 2 * self._limit:
+            if len(self._kept) > self._limit:
                 self._kept = self._kept[::2]
                 self._stride *= 2
         self._count += 1
