@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.accuracy import METHODS, Summary, Times, monte_carlo, summarise
 from benchmarks.bounds import bound, trajectory_bound
 from benchmarks.data import LEVELS, ROBOTS, Case, motion, target
-from benchmarks.frame import Frame, number, percent, provenance, table
+from benchmarks.frame import Frame, median_and_most, number, percent, provenance, table
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.sensors.levels import CHANNELS
 
@@ -138,7 +138,7 @@ def _linked(report: Report) -> str:
         over = [
             summary.rmse / limit for (_, summary), limit in zip(report.timed(case, 'trajectory'), limits, strict=True)
         ]
-        row = [case.name, *(f'{number(float(np.nanmedian(x)))} ({number(float(np.nanmax(x)))})' for x in over)]
+        row = [case.name, *map(median_and_most, over)]
         row += [number(float(np.nanmedian(x / y))) for x, y in zip(limits, report.bounds[case], strict=True)]
         groups.setdefault(report.plan[case][0], []).append(row)
     tables = []

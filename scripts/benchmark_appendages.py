@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 
 from benchmarks.appendages import (
-    CONFIG,
     PANELS,
     SLOSH,
     servicer,
@@ -18,7 +17,10 @@ from benchmarks.appendages import (
     with_panel_on_the_target,
     with_panels,
 )
-from benchmarks.frame import Frame, Runs, number, percent, provenance, statuses, table
+from benchmarks.data import CONFIG, NOISE, RATE
+from benchmarks.frame import PUBLISHED, Frame, Runs, declared, number, percent, provenance, statuses, table
+from benchmarks.honesty.runs import FAR
+from benchmarks.precapture import POSTURE
 from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
@@ -26,20 +28,11 @@ from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.parameters import BAND
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
 
-BAND, FAR = 1.96, 5.0  # standard deviations: of an interval of 95 %; beyond which an estimate is wrong
 DECLARED = 0.05  # relative standard deviation of declared frequencies
-CLAIMS = ('estimating', 'converged')
-RATE = 100.0  # Hz
-POSTURE = (0.4, 0.7, -0.3, 0.9, 0.5, -0.6, 0.2)  # rad
-NOISE = {
-    'noise.joint_position': 1e-4,
-    'noise.joint_velocity': 1e-3,
-    **{f'noise.base_{part}': 1e-3 for part in ('position', 'linear_velocity')},
-    **{f'noise.base_{part}': 1e-4 for part in ('orientation', 'angular_velocity')},
-}
 
 
 @dataclass(frozen=True)
@@ -119,7 +112,7 @@ def run(row: Row, work: tuple[int, float]) -> Outcome:
     """Return the outcome of one run of a seed and a duration in s."""
     seed, duration = work
     values = load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator')
-    values |= {'joint_rate': RATE, 'odometry_rate': RATE, **NOISE, 'seed': seed, 'target_link': row.target}
+    values |= {'joint_rate': RATE, 'odometry_rate': RATE, **declared(NOISE), 'seed': seed, 'target_link': row.target}
     values |= {'flexible.joints': list(row.joints), 'model_errors.seed': seed, **(_DRAWN if row.errors else {})}
     values['motion.frequencies'] = (row.speed * np.array(values['motion.frequencies'])).tolist()
     values['initial.joint_positions'] = [*POSTURE, *row.start]
@@ -128,7 +121,7 @@ def run(row: Row, work: tuple[int, float]) -> Outcome:
     off = 1.0 + DECLARED * np.random.default_rng(1000 + seed).standard_normal(len(row.joints))
     given = zip(row.joints, off * row.frequencies, strict=True)
     exact = {name: each for name, each in EXACT.items() if not (row.errors and name.startswith(_OF_THE_ROBOT))}
-    parameters = {**exact, **NOISE, 'method': 'trajectory', 'target_link': row.target}
+    parameters = {**exact, **declared(NOISE), 'method': 'trajectory', 'target_link': row.target}
     parameters |= {'flexible.joints': list(row.joints), **{f'flexible.{name}.frequency': each for name, each in given}}
     session = Session(build(EstimatorConfig, parameters), row.urdf)
     for each in simulated.read(duration):
@@ -154,14 +147,14 @@ def run(row: Row, work: tuple[int, float]) -> Outcome:
 
 def cells(row: Row, own: Outcome, rigid: Outcome) -> tuple[str, ...]:
     """Return a line of the table."""
-    claimed = np.isin(own.status, CLAIMS)
+    claimed = np.isin(own.status, PUBLISHED)
     far = np.abs(own.error / own.std)[claimed]
     known = np.isfinite(far)
     wrong = int(np.any(np.where(known, far, 0.0) > FAR, axis=1).sum())
     # In reported deviations of the rigid robot: every parameter counts alike.
     squares = [
-        np.nanmean((each.error / np.nanmean(rigid.std, axis=0))[np.isin(each.status, CLAIMS)] ** 2)
-        if np.isin(each.status, CLAIMS).any()
+        np.nanmean((each.error / np.nanmean(rigid.std, axis=0))[np.isin(each.status, PUBLISHED)] ** 2)
+        if np.isin(each.status, PUBLISHED).any()
         else np.nan
         for each in (own, rigid)
     ]

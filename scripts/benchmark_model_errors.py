@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.frame import Frame, number, percent, statuses
+from benchmarks.frame import Frame, median_and_most, number, percent, statuses
 from benchmarks.model_errors import Outcome, Variant, monte_carlo, run
-from mbaid_ros.core.geometry import Array
 
 ROBOTS = ('servicer7', 'ets7', 'table1')
 _OTHERS = 0.4  # of the seeds, for rows without all errors
@@ -40,16 +39,10 @@ def _row(variant: Variant, outcome: Outcome) -> list[str]:
         number(nees),
         f'{number(low)} to {number(high)}',
         number(float(np.mean(nis))) if len(nis) else '-',
-        _ratio(outcome.over_bound(outcome.error)),
-        _ratio(outcome.over_bound(outcome.robots_own)),
+        median_and_most(outcome.over_bound(outcome.error)),
+        median_and_most(outcome.over_bound(outcome.robots_own)),
         statuses(outcome.status),
     ]
-
-
-def _ratio(values: Array) -> str:
-    if not np.any(np.isfinite(values)):
-        return '-'
-    return f'{number(float(np.nanmedian(values)))} ({number(float(np.nanmax(values)))})'
 
 
 _HEADER = (

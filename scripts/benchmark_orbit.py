@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from benchmarks.data import NOISE, history, model, simulator_config, target
-from benchmarks.frame import Frame, Runs, declared, provenance, statuses, table
+from benchmarks.frame import PUBLISHED, Frame, Runs, declared, provenance, statuses, table
 from benchmarks.honesty.paths import servicer
 from benchmarks.honesty.readings import read
 from benchmarks.honesty.runs import messages
@@ -35,7 +35,6 @@ PACES = {'fast': 8.0, 'slow': 0.25}  # times the sinusoids of config/: up to 20 
 FRAMES = ('inertial', 'lvlh', 'hill')
 DURATIONS = (60.0, 300.0)  # s: a shorter run is the begin of the longer one
 RATE = 20.0  # Hz
-_CLAIMED = ('converged', 'estimating')
 _WRONG = float(chi2.isf(1e-3, 10))  # NEES that one run in a thousand exceeds
 _NOTHING = np.full(10, np.nan)
 
@@ -177,7 +176,7 @@ def _compared(found: Mapping[Row, Outcome], row: Row, at: int) -> tuple[str, ...
 
 def _undeclared(own: Outcome, at: int) -> tuple[str, ...]:
     """Return number of runs, status, coverage of those that claim one, and how many are wrong and name the orbit."""
-    claimed = np.isin(own.status[:, at], _CLAIMED) & own.known[:, at]
+    claimed = np.isin(own.status[:, at], PUBLISHED) & own.known[:, at]
     inside = np.abs(own.error[claimed, at]) < BAND * own.std[claimed, at]
     covered = f'{100.0 * np.mean(inside):.0f} %' if claimed.any() else '-'
     wrong, named = int(_silently_wrong(own)[:, at].sum()), int(_named_first(own)[:, at].sum())
@@ -185,7 +184,7 @@ def _undeclared(own: Outcome, at: int) -> tuple[str, ...]:
 
 
 def _silently_wrong(own: Outcome) -> Flags:
-    return np.isin(own.status, _CLAIMED) & (own.nees > _WRONG)
+    return np.isin(own.status, PUBLISHED) & (own.nees > _WRONG)
 
 
 def _named_first(own: Outcome) -> Flags:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.frame import Frame, number, percent, statuses
+from benchmarks.frame import PUBLISHED, Frame, number, percent, statuses
 from benchmarks.honesty.conditions import STARTS
-from benchmarks.honesty.runs import FAR, PUBLISHED, Outcome, run
+from benchmarks.honesty.runs import FAR, Outcome, run
 
 
 def main() -> None:

@@ -31,7 +31,6 @@ from mbaid_ros.replay.start import simulate as simulate_executable
 ROOT = Path(__file__).resolve().parents[1]
 ESTIMATE = '/estimator/estimate'
 ATTEMPTS = 5
-MID_NOISE = {name: value for name, value in declared(NOISE).items() if value}
 
 
 @dataclass(frozen=True)
@@ -61,8 +60,8 @@ class Recipe:
 RECIPES = {
     'table1_live': Recipe('table1', duration=30.0, rate=100.0, live=True),
     'servicer7_clean': Recipe('servicer7', duration=60.0, rate=50.0),
-    'servicer7_mid': Recipe('servicer7', duration=60.0, rate=50.0, noise=MID_NOISE, seed=1),
-    'ets7_pose_only': Recipe('ets7', duration=60.0, rate=50.0, noise=MID_NOISE, seed=1, pose_only=True),
+    'servicer7_mid': Recipe('servicer7', duration=60.0, rate=50.0, noise=declared(NOISE), seed=1),
+    'ets7_pose_only': Recipe('ets7', duration=60.0, rate=50.0, noise=declared(NOISE), seed=1, pose_only=True),
 }
 
 

@@ -10,10 +10,12 @@ from mbaid_ros.replay.start import campaign
 from simulated import CONFIG
 
 refused = partial(answer, campaign, code=2)
-TEXT = f"""
+FILES = f"""
 model: {CONFIG / 'table1.urdf'}
 simulator_params: {CONFIG / 'table1_simulator.yaml'}
 estimator_params: {CONFIG / 'table1_estimator.yaml'}
+"""
+TEXT = f"""{FILES}
 simulator: {{duration: 5.0, joint_rate: 20.0, odometry_rate: 20.0}}
 noise: {{base_position: 1e-4}}
 seeds: 4

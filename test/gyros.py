@@ -57,7 +57,7 @@ def messages(
     name : of the robot
     seconds : of the run
     seed : of the noise
-    orientation : rad, noise of the orientation that the IMU tells; 0 is that it tells none
+    orientation : rad, noise of the orientation that the IMU measures; 0 if it measures none
     link : that the IMU is on; empty is the base link
     """
     own = {**IMU, 'imu.orientation_noise': orientation, 'imu.link': link}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from benchmarks.data import LEVELS, sampled, simulation, simulator_config
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -27,6 +28,7 @@ from simulated import robot
 
 # One standard deviation of a sample: the encoders' as the names say, the base's the same in all.
 LOW, MID, HIGH = LEVELS.values()
+LIMIT = float(chi2.isf(1e-3, 10))  # of the NEES of ten parameters: one run in a thousand exceeds it
 
 
 def configured_motion(name: str, seconds: float, rate: float, model_errors: ModelErrors | None = None) -> Truth:
@@ -70,7 +72,7 @@ def kernel(name: str) -> MomentumKernel:
 
 
 def estimator(unknown: MomentumKernel, noise: SensorNoise, **parameters: object) -> Estimator:
-    """Return a method, `difference` unless the estimator's parameters (with __ for the dot) name it, told the noise."""
+    """Return a method, `difference` unless the estimator's parameters (with __ for the dot) name it; noise declared."""
     given = {'method': 'difference', **{name.replace('__', '.'): value for name, value in parameters.items()}}
     return make_estimator(
         build(EstimatorConfig, {**EXACT, **{f'noise.{k}': v for k, v in vars(noise).items()}, **given}), unknown

@@ -70,7 +70,7 @@ def _text(values: Array) -> str:
 
 
 def random_storage(rng: np.random.Generator, model: RobotModel) -> Storage:
-    """Return two wheels in one body, one in another, and a momentum that is told in the axes of a link."""
+    """Return two wheels in one body, one in another, and a momentum that is published in the axes of a link."""
     wheels = Storage()
     for count in (2, 1):
         axes = rng.normal(size=(count, 3))

@@ -44,7 +44,7 @@ def chaser() -> MomentumKernel:
 
 @dataclass(frozen=True)
 class Joined:
-    """A capture that went as told.
+    """A capture as declared.
 
     Attributes
     ----------

@@ -12,6 +12,7 @@ from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.session.session import Session
@@ -82,3 +83,11 @@ def history(run: SimulatedRun, into: Session) -> list[Estimate]:
 def identify(run: SimulatedRun, into: Session) -> Estimate:
     """Return the last estimate of a run."""
     return history(run, into)[-1]
+
+
+def first_columns(result: list[Estimate]) -> Array:
+    """Return what is published, NaN as a number, for comparison to the last bit."""
+    rows = [
+        np.concatenate((estimate.parameters, np.ravel(estimate.covariance), estimate.momentum)) for estimate in result
+    ]
+    return np.nan_to_num(np.array(rows), nan=-1.0)

@@ -91,10 +91,10 @@ def test_the_help_of_no_executable_waits_for_what_its_work_needs() -> None:
         for entry in entries
     ]
     for (name, _, _), process in zip(entries, processes, strict=True):
-        told = process.communicate()[0]
+        reported = process.communicate()[0]
         assert process.returncode == 0, name
-        assert told.startswith(f'usage: {name} ')
-        assert 'example:' in told
+        assert reported.startswith(f'usage: {name} ')
+        assert 'example:' in reported
 
 
 @pytest.mark.parametrize(

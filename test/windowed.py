@@ -11,6 +11,7 @@ from mbaid_ros.core.filter.chain import WindowModel, window_models
 from mbaid_ros.core.filter.joint_noise import JointNoise
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots, averages
 from mbaid_ros.core.filter.measured_window import IntegratedTwist, Measurement
+from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, Layout, Point
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow, prepared
@@ -172,3 +173,9 @@ def piece(stream: Stream, begin: int, end: int) -> Stream | None:
     """Return measurements of a stream, None if there are none."""
     part = type(stream)(*(getattr(stream, item.name)[begin:end] for item in fields(stream)))
     return part if len(part.stamp) else None
+
+
+def covariance_of(gaussian: SquareRootInformation, space: Variables) -> Array:
+    """Return the covariance of the state."""
+    factor = MeanAndCovariance.of(gaussian, space).factor
+    return np.asarray(factor @ factor.T)

@@ -24,8 +24,10 @@ from mbaid_ros.core.results.status import widening
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.trajectory.solution import thrusters
 from mbaid_ros.core.unknowns.bodies import KnownTarget
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.environment import Thrusters
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
 _NO_WINDOWS = 'the data hold no complete window; accepted: joint states and odometry that overlap in time'
@@ -72,7 +74,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         prior=prior,
         values=values,
         block_covariance=covariance,
-        thrusters=widened.thrusters(),
+        thrusters=thrusters(widened.values_of(Thrusters)),
         flexible=widened.passive_joints(kernel, max(float(run[-1].time[-1] - run[0].time[0]) for run in runs)),
         corrections=corrections,
         momentum=momentum,

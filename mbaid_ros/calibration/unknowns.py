@@ -20,17 +20,17 @@ from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.state import BODY
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import PassiveJoint, Thruster
+from mbaid_ros.core.results.estimate import PassiveJoint
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.model_errors import KnownErrors, to_bodies
 from mbaid_ros.core.robot.momentum import body_sizes, physical, pseudo_inertia
+from mbaid_ros.core.trajectory.solution import passive_joints, values_of
 from mbaid_ros.core.unknowns.base import OdometryMount
 from mbaid_ros.core.unknowns.bodies import masses
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.environment import Thrusters
 from mbaid_ros.core.unknowns.flexible import SpringErrors, resolved
 from mbaid_ros.core.unknowns.joints import JointPlacements
 from mbaid_ros.core.unknowns.priors import UnknownsPrior, in_plane_map
@@ -106,19 +106,9 @@ class Normals:
         count = len(self.gaussian.mean) - sum(unknown.count for unknown in of_the_run)
         return UnknownsPrior(self.gaussian.mean[:count], self.gaussian.factor[:count])
 
-    def thrusters(self) -> tuple[Thruster, ...]:
-        """Return by how much thrusters are off their commands."""
-        found: list[Thruster] = []
-        for unknown, value, std in self._values_of(Thrusters):
-            found += Thruster.all_of(unknown.frames, value, std)
-        return tuple(found)
-
-    def _values_of(self, kind: type[U]) -> Iterator[tuple[U, Array, Array]]:
+    def values_of(self, kind: type[U]) -> Iterator[tuple[U, Array, Array]]:
         """Yield the unknowns of a kind, with their (k,) values and standard deviations."""
-        for unknown, numbers in self._numbers():
-            if isinstance(unknown, kind):
-                std = np.linalg.norm(unknown.factor @ self.gaussian.factor[numbers], axis=1)
-                yield unknown, unknown.factor @ self.gaussian.mean[numbers], std
+        return values_of(kind, self._numbers(), self.gaussian.mean, np.linalg.norm(self.gaussian.factor, axis=1))
 
     def _numbers(self) -> Iterator[tuple[Unknown, slice]]:
         """Yield each unknown, and the place of its independent numbers."""
@@ -128,14 +118,10 @@ class Normals:
 
     def passive_joints(self, kernel: MomentumKernel, seconds: float) -> tuple[PassiveJoint, ...]:
         """Return the passive joints of a kernel as estimated from motions so long; how far they swing is not asked."""
-        springs = kernel.springs
-        value, std, prior = np.zeros((3, springs.count, 2))
-        for unknown, *numbers in self._values_of(SpringErrors):
-            value, std, prior = (each.reshape(-1, 2) for each in (*numbers, np.linalg.norm(unknown.factor, axis=1)))
-        names = [kernel.model.joint_names[joint] for joint in springs.joints]
-        declared, unasked = (springs.rate, springs.ratio, prior), np.full((3, springs.count), np.nan)
-        found = resolved(springs.rate, springs.ratio, std[:, 0], seconds)
-        return PassiveJoint.all_of(names, declared, value, std, unasked, found)
+        springs, estimated = kernel.springs, list(self.values_of(SpringErrors))
+        relative = estimated[0][2][::2] if estimated else np.zeros(springs.count)
+        found = resolved(springs.rate, springs.ratio, relative, seconds)
+        return passive_joints(estimated, kernel, np.full((3, springs.count), np.nan), found)
 
     def blocks(self) -> tuple[Array, Array]:
         """Return values (10 k + 6 n + 6,) and covariance of the links' standard parameters, joints and mount.

@@ -21,8 +21,7 @@ from mbaid_ros.core.filter.whitened import TOGETHER, LinearisationCache, Whitene
 from mbaid_ros.core.filter.window import Window, WindowNoise, in_stacks
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.reporting import Reporting, relative_std
-from mbaid_ros.core.robot.momentum import physical, physical_jacobian
-from mbaid_ros.core.robot.orbit import OF_A_THRUSTER
+from mbaid_ros.core.robot.momentum import OF_A_THRUSTER, physical, physical_jacobian
 from mbaid_ros.core.trajectory.posterior import FIRST, Posterior
 from mbaid_ros.planning.floating import BaseMotion
 

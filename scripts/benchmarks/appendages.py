@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-CONFIG = Path(__file__).resolve().parents[2] / 'config'
+from benchmarks.data import CONFIG
 
 PANELS = ('panel_left', 'panel_right')
 _PANEL = """

@@ -23,6 +23,7 @@ from tqdm import tqdm
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import ArrayRecord, SensorNoise
 
+PUBLISHED = ('estimating', 'converged')  # statuses whose numbers count
 _SAVED_EVERY = 10  # runs
 _NOT_STATED = ('--output', '--processes', '--store')  # arguments on which no number depends
 
@@ -191,14 +192,21 @@ def percent(share: float) -> str:
     return f'{100.0 * share:.0f} %' if np.isfinite(share) else '-'
 
 
+def median_and_most(values: Array) -> str:
+    """Return the median of some values with the largest one, a dash without any."""
+    if not np.any(np.isfinite(values)):
+        return '-'
+    return f'{number(float(np.nanmedian(values)))} ({number(float(np.nanmax(values)))})'
+
+
 def statuses(found: Iterable[Any]) -> str:
     """Return how often each status occurs."""
     return ', '.join(f'{count} {str(name).replace("_", " ")}' for name, count in Counter(found).most_common())
 
 
 def declared(noise: SensorNoise) -> dict[str, object]:
-    """Return the parameters that declare a noise."""
-    return {f'noise.{name}': value for name, value in vars(noise).items()}
+    """Return the parameters that declare a noise, or give it to the simulator."""
+    return {f'noise.{name}': value for name, value in vars(noise).items() if value}
 
 
 def provenance(note: str = '') -> str:

@@ -27,8 +27,9 @@ from mbaid_ros.simulation.true_robot import true_robot
 BARE_LINK7 = np.array([7.0, 0.010, -0.015, 0.150, 0.070, 0.001, -0.003, 0.075, 0.002, 0.040])
 GENERAL = BodyDeviations(0.05, 0.01, 0.05)  # of a link in CAD: mass, relative; CoM, m; inertia, relative
 WEIGHED = BodyDeviations(0.001, 0.01, 0.05)  # of a base that was weighed
+POSTURE = [0.4, 0.7, -0.3, 0.9, 0.5, -0.6, 0.2]  # rad, of the arm
 _MOTION: dict[str, object] = {
-    'initial.joint_positions': [0.4, 0.7, -0.3, 0.9, 0.5, -0.6, 0.2],
+    'initial.joint_positions': POSTURE,
     'initial.base_angular_velocity': [0.01, -0.015, 0.02],
     'initial.zero_linear_momentum': True,
     'motion.kind': 'random',

@@ -103,7 +103,7 @@ def of_text(data: bytes, generator: np.random.Generator) -> bytes:
 _MESSAGES = 600
 _METHODS = ('difference', 'paper_difference') * 10 + ('trajectory',)  # which takes ten times as long
 _LINES = 200  # of a log
-_MAPPING = """\
+MAPPING = """\
 time: {column: t, scale: 1.0e-3}
 base:
   frame: plate
@@ -254,7 +254,7 @@ def _logs(folder: Path) -> dict[str, Format]:
     given = ['csv', str(table), '--columns', str(columns), '--output', str(output)]
     contents = {
         'CSV': (table, ('t,x,y,yaw,q1,qd1,fx\n' + ''.join(lines)).encode()),
-        'columns': (columns, _MAPPING.encode()),
+        'columns': (columns, MAPPING.encode()),
     }
     for path, content in contents.values():
         path.write_bytes(content)

@@ -155,7 +155,7 @@ def of_two_files(folder: Path) -> Path:
     ],
     ids=['whole', 'cut off', 'two files'],
 )
-def test_of_a_topic_with_two_types_the_first_is_read_and_the_rest_told(
+def test_of_a_topic_with_two_types_the_first_is_read_and_the_rest_reported(
     tmp_path: Path, make: Any, left_out: int
 ) -> None:
     with BagReader(make(tmp_path)) as bag:
@@ -187,7 +187,7 @@ def killed(folder: Path, before: int) -> Path:
 
 
 @pytest.mark.parametrize('bare', [False, True], ids=['folder', 'file'])
-def test_what_only_the_log_of_a_database_has_is_told(tmp_path: Path, *, bare: bool) -> None:
+def test_what_only_the_log_of_a_database_has_is_reported(tmp_path: Path, *, bare: bool) -> None:
     file = killed(tmp_path, 10)
     path = file if bare else file.parent
     read, warnings = everything(path)

@@ -114,7 +114,7 @@ def test_every_default_is_accepted_and_every_parameter_described_in_a_sentence(c
     assert values_of(config()) == {name: spec.default for name, spec in specifications(config).items()}
 
 
-def test_noise_that_nobody_declares_is_what_sensors_have_and_known_for_undeclared() -> None:
+def test_undeclared_noise_has_typical_levels_and_counts_as_undeclared() -> None:
     noise = build(EstimatorConfig, {'noise.base_position': 3e-3}).noise
     assert [name for name, open_ in zip(CHANNELS, noise.undeclared, strict=True) if not open_] == ['base_position']
     assert noise.declared == SensorNoise(1e-4, 1e-3, 3e-3, 1e-4, 1e-3, 1e-4)

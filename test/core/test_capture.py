@@ -87,7 +87,7 @@ def test_the_known_model_before_it() -> None:
     assert np.all(np.isnan(found.spin))
 
 
-def test_a_capture_told_when_it_happens_leads_to_the_same_numbers() -> None:
+def test_a_capture_called_when_it_happens_leads_to_the_same_numbers() -> None:
     known, later = announced(), make()
     expected = known.update(pieces(), 0)
     found = []
@@ -105,7 +105,7 @@ def test_a_capture_told_when_it_happens_leads_to_the_same_numbers() -> None:
 
 
 @pytest.mark.parametrize('method', ['difference', 'trajectory'])
-def test_a_capture_told_too_early_can_be_moved(method: str) -> None:
+def test_a_capture_called_too_early_can_be_moved(method: str) -> None:
     known, moved = announced(method=method), make(method=method)
     expected = known.update(pieces(), 0)
     moved.time = BEGIN - 4.0
@@ -139,7 +139,7 @@ def test_nothing_is_taken_for_a_capture_that_is_none() -> None:
     assert (run.time, run.phase) == (None, 'pre_capture')
 
 
-def test_a_planar_capture_tells_what_a_plane_can() -> None:
+def test_a_planar_capture_determines_the_parameters_of_a_plane() -> None:
     planar = kernel('table1')
     run = CaptureEstimator(planar, lambda: estimator(planar, MID), MID, 2.0)
     run.time = 3.0

@@ -71,7 +71,7 @@ def expected(before: list[Timed], after: list[Timed]) -> Any:
     return debris_message(alone, last, TYPES, Frames('link7', 'odom'), session.robot.captured(last))
 
 
-def test_a_capture_told_to_a_live_estimator(graph: Graph, tmp_path: Path) -> None:
+def test_a_capture_called_at_a_live_estimator(graph: Graph, tmp_path: Path) -> None:
     (tmp_path / 'robot.urdf').write_text(free_urdf(), encoding='utf-8')
     file = {'robot_description_file': tmp_path / 'robot.urdf'}
     words = assigned({**file, **PARAMETERS})
@@ -107,7 +107,7 @@ def test_a_capture_told_to_a_live_estimator(graph: Graph, tmp_path: Path) -> Non
     assert np.isfinite(bodies[-1].angular_momentum.x)
 
 
-# -- Commanded thrust at a live estimator and recorder: used, told of, and in the bag.
+# -- Commanded thrust at a live estimator and recorder: used, reported, and in the bag.
 
 
 @pytest.mark.long

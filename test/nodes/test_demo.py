@@ -96,7 +96,7 @@ def last_stamp(bag: Path) -> tuple[int, int]:
 
 
 @pytest.mark.long
-def test_a_planned_motion_is_followed_and_tells_what_was_uncertain(graph: Graph, tmp_path: Path) -> None:
+def test_a_planned_motion_is_followed_and_determines_the_uncertain_parameters(graph: Graph, tmp_path: Path) -> None:
     (tmp_path / 'first.yaml').write_text(as_yaml(first_motion('servicer7', 6.0)))
     plan = assigned({f'plan.{name}': value for name, value in PLAN.items()})
     file = CONFIG / 'servicer7_estimator.yaml'
@@ -185,11 +185,11 @@ def test_a_run_goes_by_the_clock_and_is_late_after_a_standstill() -> None:
     pace = Pace(10.0, 2.0, lambda: clock[0])
     pace.begin()
     assert pace.now() == 0.0
-    for seconds in (0.125, 0.1875):  # less than may be told at once
+    for seconds in (0.125, 0.1875):  # less than may be printed at once
         clock[0] += seconds
         assert pace.now() == pytest.approx(10.0 * (clock[0] - 100.0))
         assert pace.late == 0.0
-    clock[0] += 5.0  # 50 s of the run, of which 2 s are told
+    clock[0] += 5.0  # 50 s of the run, of which 2 s are printed
     assert pace.now() == pytest.approx(5.125)
     assert pace.late == pytest.approx(4.8)
     assert pace.now() == pytest.approx(5.125)

@@ -116,7 +116,7 @@ def test_numbers_that_are_contradicted_are_taken_back(graph: Graph) -> None:
     assert (inertia[1].header.stamp.sec, inertia[1].header.stamp.nanosec) == (1_700_000_010, 500_000_000)
     assert math.isnan(late[0].inertia.m)
     outlets.publish(estimate(), FRAMES, robot)
-    graph.wait(lambda: len(inertia) == 3, 'numbers again, and the loss of the others told once')
+    graph.wait(lambda: len(inertia) == 3, 'numbers again, and the loss of the others once')
     assert inertia[2].inertia.m == BODY[0]
 
 
@@ -131,7 +131,7 @@ def test_a_robot_description_that_is_contradicted_is_not_found_by_who_comes_late
     outlets.publish(estimate(parameters=heavier), FRAMES, robot)
     graph.wait(lambda: late, 'the robot with another body')
     assert [load_model(one.data).link('link7').parameters[0] for one in late] == [200.0]
-    # A body of which less is known than a link needs takes it back, too; what is known is still told.
+    # A body of which less is known than a link needs withdraws it, too; known numbers are still published.
     inertia = graph.collect('/test/inertia', InertiaStamped)
     outlets.publish(planar(), FRAMES, robot)
     later = graph.collect('/test/robot_description', String, LATCHED)

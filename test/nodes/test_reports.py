@@ -33,14 +33,14 @@ class Log:
     """What a node logs, by level."""
 
     def __init__(self) -> None:
-        self.told: list[tuple[str, str]] = []
+        self.reported: list[tuple[str, str]] = []
 
     def __getattr__(self, level: str) -> Any:
-        return lambda text: self.told.append((level, text))
+        return lambda text: self.reported.append((level, text))
 
     def at(self, level: str) -> list[str]:
         """Return what has been logged at a level."""
-        return [text for each, text in self.told if each == level]
+        return [text for each, text in self.reported if each == level]
 
 
 @pytest.fixture(name='log')
@@ -48,7 +48,7 @@ def fresh_log() -> Log:
     return Log()
 
 
-def test_the_robot_is_told_with_what_is_odd_about_it(log: Log) -> None:
+def test_the_robot_is_logged_with_its_oddities(log: Log) -> None:
     odd = replace(summarise(robot('servicer7'), 'link7', chosen=False), bare=('base_link',))
     RunLog(log).robot(odd, 'trajectory')
     assert log.at('info')[0].startswith("robot 'servicer7': 'base_link' floats")
@@ -57,19 +57,19 @@ def test_the_robot_is_told_with_what_is_odd_about_it(log: Log) -> None:
     assert "base 'base_link' has no inertia" in log.at('warning')[0]
 
 
-def test_an_estimate_is_told_when_its_status_is_new(log: Log) -> None:
+def test_an_estimate_is_logged_when_its_status_is_new(log: Log) -> None:
     narrator = RunLog(log)
     course = ['waiting', 'estimating', 'estimating', 'converged', 'converged', 'estimating']
     for second, status in enumerate(course):
         narrator.estimate(estimate(time=float(second), status=status))
-    told = log.at('info')
-    assert [text.split(':')[0] for text in told] == [
+    reported = log.at('info')
+    assert [text.split(':')[0] for text in reported] == [
         'first estimate, estimating after 1.0 s',
         'converged after 3.0 s',
         'estimating after 5.0 s',
     ]
-    assert 'mass 162.000 ± 0.059 kg, com_x 0.33000 ± 0.00020 m' in told[1]
-    assert ', ± 95 %, ' in told[1]
+    assert 'mass 162.000 ± 0.059 kg, com_x 0.33000 ± 0.00020 m' in reported[1]
+    assert ', ± 95 %, ' in reported[1]
     assert len(log.at('debug')) == len(course)
     narrator.begin()
     narrator.estimate(estimate(status='estimating'))
@@ -87,16 +87,18 @@ def test_data_that_contradict_the_model_are_a_warning_with_the_cause(log: Log) -
 # -- What the estimator's diagnostics say of an estimate.
 
 
-def test_the_main_causes_of_the_variance_are_told_and_warn_of_nothing() -> None:
+def test_the_main_causes_of_the_variance_are_reported_without_a_warning() -> None:
     level, text, values = estimate_report(
         RunState(estimate=estimate(method='trajectory', stage='difference', budget=budget()))
     )
-    told = dict(values)
+    reported = dict(values)
     assert (level, text) == (OK, 'converged')
-    assert told['stage'] == 'difference'
-    assert str(told['main causes of the variance']).startswith('link base_link (71 % of mass), zero of joint6 (60 % ')
-    assert told['mass (kg)'] == '162.000 +- 0.059 (95 %)'
-    assert told['com_x (m)'] == '0.33000 +- 0.00020 (95 %)'
+    assert reported['stage'] == 'difference'
+    assert str(reported['main causes of the variance']).startswith(
+        'link base_link (71 % of mass), zero of joint6 (60 % '
+    )
+    assert reported['mass (kg)'] == '162.000 +- 0.059 (95 %)'
+    assert reported['com_x (m)'] == '0.33000 +- 0.00020 (95 %)'
 
 
 def test_the_likeliest_cause_of_a_contradiction_comes_first() -> None:
@@ -111,7 +113,7 @@ def test_the_likeliest_cause_of_a_contradiction_comes_first() -> None:
     assert not any(key.startswith('likely cause') for key, _ in values)
 
 
-def test_the_noise_that_counts_is_told_first() -> None:
+def test_the_noise_that_counts_is_reported_first() -> None:
     levels = SensorLevels(
         declared=np.array([1e-4, np.nan, 1e-3, np.nan, 1e-3, 1e-4]),
         found=np.array([2e-4, 1e-3, np.nan, np.nan, 1e-3, 1e-4]),
@@ -119,12 +121,12 @@ def test_the_noise_that_counts_is_told_first() -> None:
         correlation_time=0.0,
         used=np.array([False, True, False, False, True, False]),
     )
-    told = dict(estimate_report(RunState(estimate=estimate(noise=levels)))[2])
-    assert told['noise of joint position (rad)'] == '0.0001 declared, 0.0002 found'
-    assert told['noise of joint velocity (rad/s)'] == '0.001 found'
-    assert told['noise of base position (m)'] == '0.001 declared'
-    assert told['noise of base orientation (rad)'] == '0.0001 assumed'
-    assert told['noise of base linear velocity (m/s)'] == '0.001 found, 0.001 declared'
+    reported = dict(estimate_report(RunState(estimate=estimate(noise=levels)))[2])
+    assert reported['noise of joint position (rad)'] == '0.0001 declared, 0.0002 found'
+    assert reported['noise of joint velocity (rad/s)'] == '0.001 found'
+    assert reported['noise of base position (m)'] == '0.001 declared'
+    assert reported['noise of base orientation (rad)'] == '0.0001 assumed'
+    assert reported['noise of base linear velocity (m/s)'] == '0.001 found, 0.001 declared'
 
 
 def test_a_wait_is_logged_once_for_each_reason(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from checked import answer
+from fuzzing.formats import MAPPING
 from mbaid_ros.bags import BagReader
 from mbaid_ros.recordings.convert import main
 
@@ -19,17 +20,6 @@ t,x,y,yaw,q1,qd1,fx
 
 1200,0.3,0.4,-90,3,,0.25
 1300,0.3,0.4,-90,nan,40,0.25
-"""
-MAPPING = """\
-time: {column: t, scale: 1.0e-3}
-base:
-  frame: plate
-  missing: 0.0
-  position: [x, {column: y, offset: 1.0}]
-  heading: {column: yaw, scale: 0.017453292519943295}
-joints:
-  elbow: {position: {column: q1, scale: 0.1}, velocity: qd1}
-thrust: {frame: plate, force: [fx, {constant: 0.0}, {constant: -1}]}
 """
 
 

@@ -100,12 +100,12 @@ def test_every_run_is_there_in_order_and_the_statistics_are_theirs(
         'mass': 1.0, 'com': [1.0, 1.0, 0.0], 'inertia': {name: float(name == 'izz') for name in PARAMETERS[4:]}
     }  # fmt: skip
     assert low['rmse']['mass'] < mid['rmse']['mass']
-    # Complete: nothing is made, the statistics are told again.
+    # Complete: nothing is made, the statistics are printed again.
     before = content(whole)
     assert campaign([str(whole.parent / 'campaign.yaml'), '--output', str(whole)]) == 0
-    told = capsys.readouterr().out
-    assert 'noise=mid: 4 runs, ' in told
-    assert '8 runs, 0 of them failed, 0 inconsistent' in told
+    reported = capsys.readouterr().out
+    assert 'noise=mid: 4 runs, ' in reported
+    assert '8 runs, 0 of them failed, 0 inconsistent' in reported
     assert content(whole) == before
 
 
@@ -141,7 +141,7 @@ def test_errors_of_the_urdf_are_an_axis_like_others(tmp_path: Path) -> None:
     assert {json.dumps(run['truth']) for run in results} == {json.dumps(results[0]['truth'])}
     assert [run['robot'] for run in by_case['exact', 'none']] == [None] * 3
     assert [run['robot'] for run in by_case['drawn', 'same']] == [0, 1, 2]
-    # A percent of the links is far beyond what the sensors leave, unless the estimator is told of it.
+    # A percent of the links is far beyond what the sensors leave, unless it is declared.
     nees = {case: np.mean([run['nees'] for run in runs]) for case, runs in by_case.items()}
     assert nees['exact', 'none'] < 2.0
     assert nees['drawn', 'none'] > 10.0
@@ -195,7 +195,7 @@ def test_a_changed_campaign_is_refused_with_what_has_changed(
     capsys: pytest.CaptureFixture[str], whole: Path, tmp_path: Path
 ) -> None:
     before = content(whole)
-    for change, told in [
+    for change, reported in [
         (('seeds: 4', 'seeds: 5'), 'seeds was [0, 1, 2, 3], is [0, 1, 2, 3, 4];'),
         (('duration: 5.0', 'duration: 4.0'), 'cases[0].simulator.duration was 5.0, is 4.0;'),
         (('1.0e-4}', '2.0e-4}'), 'cases[1].simulator.noise.joint_position was 0.0001, is 0.0002;'),
@@ -203,7 +203,7 @@ def test_a_changed_campaign_is_refused_with_what_has_changed(
         (('seeds: 4', 'seeds: 4\nmotions: 2\n'), 'accepted: random'),
     ]:
         line = refused(capsys, str(written(tmp_path, TEXT.replace(*change))), '--output', str(whole))
-        assert told in line
+        assert reported in line
     # Comments and layout change nothing.
     same = TEXT.replace('seeds: 4', 'seeds: [0, 1, 2, 3]  # four')
     assert campaign([str(written(tmp_path, same)), '--output', str(whole)]) == 0
@@ -222,13 +222,13 @@ def test_a_run_that_fails_is_kept_with_its_reason_and_the_others_are_made(
     few = TEXT.replace('seeds: 4', 'seeds: 1')
     arguments = [str(written(tmp_path, few + WILD)), '--output', output]
     assert campaign(arguments) == 3
-    told = capsys.readouterr().out
+    reported = capsys.readouterr().out
     results = lines(tmp_path / 'output')
     bad = [result for result in results if result['case']['motion'] == 'wild']
     assert len(bad) == len(results) / 2 == 2
     assert all(result['status'] == 'failed' and result['reason'].startswith('ModelError: ') for result in bad)
-    assert '4 runs, 2 of them failed' in told
-    assert f'run {bad[0]["run"]}: {bad[0]["reason"]}' in told
+    assert '4 runs, 2 of them failed' in reported
+    assert f'run {bad[0]["run"]}: {bad[0]["reason"]}' in reported
     good = [result['estimate'] for result in results if result['case']['motion'] == 'gentle']
     assert good == [result['estimate'] for result in lines(whole) if result['seed'] == 0]
     numbers.clear()

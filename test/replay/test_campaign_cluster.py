@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from distributed import Client
 
-from campaigns import TEXT, refused, written
+from campaigns import FILES, TEXT, refused, written
 from documents import CAMPAIGNS, blocks, project
 from mbaid_ros.config.campaign import CampaignRun, load_campaign
 from mbaid_ros.replay.campaigns import command
@@ -63,7 +63,7 @@ def test_every_robot_has_frequencies_of_its_own(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ('old', 'new', 'told'),
+    ('old', 'new', 'reported'),
     [
         (TEXT, '', "the key 'model' is missing"),
         (TEXT, '- 1', "is [1]; accepted: 'name: value' pairs"),
@@ -107,11 +107,11 @@ def test_every_robot_has_frequencies_of_its_own(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_is_one_line(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, old: str, new: str, told: str
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, old: str, new: str, reported: str
 ) -> None:
     yaml = str(written(tmp_path, TEXT.replace(old, new, 1)))
     line = refused(capsys, yaml, '--output', str(tmp_path / 'output'))
-    assert told in line
+    assert reported in line
     assert f"campaign '{yaml}'" in line
     assert not (tmp_path / 'output').exists()
 
@@ -122,10 +122,7 @@ def test_the_campaign_that_ships_is_accepted() -> None:
 
 
 RUNS = int(os.environ.get('MBAID_ROS_CAMPAIGN_RUNS', '20'))
-BRIEF = f"""
-model: {CONFIG / 'table1.urdf'}
-simulator_params: {CONFIG / 'table1_simulator.yaml'}
-estimator_params: {CONFIG / 'table1_estimator.yaml'}
+BRIEF = f"""{FILES}
 simulator: {{duration: 2.0, joint_rate: 20.0, odometry_rate: 20.0}}
 noise: {{joint_position: 1.0e-4, base_position: 1e-4}}
 seeds: {RUNS}
@@ -147,7 +144,7 @@ def started(command: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
-def told(process: subprocess.Popen[str], pattern: str) -> str:
+def reported(process: subprocess.Popen[str], pattern: str) -> str:
     """Wait until a program says something; return what stands in the parentheses."""
     assert process.stderr is not None
     said = []
@@ -188,10 +185,10 @@ def cluster_of_two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster
     (printed,) = set(re.findall(r'tcp://\S+', here))
     with project(tmp_path_factory.mktemp('cluster')) as folder, ExitStack() as stack:
         scheduler = stack.enter_context(started(start_scheduler.partition('#')[0] + ' --port 0', folder))
-        address = told(scheduler, r'Scheduler at:\s+(tcp://\S+)')
+        address = reported(scheduler, r'Scheduler at:\s+(tcp://\S+)')
         workers = stack.enter_context(started(start_workers.replace(printed, address), folder))
         for _ in range(2):
-            told(workers, r'Starting established connection to (\S+)')
+            reported(workers, r'Starting established connection to (\S+)')
         yield Cluster(address, scheduler, shlex.split(use.replace(printed, address)))
 
 

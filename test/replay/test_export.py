@@ -20,7 +20,7 @@ from mbaid_ros.bags import BAG_TYPES, BagWriter
 from mbaid_ros.bags.types import ESTIMATE_TYPE
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.status import contradictions, with_reasons
+from mbaid_ros.core.results.status import Reason, with_reasons
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import box_sizes
 from mbaid_ros.estimate_messages import Frames, estimate_message
@@ -75,8 +75,7 @@ def test_pinocchio_reads_the_urdf_link(
     # Beside a base, on a joint whose frame is turned: the link's own frame is what counts.
     robot = (
         f'<robot name="r"><link name="base"/><joint name="j" type="revolute"><parent link="base"/><child link="link7"/>'
-        f'<origin xyz="1 2 3" rpy="0.3 0.4 0.5"/><axis xyz="0 0 1"/>'
-        '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+        '<origin xyz="1 2 3" rpy=".3 .4 .5"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'
         f'</joint>{link}</robot>'
     )
     inertia = pinocchio.buildModelFromXML(robot).inertias[1]
@@ -93,9 +92,7 @@ def test_mujoco_reads_the_body(
     body = turned(turn)
     text = exported(capsys, written(tmp_path, estimate(parameters=body)), '--format', form, *options)
     whole = text if form == 'mjcf' else f'<mujoco><worldbody>{text}</worldbody></mujoco>'
-    file = tmp_path / 'captured.xml'
-    file.write_text(whole)
-    model = mujoco.MjModel.from_xml_path(str(file))
+    model = mujoco.MjModel.from_xml_string(whole)
     assert model.nq == (7 if form == 'mjcf' else 0)  # by itself it floats
     rotation = np.zeros(9)
     mujoco.mju_quat2Mat(rotation, model.body('link7').iquat)
@@ -176,8 +173,8 @@ def test_a_result_of_another_robot_is_refused(capsys: pytest.CaptureFixture[str]
     robot = Path(MODEL).read_text(encoding='utf-8')
     result = written(tmp_path, made_by=made_by('replay', [], MODEL, robot))
     file = tmp_path / 'robot.xml'
-    told = exported(capsys, result, '--format', 'mjcf', '--model', MODEL, '--output', str(file))
-    assert told == f"{file}: 'link7' as mjcf\n"
+    reported = exported(capsys, result, '--format', 'mjcf', '--model', MODEL, '--output', str(file))
+    assert reported == f"{file}: 'link7' as mjcf\n"
     other = tmp_path / 'other.urdf'
     other.write_text(f'{robot}<!-- -->', encoding='utf-8')
     error = exported(capsys, result, '--format', 'mjcf', '--model', str(other), code=2)
@@ -267,7 +264,7 @@ def test_a_body_that_cannot_be_is_not_written(capsys: pytest.CaptureFixture[str]
         assert 'at most 1e+15 is accepted' in exported(capsys, written(tmp_path, estimate(parameters=far)), code=2)
     assert 'at most' in exported(capsys, recorded(tmp_path / 'far', estimate(parameters=far)), code=2)
     nothing = estimate(status='not_identifiable', parameters=np.full(10, np.nan))
-    withheld = with_reasons(nothing, contradictions(['too much']))
+    withheld = with_reasons(nothing, [Reason('too much', 'contradiction')])
     assert 'contradict the model' in exported(capsys, written(tmp_path, withheld), code=4)
     assert 'contradict the model' in exported(capsys, recorded(tmp_path, withheld), code=4)
 

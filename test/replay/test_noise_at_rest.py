@@ -16,6 +16,7 @@ from mbaid_ros.bags import BagReader, BagWriter, message_class
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
+from mbaid_ros.config.sensors import NoiseConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.replay.at_rest import measure
 from mbaid_ros.replay.start import noise_at_rest as main
@@ -34,7 +35,8 @@ NOISE = {
     'base_linear_velocity': 2e-3,
     'base_angular_velocity': 4e-4,
 }
-BRAKED = 'accepted: 5 s with the joints braked'
+BRAKED, JOINTS = 'accepted: 5 s with the joints braked', "'/joint_states' of bag '"
+Course = Callable[[float], float]  # of a joint over time, s
 Change = Callable[[int, Any], Any]  # the n-th message of a topic, as it is written; None leaves it out
 
 
@@ -65,7 +67,7 @@ def changed(bag: str, path: Path, joints: Change, base: Change = same) -> str:
     return str(path)
 
 
-def turned(path: Callable[[float], float], joint: int = 2) -> Change:
+def turned(path: Course, joint: int = 2) -> Change:
     """Return what turns a joint along a path over time (s)."""
 
     def change(number: int, message: Any) -> Any:
@@ -95,10 +97,21 @@ def until(end: float, change: Change) -> Change:
 SWINGING = turned(lambda time: 0.3 * np.sin(time))
 
 
+def halved(number: int, message: Any) -> Any:
+    """Return every other message without some of the joints."""
+    return replace(message, name=message.name[:3], position=message.position[:3]) if number % 2 else message
+
+
 def odd(number: int, message: Any) -> Any:
     """Return a moving second joint of which there is no name."""
     moved = turned(lambda time: 0.3 * np.sin(time), joint=1)(number, message)
     return replace(moved, name=moved.name[:1], position=moved.position[:2], velocity=moved.velocity[:1])
+
+
+def declared_by(text: str, folder: Path) -> NoiseConfig:
+    """Return the noise that a parameter file declares."""
+    (folder / 'noise.yaml').write_text(text)
+    return build(EstimatorConfig, load_parameter_file(folder / 'noise.yaml', 'estimator')).noise
 
 
 def test_it_finds_the_noise_that_was_added_and_prints_a_parameter_file(
@@ -111,34 +124,26 @@ def test_it_finds_the_noise_that_was_added_and_prints_a_parameter_file(
     assert main([bag]) == 0
     captured = capsys.readouterr()
     assert captured.err == ''
-    file = tmp_path / 'noise.yaml'
-    file.write_text(captured.out)
-    given = build(EstimatorConfig, load_parameter_file(file, 'estimator')).noise
+    given = declared_by(captured.out, tmp_path)
     assert {name: getattr(given, name) for name in NOISE} == pytest.approx(dict(NOISE), rel=0.3)
 
 
 @pytest.mark.parametrize(
-    ('path', 'begin', 'end'),
+    ('path', 'span'),
     [
-        (lambda time: 0.05 * min(time, 3.0), 3.0, 10.0),
-        (lambda time: 0.002 * np.sin(2.0 * np.pi * time) * (time > 6.0), 0.0, 6.0),
+        (lambda time: 0.05 * min(time, 3.0), (3.0, 10.0)),
+        (lambda time: 0.002 * np.sin(2.0 * np.pi * time) * (time > 6.0), (0.0, 6.0)),
     ],
 )
 def test_a_joint_that_moves_at_times_is_named_and_the_rest_counts(
-    bag: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    path: Callable[[float], float],
-    begin: float,
-    end: float,
+    bag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], path: Course, span: tuple[float, float]
 ) -> None:
     moved = changed(bag, tmp_path / 'moved', turned(path))
     found = measure(moved, *TOPICS)
     (warning,) = found.warnings
     assert f"bag '{moved}': joint3 moves; measured from " in warning
     words = warning.partition('measured from ')[2].split()
-    assert float(words[0]) == pytest.approx(begin, abs=0.6)
-    assert float(words[3]) == pytest.approx(end, abs=0.6)
+    assert (float(words[0]), float(words[3])) == pytest.approx(span, abs=0.6)
     assert found.stds == pytest.approx(NOISE, rel=0.2)
     assert main([moved]) == 0
     captured = capsys.readouterr()
@@ -151,30 +156,17 @@ def test_a_joint_that_moves_at_times_is_named_and_the_rest_counts(
     ('joints', 'base', 'texts'),
     [
         (SWINGING, same, ['is of no robot at rest: joint3 moves, all joints rest for ', BRAKED]),
-        (
-            until(0.6, SWINGING),
-            until(0.6, same),
-            ["'/joint_states' of bag '", f'last 0.59 s by their stamps; {BRAKED}'],
-        ),
-        (until(0.6, same), until(0.6, same), ["'/joint_states' of bag '", f'last 0.59 s by their stamps; {BRAKED}']),
-        (stamped(lambda _: 0, SWINGING), same, ["'/joint_states' of bag '", f'last 0 s by their stamps; {BRAKED}']),
+        (until(0.6, SWINGING), until(0.6, same), [JOINTS, f'last 0.59 s by their stamps; {BRAKED}']),
+        (until(0.6, same), until(0.6, same), [JOINTS, f'last 0.59 s by their stamps; {BRAKED}']),
+        (stamped(lambda _: 0, SWINGING), same, [JOINTS, f'last 0 s by their stamps; {BRAKED}']),
         (same, stamped(lambda _: 0), ["topic '/odom' of bag '"]),
         (
             stamped(lambda number: 10**7 * (number - 200 * (number > 700))),
             same,
-            [
-                "a message on topic '/joint_states' of bag '",
-                'is stamped 5.010 s, after one of 7.000 s; accepted: stamps that do not go back',
-            ],
+            [JOINTS, 'is stamped 5.010 s, after one of 7.000 s; accepted: stamps that do not go back'],
         ),
-        (odd, same, ["a message on topic '/joint_states' of bag '", 'has 1 names, 2 positions and 1 velocities; acc']),
-        (
-            lambda n, message: (
-                replace(message, name=message.name[:3], position=message.position[:3]) if n % 2 else message
-            ),
-            same,
-            ['name other joints; accepted: the same in each'],
-        ),
+        (odd, same, [f'a message on topic {JOINTS}', 'has 1 names, 2 positions and 1 velocities; acc']),
+        (halved, same, ['name other joints; accepted: the same in each']),
     ],
     ids=['moving', 'short', 'short at rest', 'no stamps', 'no stamps of the base', 'back', 'unnamed', 'halves'],
 )
@@ -280,17 +272,13 @@ def test_poses_without_a_twist_are_measured(bag: str, tmp_path: Path, capsys: py
     assert main([str(path), '--pose', '/mocap']) == 0
     captured = capsys.readouterr()
     assert captured.err == ''
-    file = tmp_path / 'noise.yaml'
-    file.write_text(captured.out)
-    given = build(EstimatorConfig, load_parameter_file(file, 'estimator')).noise
+    given = declared_by(captured.out, tmp_path)
     measured = [name for name in NOISE if 'velocity' not in name]
-    assert {name: getattr(given, name) for name in measured} == pytest.approx(
-        {name: NOISE[name] for name in measured}, rel=0.15
-    )
+    assert [getattr(given, name) for name in measured] == pytest.approx([NOISE[name] for name in measured], rel=0.15)
     assert '# base_linear_velocity: not measured' in captured.out
 
 
-def with_wheel(angle: Callable[[float], float], speed: float = 400.0) -> Change:
+def with_wheel(angle: Course, speed: float = 400.0) -> Change:
     """Return what adds a wheel at an angle over time (s), read between -pi and pi."""
 
     def change(number: int, message: Any) -> Any:
@@ -329,9 +317,6 @@ def test_joints_at_a_half_turn_lost_poses_and_nan_do_not_change_the_noise(bag: s
     found = measure(changed(bag, tmp_path / 'odd', joints, base), *TOPICS)
     assert found.stds == pytest.approx(NOISE, rel=0.15)
     text = ' '.join(found.warnings)
-    for part in (
-        'joint6 has no position',
-        '11 messages not used: joint position far',
-        '10 messages not used: tracking',
-    ):
-        assert part in text
+    assert 'joint6 has no position' in text
+    assert '11 messages not used: joint position far' in text
+    assert '10 messages not used: tracking' in text

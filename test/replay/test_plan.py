@@ -121,7 +121,7 @@ def test_a_simulated_robot_follows_it(result: Path, tmp_path: Path) -> None:
         (['--yaml', '/none/of/it.yaml'], "--yaml '/none/of/it.yaml' cannot be written"),
     ],
 )
-def test_what_cannot_be_planned_from_is_told_in_a_line(
+def test_an_unusable_start_of_a_plan_is_one_line(
     result: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
 ) -> None:
     assert main([*begin(result), *QUICK, *arguments]) == 2

@@ -164,14 +164,14 @@ def test_the_estimates_as_a_bag(capsys: pytest.CaptureFixture[str], output: Path
     output /= 'estimates'
     with BagReader(output) as estimates:
         read = [message for _, message, _ in estimates.read(['/estimator/estimate'])]
-        told = [message.inertia.m for _, message, _ in estimates.read(['/estimator/inertia'])]
+        reported = [message.inertia.m for _, message, _ in estimates.read(['/estimator/inertia'])]
         assert estimates.topics['/estimator/inertia'].type == 'geometry_msgs/msg/InertiaStamped'
         assert estimates.topics['/estimator/estimate'].latched
     assert [None if np.isnan(message.inertia.m) else message.inertia.m for message in read] == [
         entry['estimate']['mass'] for entry in result['history']
     ]
-    assert 0 < len(told) < len(read)  # from the first that can be computed with
-    assert told == [message.inertia.m for message in read[-len(told) :]]
+    assert 0 < len(reported) < len(read)  # from the first that can be computed with
+    assert reported == [message.inertia.m for message in read[-len(reported) :]]
     assert not np.isnan(read[-1].inertia.m)
     assert read[-1].header.frame_id == 'link4'
     assert read[-1].momentum_frame == 'odom'

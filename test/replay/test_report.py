@@ -124,7 +124,7 @@ def test_the_truth_is_compared() -> None:
         (truth(problem='truth cannot be used'), 'truth cannot be used'),
     ],
 )
-def test_a_truth_that_does_not_fit_is_told_and_not_compared(given: Truth, note: str) -> None:
+def test_a_truth_that_does_not_fit_is_reported_and_not_compared(given: Truth, note: str) -> None:
     text = html([brief()], [given])
     assert note in text
     assert 'Largest deviation from the truth' not in text
@@ -202,7 +202,7 @@ def test_a_momentum_is_not_shown_where_nothing_is_determined() -> None:
     assert 'linear x' not in text
 
 
-# -- Truth files: found beside a bag or named, and told when they cannot be used.
+# -- Truth files: found beside a bag or named, and named when they cannot be used.
 
 
 def truth_file(folder: Path, **changes: Any) -> Path:

@@ -60,16 +60,16 @@ def test_the_truth_says_what_the_robot_has_more_than_its_urdf(tmp_path: Path) ->
     exact, truth = (json.loads((tmp_path / name / 'truth.json').read_text()) for name in ('exact', 'drawn'))
     assert exact['model_errors'] is None
     assert all(truth[key] == exact[key] for key in ('target_link', 'mass', 'com', 'inertia'))
-    told = truth['model_errors']
-    assert set(told['links']) == {'base_link', 'link1', 'link2', 'link3'}
-    assert 0.0 < abs(told['links']['base_link']['mass']) < 4.0 * 0.01 * 2552.0
-    assert set(told['links']['link1']) == {'mass', 'com', 'inertia'}
-    assert list(told['joints']) == ['joint1', 'joint2', 'joint3', 'joint4']
-    for joint in told['joints'].values():
+    reported = truth['model_errors']
+    assert set(reported['links']) == {'base_link', 'link1', 'link2', 'link3'}
+    assert 0.0 < abs(reported['links']['base_link']['mass']) < 4.0 * 0.01 * 2552.0
+    assert set(reported['links']['link1']) == {'mass', 'com', 'inertia'}
+    assert list(reported['joints']) == ['joint1', 'joint2', 'joint3', 'joint4']
+    for joint in reported['joints'].values():
         assert 0.0 < abs(joint['zero']) < 4e-3
         assert 0.0 < np.linalg.norm(joint['origin']) < 1e-2
         assert (len(joint['axis']), joint['axis'][2]) == (3, 0.0)  # all turn about z
-    assert {key: len(values) for key, values in told['mount'].items()} == {'position': 3, 'orientation': 3}
+    assert {key: len(values) for key, values in reported['mount'].items()} == {'position': 3, 'orientation': 3}
     # The bags: one description, other data.
     bags = [contents(tmp_path / name) for name in ('exact', 'drawn')]
     descriptions, data = ([[x for x in bag if (x[0] == '/robot_description') == own] for bag in bags] for own in (1, 0))
@@ -126,22 +126,22 @@ def test_a_capture_from_simulate_to_replay(tmp_path: Path, capsys: pytest.Captur
     assert main(['--model', str(urdf), *SERVICER, *options, '--output', str(bag)]) == 0
     truth = json.loads((bag / 'truth.json').read_text())
     assert truth['mass'] == pytest.approx(162.0)
-    told = truth['capture']
-    assert (told['t'], told['mass'], told['inertia']['iyy']) == (8.0, 155.0, 33.0)
-    assert told['target_linear_momentum'] == pytest.approx([0.62, -0.93, 0.465])
+    reported = truth['capture']
+    assert (reported['t'], reported['mass'], reported['inertia']['iyy']) == (8.0, 155.0, 33.0)
+    assert reported['target_linear_momentum'] == pytest.approx([0.62, -0.93, 0.465])
     parameters.write_text('estimator: {ros__parameters: {capture.time: 8.0, debris.report: true, method: trajectory}}')
     capsys.readouterr()
     assert replay([str(bag), '--model', str(urdf), '--params', str(parameters), '--json', '-']) == 0
     result = json.loads(capsys.readouterr().out)
     found = result['capture']
     for key in ('target_linear_momentum', 'target_angular_momentum'):
-        assert np.all(np.abs(np.array(found[key]) - told[key]) < 4.0 * np.array(found[f'{key}_std']))
+        assert np.all(np.abs(np.array(found[key]) - reported[key]) < 4.0 * np.array(found[f'{key}_std']))
     for part in ('linear', 'angular'):
         momentum, std = (np.array(result['momentum'][name]) for name in (part, f'{part}_std'))
         assert np.all(np.abs(momentum - truth['momentum'][part]) < 4.0 * std)
     body = result['debris']
     off = np.array([body['mass'], *body['com'], *body['inertia'].values()])
-    off -= [told['mass'], *told['com'], *told['inertia'].values()]
+    off -= [reported['mass'], *reported['com'], *reported['inertia'].values()]
     assert off @ np.linalg.solve(np.array(body['covariance']), off) < 36.0  # ten chi-squares: 1 in 10 000
 
 
@@ -152,19 +152,19 @@ def test_thrust_from_simulate_to_replay(tmp_path: Path, capsys: pytest.CaptureFi
     model = ['--model', str(CONFIG / 'servicer7.urdf')]
     noise = {f'noise.{name}': str(value) for name, value in {**NOISE, **TWIST_NOISE}.items()}
     events = {}
-    for told in ('true', 'false'):
-        bag = tmp_path / told
-        options = assigned({**THRUST, **noise, 'thrust.publish': told})
+    for reported in ('true', 'false'):
+        bag = tmp_path / reported
+        options = assigned({**THRUST, **noise, 'thrust.publish': reported})
         assert main([*model, *SERVICER, '--duration', '12', *options, '--output', str(bag)]) == 0
         with BagReader(bag) as reader:
-            assert ('/thrust' in reader.topics) == (told == 'true')
-            if told == 'true':
+            assert ('/thrust' in reader.topics) == (reported == 'true')
+            if reported == 'true':
                 assert reader.topics['/thrust'].count == 14  # ten a second, and the end
         assert json.loads((bag / 'truth.json').read_text())['momentum'] is None
         capsys.readouterr()
-        # A second of thrust that nobody tells of, among twelve, may leave the body open: that is told as well.
-        assert replay([str(bag), *model, '--json', '-']) in ({0} if told == 'true' else {0, 3, 4})
-        events[told] = json.loads(capsys.readouterr().out)['events']
+        # An undeclared second of thrust among twelve may leave the body open: that is reported as well.
+        assert replay([str(bag), *model, '--json', '-']) in ({0} if reported == 'true' else {0, 3, 4})
+        events[reported] = json.loads(capsys.readouterr().out)['events']
     assert events['true'] == []
     assert events['false'] != []
 
@@ -191,6 +191,6 @@ def test_thrust_in_a_bag_on_another_topic(tmp_path: Path, capsys: pytest.Capture
     result = json.loads(capsys.readouterr().out)
     assert result['events'] == []
     assert result['warnings'] == [EXACT_THRUST]
-    # Not where nobody says so.
+    # Not without the parameter.
     assert replay([bag, *MODEL, *PARAMETERS, '--json', '-']) == 0
     assert [event['kind'] for event in json.loads(capsys.readouterr().out)['events']] == ['step']

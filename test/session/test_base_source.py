@@ -33,7 +33,7 @@ Make = Callable[[Any], Any]
 
 
 def bare(message: Any) -> Any:
-    """Return an Odometry that tells as much as a pose does."""
+    """Return an Odometry with no more than a pose has."""
     message = deepcopy(message)
     message.pose.covariance, message.twist.covariance = np.zeros(36), np.zeros(36)
     for part in (message.twist.twist.linear, message.twist.twist.angular):
@@ -63,7 +63,7 @@ def tf(message: Any) -> TFMessage:
 
 
 def taken(make: Make | None, parameters: Mapping[str, object], at_once: int = 10_000) -> tuple[Session, list[Estimate]]:
-    """Return a session that has taken some seconds of a robot whose base is told of in another way."""
+    """Return a session that has taken some seconds of a robot whose base is located in another way."""
     session = Session(build(EstimatorConfig, {'method': 'difference', **parameters}), urdf('table1'))
     found: list[Estimate] = []
     for place, timed in enumerate(run('table1', SECONDS)):
@@ -120,7 +120,7 @@ def _of(message: Any, child: str) -> Any:
     return message
 
 
-def test_another_source_than_the_first_is_not_used_and_told() -> None:
+def test_another_source_than_the_first_is_not_used_and_reported() -> None:
     session, _ = taken(None, {})
     before = session.received['odom']
     session.add_odometry(pose(_last_odometry()))
@@ -171,7 +171,7 @@ def test_a_bag_of_poses_gives_the_same(
     np.testing.assert_array_equal(found.final.covariance, expected[-1].covariance)
 
 
-def test_a_base_located_in_several_frames_is_told() -> None:
+def test_a_base_located_in_several_frames_is_reported() -> None:
     def make(message: Any) -> Any:
         message = deepcopy(message)
         message.header.frame_id = next(names)
@@ -180,8 +180,8 @@ def test_a_base_located_in_several_frames_is_told() -> None:
     names: Iterator[str] = chain(['odom', '/odom'], repeat('map'))
     session, found = taken(make, {})
     assert len(found) >= 3
-    (told,) = intake_warnings(session)
-    assert told.startswith("the base is located in the frames 'odom', 'map', which count as one")
+    (reported,) = intake_warnings(session)
+    assert reported.startswith("the base is located in the frames 'odom', 'map', which count as one")
     names = repeat('map')
     assert not intake_warnings(taken(make, {})[0])
 

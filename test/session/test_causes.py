@@ -46,9 +46,9 @@ LONG = pytest.mark.long
 )
 def test_the_true_cause_is_named_first(condition: str, seconds: float, monkeypatch: pytest.MonkeyPatch) -> None:
     shorten(monkeypatch, condition, seconds)
-    told = run((condition, 'trajectory', 0))
-    assert told.status in {'inconsistent', 'not_identifiable'}
-    causes = told.causes.split('\n')
+    reported = run((condition, 'trajectory', 0))
+    assert reported.status in {'inconsistent', 'not_identifiable'}
+    causes = reported.causes.split('\n')
     # One is second: the same quaternions turn the axes of the twist against those of the poses.
     assert rank(condition, causes) == (2 if condition == 'quaternions with w first' else 1)
     assert len(set(causes)) == len(causes)
@@ -56,10 +56,10 @@ def test_the_true_cause_is_named_first(condition: str, seconds: float, monkeypat
 
 @pytest.mark.parametrize('seed', [0, *(pytest.param(seed, marks=LONG) for seed in (3, 5))])
 def test_intervals_hold_with_one_link_ten_times_further_off_than_declared(seed: int) -> None:
-    told = run(("a link's mass 10 % off", 'trajectory', seed))
-    assert told.status == 'estimating'
-    assert np.mean(np.abs(told.error) < 1.96 * told.std) >= 0.9
-    assert np.max(np.abs(told.error / told.std)) < 3.0
+    reported = run(("a link's mass 10 % off", 'trajectory', seed))
+    assert reported.status == 'estimating'
+    assert np.mean(np.abs(reported.error) < 1.96 * reported.std) >= 0.9
+    assert np.max(np.abs(reported.error / reported.std)) < 3.0
 
 
 @pytest.mark.parametrize(
@@ -80,12 +80,12 @@ def test_a_twist_that_contradicts_the_poses_is_left_out(
     condition: str, twist: str, alarms: range, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shorten(monkeypatch, condition, 32.0)
-    told = run((condition, 'trajectory', 1))
-    assert told.status == 'estimating'
-    assert re.match(f'the twist is not used, because it contradicts the poses: the twist {twist}', told.named)
-    assert told.alarms in alarms
-    assert told.worst < 4.0
-    assert np.all(np.abs(told.error) < 3.0 * told.std)
+    reported = run((condition, 'trajectory', 1))
+    assert reported.status == 'estimating'
+    assert re.match(f'the twist is not used, because it contradicts the poses: the twist {twist}', reported.named)
+    assert reported.alarms in alarms
+    assert reported.worst < 4.0
+    assert np.all(np.abs(reported.error) < 3.0 * reported.std)
 
 
 @pytest.mark.parametrize(
@@ -96,10 +96,10 @@ def test_a_twist_that_contradicts_the_poses_is_left_out(
     ],
 )
 def test_where_nothing_is_wrong_that_is_no_unknown_nothing_is_named(condition: str) -> None:
-    told = run((condition, 'trajectory', 0))
-    assert told.status in {'estimating', 'converged'}
-    assert told.causes == ''
-    assert np.all(np.abs(told.error) < 3.0 * told.std)
+    reported = run((condition, 'trajectory', 0))
+    assert reported.status in {'estimating', 'converged'}
+    assert reported.causes == ''
+    assert np.all(np.abs(reported.error) < 3.0 * reported.std)
 
 
 # -- Motions that are hard to start with: nothing that is wrong is published as an estimate.
@@ -109,6 +109,6 @@ def test_a_joint_that_moves_for_the_first_time_is_taken_for_no_push(monkeypatch:
     # Its first windows are linearised where what is known of the others has led: the momentum seems to jump.
     name = 'start: trapezoids of 60 s'
     shorten(monkeypatch, name, 20.0)
-    told = run((name, 'trajectory', 11))
-    assert told.status == 'estimating'
-    assert max(told.worst, told.young) < 5.0
+    reported = run((name, 'trajectory', 11))
+    assert reported.status == 'estimating'
+    assert max(reported.worst, reported.young) < 5.0

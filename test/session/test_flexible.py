@@ -1,4 +1,4 @@
-"""Passive joints, from the simulator's messages to estimates: found within their intervals, or told."""
+"""Passive joints, from the simulator's messages to estimates: estimated within their intervals, or reported."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def test_intervals_hold_however_the_calls_are_spread(name: str, seconds: float) 
         (rated(lambda rate: np.clip(rate, -0.02, 0.02)), {'imu.range': 0.02}, 'IMU: angular velocity at the end'),
     ],
 )
-def test_what_is_missing_costs_only_what_it_would_have_told(
+def test_what_is_missing_costs_only_what_it_would_have_reported(
     spoil: Spoil, parameters: dict[str, object], dropped: str
 ) -> None:
     session, found = taken(messages('ets7', 14.0, 1), 'ets7', {**KNOWN, **parameters}, spoil)
@@ -75,19 +75,19 @@ def test_gyro_messages_that_come_twice_or_late_are_dropped() -> None:
 
 
 @pytest.mark.parametrize(
-    ('spoil', 'seconds', 'told'),
+    ('spoil', 'seconds', 'reported'),
     [
         (rated(lambda rate: rate * np.array([1.0, -1.0, -1.0])), 9.0, 'the IMU is turned by'),
         (rated(lambda rate: 1.1 * rate), 14.5, 'gyro scale'),
     ],
 )
-def test_what_is_wrong_is_told(spoil: Spoil, seconds: float, told: str) -> None:
+def test_errors_are_reported(spoil: Spoil, seconds: float, reported: str) -> None:
     _, found = taken(messages('ets7', seconds, 2), 'ets7', spoil=spoil)
     assert found[-1].status in {'inconsistent', 'not_identifiable'}
-    assert told in ' '.join((*found[-1].warnings, *(cause for cause, _ in found[-1].causes)))
+    assert reported in ' '.join((*found[-1].warnings, *(cause for cause, _ in found[-1].causes)))
 
 
-# -- An IMU on a link that joints move: it tells as much as one on the base, and where it cannot be is told.
+# -- An IMU on a link that joints move: it measures as much as one on the base; an impossible place is reported.
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_intervals_hold_and_are_as_narrow_as_on_the_base(name: str, link: str, s
     assert np.nanmax((last.std / on_base[-1].std)[known]) < 1.25
 
 
-def test_taken_for_one_on_the_base_it_is_told() -> None:
+def test_taken_for_one_on_the_base_it_is_reported() -> None:
     said = messages('ets7', 14.0, 0, 0.0, 'link3')
     _, found = taken(said, 'ets7', {**KNOWN, 'imu.frame': 'base_link'})
     assert found[-1].status in {'inconsistent', 'not_identifiable'}
@@ -138,20 +138,20 @@ def test_parameters_that_do_not_fit_are_refused(given: dict[str, object], reason
         Session(build(EstimatorConfig, {**KNOWN, **given}), urdf('ets7'))
 
 
-# -- An IMU that tells its orientation, too, where nothing locates the base: used where told, and only if asked for.
+# -- An IMU with an orientation, where nothing locates the base: used where it is measured, and only if asked for.
 
 NOISE = 1e-3  # rad
 ALONE = {**KNOWN, 'imu.alone': True, 'imu.bias_std': 3e-3, 'imu.orientation_std': 2e-3}
-ORIENTED = {**ALONE, 'imu.orientation': True}
+ORIENTED, BY_GYRO = {**ALONE, 'imu.orientation': True}, {**ALONE, 'imu.orientation_std': 1e-3}
 
 
 def mounted(turn: Array) -> Spoil:
     """Return what makes messages those of an IMU that is turned on the base."""
 
     def spoil(_time: float, message: Any) -> Any:
-        told, rate = message.orientation, message.angular_velocity
-        rotation = rotation_from_quaternion(np.array([told.x, told.y, told.z, told.w])) @ exp(turn)
-        told.x, told.y, told.z, told.w = quaternion_from_rotation(rotation).tolist()
+        reported, rate = message.orientation, message.angular_velocity
+        rotation = rotation_from_quaternion(np.array([reported.x, reported.y, reported.z, reported.w])) @ exp(turn)
+        reported.x, reported.y, reported.z, reported.w = quaternion_from_rotation(rotation).tolist()
         rate.x, rate.y, rate.z = (exp(-turn) @ np.array([rate.x, rate.y, rate.z])).tolist()
         return message
 
@@ -180,7 +180,7 @@ def without_covariance(_time: float, message: Any) -> Any:
         *(pytest.param(*each, marks=pytest.mark.long) for each in ((None, 1), (without_covariance, 4))),
     ],
 )
-def test_it_tells_body_and_momentum_within_their_intervals(spoil: Spoil | None, seed: int) -> None:
+def test_body_and_momentum_are_within_their_intervals(spoil: Spoil | None, seed: int) -> None:
     parameters = {**ORIENTED, 'noise.base_orientation': NOISE}
     session, found = taken(messages('ets7', 12.0, seed, NOISE), 'ets7', parameters, spoil)
     last = found[-1]
@@ -196,7 +196,7 @@ def test_it_tells_body_and_momentum_within_their_intervals(spoil: Spoil | None, 
     assert np.sqrt(away @ np.linalg.solve(last.momentum_covariance[3:, 3:], away)) < 4.0
 
 
-def test_it_tells_more_than_the_gyro_alone() -> None:
+def test_it_determines_more_than_the_gyro_alone() -> None:
     said = messages('ets7', 12.0, 0, NOISE)
     _, alone = taken(said, 'ets7', ALONE)
     _, both = taken(said, 'ets7', ORIENTED)
@@ -211,8 +211,8 @@ def test_it_tells_more_than_the_gyro_alone() -> None:
 def test_a_reader_gives_the_base_s_orientation_and_leaves_out_what_is_none() -> None:
     first, *others = (each.message for each in messages('ets7', 0.1, 0, NOISE) if each.topic == 'imu')
     axes = exp(np.array([0.3, -0.5, 0.2]))
-    told = first.orientation
-    measured = rotation_from_quaternion(np.array([told.x, told.y, told.z, told.w]))
+    reported = first.orientation
+    measured = rotation_from_quaternion(np.array([reported.x, reported.y, reported.z, reported.w]))
     others[0].orientation.w = 7.0
     others[1].orientation_covariance = np.array([-1.0, *np.zeros(8)])
     others[2].orientation_covariance = np.full(9, np.nan)
@@ -231,14 +231,14 @@ def test_a_reader_gives_the_base_s_orientation_and_leaves_out_what_is_none() -> 
 
 
 @pytest.mark.parametrize('covariance', [-1.0, 0.0])
-def test_that_no_message_tells_it_is_told(covariance: float) -> None:
-    def untold(_time: float, message: Any) -> Any:
+def test_its_absence_from_all_messages_is_reported(covariance: float) -> None:
+    def silent(_time: float, message: Any) -> Any:
         message.orientation.w = 9.0
         message.orientation_covariance = np.array([covariance, *np.zeros(8)])
         return message
 
     said = messages('ets7', 2.0, 0, NOISE)
-    session, found = taken(said, 'ets7', ORIENTED, untold)
+    session, found = taken(said, 'ets7', ORIENTED, silent)
     assert not found
     assert any('no message on imu has one; accepted: a unit quaternion' in each for each in obstacles(session))
     assert obstacles(taken(said, 'ets7', ORIENTED)[0]) == []
@@ -248,8 +248,7 @@ def test_that_no_message_tells_it_is_told(covariance: float) -> None:
 
 
 def test_a_robot_is_identified_by_how_it_turns() -> None:
-    alone = {**KNOWN, 'imu.alone': True, 'imu.bias_std': 3e-3, 'imu.orientation_std': 1e-3}
-    session, found = taken(messages('ets7', 14.0, 3), 'ets7', alone)
+    session, found = taken(messages('ets7', 14.0, 3), 'ets7', BY_GYRO)
     last = found[-1]
     assert (last.stage, last.status) == ('trajectory', 'estimating')
     assert session.received['odom'] == 0
@@ -268,9 +267,8 @@ def test_a_bag_without_poses_gives_json_and_exit_code(tmp_path: Path) -> None:
         for timed in messages('ets7', 14.0, 3):
             if timed.topic != 'odom':
                 bag.write(f'/{timed.topic}', timed.message, 1_700_000_000_000_000_000 + round(1e9 * timed.time))
-    given = {**KNOWN, 'imu.alone': True, 'imu.bias_std': 3e-3, 'imu.orientation_std': 1e-3}
     arguments = [str(tmp_path / 'bag'), '--model', str(CONFIG / 'ets7.urdf'), '--json', str(tmp_path / 'found.json')]
-    for name, value in given.items():
+    for name, value in BY_GYRO.items():
         arguments += ['-p', f'{name}:={json.dumps(value)}']
     assert replay(arguments) == 0
     found = json.loads((tmp_path / 'found.json').read_text(encoding='utf-8'))

@@ -64,14 +64,13 @@ def content(**changed: Any) -> dict[str, Any]:
     return {'links': {name: {} for name in LINKS}, 'joints': joints(), 'covariance': {**covariance, **changed}}
 
 
-def read(path: Path, found: object, **parameters: object) -> tuple[MomentumKernel, Array | None]:
+def read(path: Path, found: object) -> tuple[MomentumKernel, Array | None]:
     path.write_text(found if isinstance(found, str) else json.dumps(found), encoding='utf-8')
-    return with_known_errors(ROBOT, config_of(path, **parameters).known_links)
+    return with_known_errors(ROBOT, config_of(path).known_links)
 
 
-def config_of(path: Path, **parameters: object) -> EstimatorConfig:
-    given = {'known_links.calibration': str(path), **{f'known_links.{key}': x for key, x in parameters.items()}}
-    return build(EstimatorConfig, given)
+def config_of(path: Path) -> EstimatorConfig:
+    return build(EstimatorConfig, {'known_links.calibration': str(path)})
 
 
 def test_the_covariance_is_that_of_the_file(tmp_path: Path) -> None:
@@ -149,41 +148,36 @@ def moved_joint(distance: float = 1e-4) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ('found', 'parameters', 'reason'),
+    ('found', 'reason'),
     [
-        ('[1, 2', {}, 'is no calibration: Expecting'),
-        ('[]', {}, 'is no calibration: it is no object of JSON; accepted: a file of calibrate --json'),
-        ({'mass': 1.0}, {}, "is no calibration: it lacks 'links'"),
-        ({'links': {}, 'joints': {}, 'covariance': None}, {}, 'is no calibration: '),
-        ({**content(), 'joints': moved_joint()}, {}, "joint 'joint4' is elsewhere in the robot description than in"),
-        ({**content(), 'joints': {f'{x}_': y for x, y in joints().items()}}, {}, 'has the joints joint1_, '),
+        ('[1, 2', 'is no calibration: Expecting'),
+        ('[]', 'is no calibration: it is no object of JSON; accepted: a file of calibrate --json'),
+        ({'mass': 1.0}, "is no calibration: it lacks 'links'"),
+        ({'links': {}, 'joints': {}, 'covariance': None}, 'is no calibration: '),
+        ({**content(), 'joints': moved_joint()}, "joint 'joint4' is elsewhere in the robot description than in"),
+        ({**content(), 'joints': {f'{x}_': y for x, y in joints().items()}}, 'has the joints joint1_, '),
         (
             {**content(), 'status': 'inconsistent'},
-            {},
             'must not be trusted, for its data contradict the model; accepted',
         ),
         (
             content(matrix=[[1.0]]),
-            {},
             'is no calibration: values and covariance of 8 links and 7 joints have the shapes (128,), (1, 1)',
         ),
-        (content(matrix=(-matrix()).tolist()), {}, 'its matrix is no covariance'),
-        (content(matrix=without_variance()), {}, 'its matrix is no covariance'),
-        (content(matrix=(1e31 * np.eye(SIZE)).tolist()), {}, 'its matrix is no covariance'),
-        ({**content(), 'joints': moved_joint(1e200)}, {}, 'position or rotation of a joint is none'),
-        (content(values=changed_values()), {}, "link 'link3' has other values in the robot description than in"),
+        (content(matrix=(-matrix()).tolist()), 'its matrix is no covariance'),
+        (content(matrix=without_variance()), 'its matrix is no covariance'),
+        (content(matrix=(1e31 * np.eye(SIZE)).tolist()), 'its matrix is no covariance'),
+        ({**content(), 'joints': moved_joint(1e200)}, 'position or rotation of a joint is none'),
+        (content(values=changed_values()), "link 'link3' has other values in the robot description than in"),
         (
             {**content(), 'links': {name: {} for name in (*LINKS[:7], 'claw')}},
-            {},
             'is of claw; accepted: links of the robot',
         ),
     ],
 )
-def test_what_cannot_be_used_is_one_line(
-    tmp_path: Path, found: object, parameters: dict[str, object], reason: str
-) -> None:
+def test_what_cannot_be_used_is_one_line(tmp_path: Path, found: object, reason: str) -> None:
     with pytest.raises(ParameterError) as caught:
-        read(tmp_path / 'calibration.json', found, **parameters)
+        read(tmp_path / 'calibration.json', found)
     assert reason in str(caught.value)
     assert '\n' not in str(caught.value)
 

@@ -17,11 +17,10 @@ from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
 from mbaid_ros.simulation.simulation import total_momentum
-from observed import nees
+from observed import LIMIT, nees
 from sessions import AWAY, URDF, declared, history, identify, session, simulated
 
 SECONDS = 30.0
-LIMIT = float(chi2.isf(1e-3, 10))
 LONG = pytest.mark.long
 ECCENTRIC: dict[str, object] = {'orbit.eccentricity': 0.3, 'orbit.true_anomaly': 1.0}
 FAST = 0.005  # rad/s: four times the mean motion of a low orbit, so that half a minute is enough
@@ -89,7 +88,7 @@ def test_without_the_parameter_it_is_no_quiet_error(frame: str, method: str) -> 
 
 
 @pytest.mark.parametrize('place', [pytest.param([0.0, 0.0, 0.0], marks=LONG), AWAY])
-def test_a_gravity_gradient_that_is_not_declared_is_told(place: list[float]) -> None:
+def test_a_gravity_gradient_that_is_not_declared_is_reported(place: list[float]) -> None:
     """In a frame that does not turn it may be too small to contradict anything: it is estimated along."""
     run = simulated(SECONDS, initial__base_position=place, **given(declared('inertial', 0.5 * FAST)))
     last = identify(run, session(orbit__undeclared_rate=0.5 * FAST))
@@ -129,13 +128,13 @@ def test_an_orbit_that_is_no_circle_where_one_is_declared(frame: str) -> None:
 def test_a_gravity_gradient_that_has_turned_too_far_is_no_quiet_error() -> None:
     """In half a minute it turns by 0.6 rad: that is no longer a change at a constant rate."""
     run = simulated(SECONDS, initial__base_position=AWAY, **given(declared('inertial', 2.0 * FAST)))
-    told = history(run, session(orbit__undeclared_rate=2.0 * FAST))
-    late = {each.status for each in told if each.time > 0.5 * SECONDS}
+    reported = history(run, session(orbit__undeclared_rate=2.0 * FAST))
+    late = {each.status for each in reported if each.time > 0.5 * SECONDS}
     # Which of the two it ends with is a matter of when the latest search has led to nothing that stays.
     assert 'inconsistent' in late
     assert late <= {'inconsistent', 'not_identifiable'}
     # A search that is under way has no causes yet.
-    assert 'set orbit.mean_motion' in next(each.causes[0][0] for each in reversed(told) if each.causes)
+    assert 'set orbit.mean_motion' in next(each.causes[0][0] for each in reversed(reported) if each.causes)
 
 
 def test_no_orbit_is_none() -> None:

@@ -161,7 +161,7 @@ def test_an_estimate_comes_with_the_message_that_completes_its_window(stream: st
     messages = ARRIVING[stream]()
     came, parts = worked(messages, always=False)
     assert len(came) >= 3
-    # Halves of the joints are told apart only when they are read.
+    # Halves of the joints are distinguished only when they are read.
     late = 2 if stream == 'joints in halves' else 0
     assert np.all(np.subtract(came, worked(messages, always=True)[0]) <= late)
     # Hardly any work in vain.

@@ -118,7 +118,7 @@ def test_a_thrown_body_with_a_flywheel_is_calibrated(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('seed', [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
-def test_a_tumbling_body_whose_joint_rests_tells_the_ratios_of_its_moments(
+def test_a_tumbling_body_with_joints_at_rest_determines_the_ratios_of_its_moments(
     tmp_path: Path, seed: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     values: dict[str, object] = {

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
 from checked import central_difference
 from floating import true_momentum
@@ -18,21 +17,21 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model_errors import relative_factor
-from mbaid_ros.core.robot.orbit import OF_A_THRUSTER
+from mbaid_ros.core.robot.momentum import OF_A_THRUSTER
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust
+from mbaid_ros.core.trajectory.solution import thrusters as estimated_thrusters
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Thrusters, thrusters
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
-from observed import MID, kernel, nees, observe, true_body, windows
+from observed import LIMIT, MID, kernel, nees, observe, true_body, windows
 from servicers import FORCE_TORQUE, OFF, ON, Timed, command, pulse, pushed, thrust_messages
 from sessions import identify, session, simulated
 from simulated import robot
 
 SECONDS = 30.0
-LIMIT = float(chi2.isf(1e-3, 10))
 SCALE, TURN = 1.1, np.radians(5.0) * np.array([1.0, 0.0, 0.0])  # of a force along y, which that turns to z
 LATE = 0.05  # s
 PRIOR: dict[str, object] = {'thrust__scale_std': 0.15, 'thrust__direction_std': 0.1, 'thrust__delay_std': 0.1}
@@ -105,20 +104,20 @@ def test_commands_that_are_right_stay_so() -> None:
 
 
 def commanded(wrench: Array, delay: float = 0.0, *, late: bool = False) -> tuple[Array, Array]:
-    """Return impulse (N, 6) and columns (N, 6, 5) of a wrench on link3, told before its samples or after all."""
+    """Return impulse (N, 6) and columns (N, 6, 5) of a wrench on link3, published before its samples or after all."""
     thrust = Thrust(robot('servicer7'), ['link3'])
     parts = windows(observe(pushed(), MID))
     last = len(parts) - 1
-    found = [] if late else _told(thrust, wrench, delay)
+    found = [] if late else _reported(thrust, wrench, delay)
     for place, part in enumerate(parts):
         if late and place == last:
-            _told(thrust, wrench, delay)
+            _reported(thrust, wrench, delay)
         found.append(thrust.applied(part, 0))
     impulse, columns = (np.concatenate([getattr(part, name) for part in found]) for name in ('impulse', 'thrust'))
     return impulse, columns.reshape(-1, 6, OF_A_THRUSTER)
 
 
-def _told(thrust: Thrust, wrench: Array, delay: float) -> list[Samples]:
+def _reported(thrust: Thrust, wrench: Array, delay: float) -> list[Samples]:
     thrust.command('link3', round((ON + delay) * 1e9), wrench, None)
     thrust.command('link3', round((OFF + delay) * 1e9), np.zeros(6), None)
     return []
@@ -136,7 +135,7 @@ def test_columns_are_what_other_commands_would_have_brought() -> None:
     changing = np.isin(np.round(time, 6), (ON, OFF))
     assert found[~changing, :, 4] == pytest.approx(expected[~changing, :, 4], abs=5e-3 * np.abs(FORCE_TORQUE).max())
     assert np.abs(expected[..., 4]).max() > 1.0
-    # Told late, all of it counts from then on.
+    # Published late, all of it counts from then on.
     assert commanded(FORCE_TORQUE, late=True)[1][-1] == pytest.approx(found[-1], abs=1e-9)
 
 
@@ -151,18 +150,19 @@ def test_the_momentum_depends_on_them_by_these_columns() -> None:
     assert unknown.momentum_columns(servicer, states) == pytest.approx(-moved, abs=1e-12)
 
 
-def test_calibrate_tells_what_it_has_found_of_them() -> None:
+def test_calibrate_reports_their_deviations() -> None:
     servicer = kernel('servicer7')
     uncertainty = Uncertainty(thrusters=['link3'], thrust_scale=0.1, thrust_direction=0.05, thrust_delay=0.02)
     prior = make_prior(servicer, [relative_factor(servicer.target.parameters, 0.01)])
     before = Normals.before(prior, servicer, uncertainty)
-    (found,) = before.thrusters()
+    (found,) = estimated_thrusters(before.values_of(Thrusters))
     assert (found.scale, found.scale_std, found.delay, found.delay_std) == pytest.approx((1.0, 0.1, 0.0, 0.02))
     assert found.turn_std == pytest.approx(np.full(3, 0.05))
     mean = before.gaussian.mean.copy()
     place = 10 + sum(each.count for each in before.unknowns[: before.unknowns.index(_thrusters(before))])
     mean[place : place + OF_A_THRUSTER] = [2.0, 0.0, -1.0, 0.0, 3.0]
-    (found,) = replace(before, gaussian=UnknownsPrior(mean, 0.5 * before.gaussian.factor)).thrusters()
+    after = replace(before, gaussian=UnknownsPrior(mean, 0.5 * before.gaussian.factor))
+    (found,) = estimated_thrusters(after.values_of(Thrusters))
     assert found.frame == 'link3'
     assert (found.scale, found.scale_std) == pytest.approx((1.2, 0.05))
     assert found.turn == pytest.approx([0.0, -0.05, 0.0])
@@ -224,7 +224,7 @@ def test_the_wrong_command_is_a_disturbance(method: str) -> None:
     assert last.events[0].linear == pytest.approx(-(OFF - ON) * rotation @ FORCE_TORQUE[:3], abs=0.7)
 
 
-def test_a_command_that_comes_late_is_told_and_not_lost() -> None:
+def test_a_late_command_is_reported_and_not_lost() -> None:
     on, off = pulse()
     read = thrust_messages(0, off)
     # Two seconds after it acted.

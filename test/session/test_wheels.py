@@ -1,4 +1,4 @@
-"""Wheels inside the base, from the simulator's messages to estimates: by their speeds, by their momentum, or untold."""
+"""Wheels inside the base, from simulated messages to estimates: by their speeds, their momentum, or undeclared."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mbaid_ros.core.sensors.external_momentum import NOT_ASKED_FOR, OTHER_MOMENT
 from mbaid_ros.session.explanation import intake_warnings
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
-from observed import nees
+from observed import LIMIT, nees
 from sessions import URDF, feed, session, simulated
 
 AXES = [1.0, 1.0, 1.0, -1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 1.0]
@@ -27,7 +27,6 @@ NAMES = ['rw1', 'rw2', 'rw3', 'rw4']
 WHEELS: dict[str, object] = {'wheels.names': NAMES, 'wheels.axes': AXES, 'wheels.spin_inertias': [0.05] * 4}
 RAMP = {'wheels.accelerations': [5.0, -5.0, 4.0, 5.0], 'wheels.speed_noise': 0.05}
 SECONDS = 20.0
-LIMIT = float(chi2.isf(1e-3, 10))
 
 
 @cache

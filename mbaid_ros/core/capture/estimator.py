@@ -14,7 +14,7 @@ from mbaid_ros.core.identifier import Deferring, Estimator, knowledge_of
 from mbaid_ros.core.results.estimate import CapturePhase, Estimate, determined
 from mbaid_ros.core.results.status import Reason, notes, with_reasons
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.orbit import brought
+from mbaid_ros.core.robot.momentum import brought
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.posterior import Posterior
 

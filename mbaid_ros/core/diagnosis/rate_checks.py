@@ -57,14 +57,14 @@ class RateCheck:
     Parameters
     ----------
     motion : that a window shows; None where it has no such rate
-    error : the wrong convention that motions show, in words, and its gain in log-likelihood; empty if none
+    error : the wrong convention that motions of a misfit show, in words, and its gain in log-likelihood; empty if none
     severity : of the reason
     """
 
     def __init__(
         self,
         motion: Callable[[Samples], Motion | None],
-        error: Callable[[Motion], tuple[str, float]],
+        error: Callable[[Motion, float], tuple[str, float]],
         severity: Severity = 'note',
     ) -> None:
         self._motion, self._error, self._severity = motion, error, severity
@@ -80,9 +80,10 @@ class RateCheck:
 
     def reason(self) -> Reason | None:
         """Return the contradiction that the latest windows show."""
-        if len(self._seen) < _FEWEST or sum(self._misfits) < _CONTRADICTS * len(self._seen):
+        contradiction = sum(self._misfits) / max(len(self._seen), 1)
+        if len(self._seen) < _FEWEST or contradiction < _CONTRADICTS:
             return None
-        text, gain = self._error(Motion.concatenate(self._seen))
+        text, gain = self._error(Motion.concatenate(self._seen), contradiction)
         return Reason(text, self._severity, gain) if text else None
 
     def update(self, window: Samples) -> Reason | None:
@@ -93,7 +94,7 @@ class RateCheck:
 
 def twist_check() -> RateCheck:
     """Return the check whether the base's twist is the rate of its poses."""
-    return RateCheck(_twist_motion, _twist_error)
+    return RateCheck(_twist_motion, lambda motion, misfit: _likeliest(motion, misfit, _twist_meanings(motion)))
 
 
 def gyro_check() -> RateCheck:
@@ -101,11 +102,8 @@ def gyro_check() -> RateCheck:
     return RateCheck(_gyro_motion, _gyro_error, 'conflict')
 
 
-def _likeliest(motion: Motion, meanings: Meanings) -> tuple[str, float]:
-    """Return the convention that explains a contradiction, and its gain; empty if none does, or there is none."""
-    contradiction = motion.misfit(motion.read)
-    if contradiction < _CONTRADICTS:
-        return '', 0.0
+def _likeliest(motion: Motion, contradiction: float, meanings: Meanings) -> tuple[str, float]:
+    """Return the convention that explains motions of a misfit, and its gain; empty if none does."""
     _, left, text = min((factor * motion.misfit(meant), motion.misfit(meant), text) for factor, text, meant in meanings)
     if left > _LEFT * min(contradiction, motion.misfit(np.zeros(motion.step.shape))):
         return '', 0.0
@@ -163,11 +161,6 @@ def _twist_motion(window: Samples) -> Motion | None:
     variance += 5.0 / 9.0 * length**2 / count * _spread(window.twist_covariance)
     rows = step, read, np.sqrt(variance), arm, rotation[count // 2]
     return Motion(*(row[None] for row in rows))
-
-
-def _twist_error(motion: Motion) -> tuple[str, float]:
-    """Return the convention that a twist follows instead of the rate of the poses, and its gain."""
-    return _likeliest(motion, _twist_meanings(motion))
 
 
 def _twist_meanings(motion: Motion) -> Meanings:
@@ -239,12 +232,14 @@ def _gyro_motion(window: Samples) -> Motion | None:
     return Motion(*(row[None] for row in rows))
 
 
-def _gyro_error(motion: Motion) -> tuple[str, float]:
+def _gyro_error(motion: Motion, contradiction: float) -> tuple[str, float]:
     """Return the units or axes that a gyro has instead of the poses', and the gain; a bias is none."""
+    del contradiction  # a bias has its part in it
     step, read = (each - np.mean(each, axis=0) for each in (motion.step, motion.read))
     declared = _OFF * np.sqrt(np.mean(np.sum(step**2, axis=1)))
     motion = replace(motion, step=step, read=read, noise=np.hypot(motion.noise, declared))
-    return _likeliest(motion, _gyro_meanings(motion))
+    contradiction = motion.misfit(motion.read)
+    return _likeliest(motion, contradiction, _gyro_meanings(motion)) if contradiction >= _CONTRADICTS else ('', 0.0)
 
 
 def _gyro_meanings(motion: Motion) -> Meanings:

@@ -24,7 +24,7 @@ from mbaid_ros.core.results.reporting import Reporting, Solution
 from mbaid_ros.core.results.status import Reason
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.robot.orbit import brought
+from mbaid_ros.core.robot.momentum import brought
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown
 from mbaid_ros.core.unknowns.priors import UnknownsPrior

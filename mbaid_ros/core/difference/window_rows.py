@@ -14,7 +14,7 @@ from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Plane, PlaneDetector
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.robot.orbit import of_bodies, of_link
+from mbaid_ros.core.robot.momentum import of_bodies, of_link
 from mbaid_ros.core.robot.sensitivity import sensitivity
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.unknowns.declaration import Unknown

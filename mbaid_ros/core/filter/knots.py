@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, cross, exp, log, moved_base
-from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about
+from mbaid_ros.core.robot.momentum import OF_A_THRUSTER, about
 from mbaid_ros.core.samples import ArrayRecord, Samples
 
 # Knots that a window needs of its neighbours, before and after, for its fourth-order formulas.

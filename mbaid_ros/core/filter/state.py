@@ -18,8 +18,7 @@ from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Configuration, PlaneDetector
 from mbaid_ros.core.robot.model import Link
-from mbaid_ros.core.robot.momentum import body_sizes
-from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, of_bodies
+from mbaid_ros.core.robot.momentum import OF_A_THRUSTER, body_sizes, of_bodies
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown

@@ -20,7 +20,7 @@ from mbaid_ros.core.filter.state import (
 from mbaid_ros.core.geometry import Array, Integers, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about, of_link
+from mbaid_ros.core.robot.momentum import OF_A_THRUSTER, about, of_link
 from mbaid_ros.core.robot.passive import PassiveInertias, PassiveMotion, along_passive, spring_constants
 from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
 from mbaid_ros.core.samples import ArrayRecord

@@ -60,11 +60,6 @@ def with_reasons(estimate: Estimate, reasons: Sequence[Reason]) -> Estimate:
     return replace(estimate, status=status, causes=causes, warnings=tuple(warnings))
 
 
-def contradictions(texts: Sequence[str]) -> list[Reason]:
-    """Return the reasons of data that contradict the model, a line each."""
-    return [Reason(text, 'contradiction') for text in texts]
-
-
 def notes(texts: Sequence[str]) -> list[Reason]:
     """Return reasons that are warnings alone."""
     return [Reason(text) for text in texts]

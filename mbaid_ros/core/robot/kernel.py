@@ -14,8 +14,7 @@ from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.robot.kinematics import Configuration, Kinematics, Springs
 from mbaid_ros.core.robot.model import Link, RobotModel, displaced, express
 from mbaid_ros.core.robot.model_errors import KnownErrors
-from mbaid_ros.core.robot.momentum import Storage, momentum, regressor
-from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, about
+from mbaid_ros.core.robot.momentum import OF_A_THRUSTER, Storage, about, momentum, regressor
 from mbaid_ros.core.samples import Index, Samples
 
 

@@ -13,12 +13,14 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, bracket, cross, rotate, rotate_back, skew, unvec, vec
 from mbaid_ros.core.linear_algebra import is_positive
-from mbaid_ros.core.robot.model import Link
+from mbaid_ros.core.robot.model import Link, express
+from mbaid_ros.core.samples import Samples
 
 # d vec(I)/dr of the Steiner term is assembled from these: E_k = d[r]x / dr_k.
 _GENERATORS = skew(np.eye(3))
 _IDENTITY = np.eye(10)
 _COM = np.arange(1, 4)
+OF_A_THRUSTER = 5  # errors of a thruster: scale, turn about three axes, delay
 
 
 def physical(standard: Array) -> Array:
@@ -252,3 +254,34 @@ class Storage:
         for place, body in enumerate(self.bodies):
             stored[:, body] += each[:, place]
         return stored
+
+
+def about(brought: Array, position: Array, numbers: int = 10) -> Array:
+    """Return (N, 6 numbers b) columns of (P, L) about the origin as (N, b, 6, numbers) ones about (N, 3) points."""
+    columns = brought.reshape(len(brought), brought.shape[1] // (6 * numbers), 6, numbers).copy()
+    if not columns.size:
+        return columns
+    columns[..., 3:, :] -= skew(position)[:, None] @ columns[..., :3, :]
+    return columns
+
+
+def of_link(columns: Array, link: Link) -> Array:
+    """Return the (N, 6, 10) columns of a link's standard parameters in its own frame, from those of all bodies."""
+    to_body = express(np.eye(10), link.rotation, link.position).T
+    return np.asarray(columns[:, link.body] @ to_body)
+
+
+def of_bodies(columns: Array, parameters: Array) -> Array:
+    """Return the (N, 6) sum of columns times (n + 1, 10) standard parameters of all bodies, each in its own frame."""
+    return np.asarray(np.einsum('nbij,bj->ni', columns, parameters))
+
+
+def brought(samples: Samples, parameters: Array) -> Array:
+    """Return the change of (P, L) by thrust and orbit until the last sample, (6,), about the odometry's origin.
+
+    `parameters` (n + 1, 10) are the standard ones of all bodies, each in its own frame.
+    """
+    impulse = samples.impulse[-1]
+    if not samples.tide.shape[1]:
+        return impulse
+    return np.asarray(impulse + of_bodies(about(samples.tide[-1:], np.zeros((1, 3))), parameters)[0])

@@ -13,7 +13,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, bracket, cross, exp, rotate, rotate_back, skew
 from mbaid_ros.core.robot.kinematics import Configuration, Kinematics
-from mbaid_ros.core.robot.model import Link, RobotModel, express
+from mbaid_ros.core.robot.model import RobotModel, express
 from mbaid_ros.core.samples import BaseStream, Samples
 
 Frame = Literal['inertial', 'lvlh', 'hill']
@@ -109,9 +109,6 @@ def orbit_fixed_frame(rate: float) -> str:
     return f'looks like gravity gradient or an orbit-fixed frame at about {rate:.2g} rad/s: set orbit.mean_motion'
 
 
-OF_A_THRUSTER = 5  # errors of a thruster: scale, turn about three axes, delay
-
-
 def momentum_rates(orbit: Orbit, time: Array, configuration: Configuration, base_position: Array) -> Array:
     """Return the rate of (P, L) about the frame's origin by each body's standard parameters, (N, n + 1, 6, 10).
 
@@ -129,37 +126,6 @@ def momentum_rates(orbit: Orbit, time: Array, configuration: Configuration, base
     strength = orbit.strength(time)[:, None, None, None]
     rates[..., 3:, 4:] = 3.0 * strength * (rotation @ (skew(seen) @ bracket(seen)))
     return rates
-
-
-def about(brought: Array, position: Array, numbers: int = 10) -> Array:
-    """Return (N, 6 numbers b) columns of (P, L) about the origin as (N, b, 6, numbers) ones about (N, 3) points."""
-    columns = brought.reshape(len(brought), brought.shape[1] // (6 * numbers), 6, numbers).copy()
-    if not columns.size:
-        return columns
-    columns[..., 3:, :] -= skew(position)[:, None] @ columns[..., :3, :]
-    return columns
-
-
-def of_link(columns: Array, link: Link) -> Array:
-    """Return the (N, 6, 10) columns of a link's standard parameters in its own frame, from those of all bodies."""
-    to_body = express(np.eye(10), link.rotation, link.position).T
-    return np.asarray(columns[:, link.body] @ to_body)
-
-
-def of_bodies(columns: Array, parameters: Array) -> Array:
-    """Return the (N, 6) sum of columns times (n + 1, 10) standard parameters of all bodies, each in its own frame."""
-    return np.asarray(np.einsum('nbij,bj->ni', columns, parameters))
-
-
-def brought(samples: Samples, parameters: Array) -> Array:
-    """Return the change of (P, L) by thrust and orbit until the last sample, (6,), about the odometry's origin.
-
-    `parameters` (n + 1, 10) are the standard ones of all bodies, each in its own frame.
-    """
-    impulse = samples.impulse[-1]
-    if not samples.tide.shape[1]:
-        return impulse
-    return np.asarray(impulse + of_bodies(about(samples.tide[-1:], np.zeros((1, 3))), parameters)[0])
 
 
 class FallingFrame:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -48,7 +49,7 @@ class Transmission:
     multiplier: Array
     offset: Array
 
-    @property
+    @cached_property
     def direct(self) -> bool:
         """Whether every joint is independent."""
         return len(self.independent) == len(self.driver)

@@ -18,7 +18,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.robot.orbit import OF_A_THRUSTER
+from mbaid_ros.core.robot.momentum import OF_A_THRUSTER
 from mbaid_ros.core.samples import JointStream, Samples
 
 NOT_FINITE_THRUST = 'thrust with a NaN or infinite value'

@@ -18,25 +18,28 @@ from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout, Poi
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate, PassiveJoint
 from mbaid_ros.core.results.reporting import Reporting, Solution
-from mbaid_ros.core.results.status import Verdict, contradictions, judge, notes
+from mbaid_ros.core.results.status import Reason, Verdict, judge, notes
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.robot.momentum import standard
-from mbaid_ros.core.robot.orbit import brought
+from mbaid_ros.core.robot.momentum import brought, standard
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import End, Posterior, posterior
 from mbaid_ros.core.trajectory.solution import (
+    carry_target,
     error_budget,
     forces,
     implausible,
     joint_delay,
     jumps,
+    of_filter,
     passive_joints,
     soft_grasps,
     thrusters,
 )
 from mbaid_ros.core.trajectory.target_runs import TargetRuns, TrajectorySettings
 from mbaid_ros.core.unknowns.catalogue import underestimated_text
+from mbaid_ros.core.unknowns.environment import Thrusters
+from mbaid_ros.core.unknowns.flexible import SpringErrors
 
 _AT_REST = 'no joint has moved yet: with joints at rest no single body is observable'
 _TUMBLING = (
@@ -88,8 +91,7 @@ class TrajectoryEstimator:
 
     def _filter(self, window: Samples, knots: Averaged, origin: int) -> Estimate:
         """Filter one window, and report the solution by then, or why there is none."""
-        while self.run_slice():
-            pass
+        self._runs.finish_due_work()  # of the windows before
         self._plane.update(window)
         self._samples += len(window)
         run = self._runs.present(self._averaging.origin)  # a new one if motion or target have changed
@@ -126,7 +128,6 @@ class TrajectoryEstimator:
     def _history(self, run: FilterRun, now: Estimate, distribution: MeanAndCovariance, verdict: Verdict) -> Estimate:
         """Return all that is known of a run by now, but for body and momentum."""
         filtered, layout = run.best, self._runs.layout
-        swinging = layout.kernel.springs.count > 0
         delay, delay_std = joint_delay(distribution, layout)
         return replace(
             now,
@@ -137,11 +138,18 @@ class TrajectoryEstimator:
                 *self._runs.events(distribution),
                 *jumps(filtered, distribution, self._averaging.origin),
             ),
-            thrusters=thrusters(distribution, layout),
-            flexible=passive_joints(distribution, layout, run.deflections, run.resolved) if swinging else (),
+            thrusters=thrusters(of_filter(Thrusters, distribution, layout)),
+            flexible=self._flexible(run, distribution) if layout.kernel.springs.count else (),
             time_offset=delay,
             time_offset_std=delay_std,
         )
+
+    def _flexible(self, run: FilterRun, distribution: MeanAndCovariance) -> tuple[PassiveJoint, ...]:
+        """Return the passive joints as estimated, those that carry the target as declared."""
+        layout = self._runs.layout
+        resolved = run.resolved & ~carry_target(layout.kernel)
+        estimated = of_filter(SpringErrors, distribution, layout)
+        return passive_joints(estimated, layout.kernel, run.deflections, resolved)
 
     def _solved(
         self,
@@ -171,7 +179,7 @@ class TrajectoryEstimator:
             curvatures=run.curvatures(explained=verdict.adequate),
             reasons=(
                 *notes((*self._runs.warnings, *too_small, *estimated, *self._soft)),
-                *contradictions(verdict.reasons),
+                *(Reason(text, 'contradiction') for text in verdict.reasons),
                 *(implausible(distribution, layout, flexible, run.resolved) if flexible else ()),
             ),
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -15,14 +15,7 @@ from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.linear_algebra import chi_square_limit
-from mbaid_ros.core.results.estimate import (
-    PULSE,
-    SYMPTOM,
-    Event,
-    PassiveJoint,
-    Thruster,
-    constant_force,
-)
+from mbaid_ros.core.results.estimate import PULSE, SYMPTOM, Event, PassiveJoint, Thruster, constant_force
 from mbaid_ros.core.results.parameters import SENSOR_NOISE, DeferredBudget, ErrorBudget
 from mbaid_ros.core.results.status import MOST_JUMPS, Reason
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -132,32 +125,48 @@ def _of_a_prior(factor: Array, distribution: MeanAndCovariance, variables: Varia
     return np.asarray(np.sum(np.linalg.solve(root, distribution.with_variables(factor)[which]) ** 2, axis=0))
 
 
+def values_of(
+    kind: type[U], unknowns: Iterable[tuple[Unknown, slice]], mean: Array, deviation: Array
+) -> Iterator[tuple[U, Array, Array]]:
+    """Yield the unknowns of a kind with their values and standard deviations, SI units.
+
+    Parameters
+    ----------
+    unknowns : each with the place of its independent numbers; an SI number takes at most one of them
+    mean, deviation : of the numbers, in units of their priors
+    """
+    for unknown, place in unknowns:
+        if isinstance(unknown, kind):
+            yield unknown, unknown.factor @ mean[place], np.abs(unknown.factor @ deviation[place])
+
+
+def of_filter(kind: type[U], distribution: MeanAndCovariance, layout: Layout) -> Iterator[tuple[U, Array, Array]]:
+    """Yield the unknowns of a kind with their values and standard deviations, SI units."""
+    deviation = np.concatenate((np.zeros(BODY.stop), np.sqrt(distribution.of_unknowns.diagonal())))
+    return values_of(kind, zip(layout.unknowns, layout.places, strict=True), distribution.mean, deviation)
+
+
 def joint_delay(distribution: MeanAndCovariance, layout: Layout) -> tuple[float, float]:
     """Return the joints' delay and its standard deviation, s; NaN where it is no unknown."""
-    found = ((float(value[0]), float(std[0])) for _, value, std in _of_kind(distribution, layout, TimeOffset))
+    found = ((float(value[0]), float(std[0])) for _, value, std in of_filter(TimeOffset, distribution, layout))
     return next(found, (np.nan, np.nan))
 
 
-def thrusters(distribution: MeanAndCovariance, layout: Layout) -> tuple[Thruster, ...]:
+def thrusters(estimated: Iterable[tuple[Thrusters, Array, Array]]) -> tuple[Thruster, ...]:
     """Return the estimated deviations of thrusters from their commands."""
-    estimated: list[Thruster] = []
-    for unknown, value, std in _of_kind(distribution, layout, Thrusters):
-        estimated += Thruster.all_of(unknown.frames, value, std)
-    return tuple(estimated)
+    parts = (Thruster.all_of(unknown.frames, value, std) for unknown, value, std in estimated)
+    return tuple(thruster for part in parts for thruster in part)
 
 
 def passive_joints(
-    distribution: MeanAndCovariance, layout: Layout, deflections: Array, resolved: Flags
+    estimated: Iterable[tuple[SpringErrors, Array, Array]], kernel: MomentumKernel, deflections: Array, resolved: Flags
 ) -> tuple[PassiveJoint, ...]:
-    """Return the passive joints as estimated, those that carry the target as declared; see `PassiveJoint.all_of`."""
-    springs, model = layout.kernel.springs, layout.kernel.model
-    value: Array = np.zeros((springs.count, 2))
-    std = prior = value
-    for unknown, numbers, stds in _of_kind(distribution, layout, SpringErrors):
-        value, std = numbers.reshape(-1, 2), stds.reshape(-1, 2)
-        prior = np.linalg.norm(unknown.factor, axis=1).reshape(-1, 2)
-    names = [model.joint_names[joint] for joint in springs.joints]
-    resolved = resolved & ~_carry_target(layout.kernel)
+    """Return the passive joints as estimated, those not resolved as declared; see `PassiveJoint.all_of`."""
+    springs = kernel.springs
+    value, std, prior = np.zeros((3, springs.count, 2))
+    for unknown, *numbers in estimated:
+        value, std, prior = (each.reshape(-1, 2) for each in (*numbers, np.linalg.norm(unknown.factor, axis=1)))
+    names = [kernel.model.joint_names[joint] for joint in springs.joints]
     return PassiveJoint.all_of(names, (springs.rate, springs.ratio, prior), value, std, deflections, resolved)
 
 
@@ -200,23 +209,11 @@ def soft_grasps(kernel: MomentumKernel) -> list[str]:
     return [
         f'{names[joint]} is passive and carries the target: encoder noise drives its swing, so its frequency and '
         'damping stay as declared'
-        for joint, carries in zip(kernel.springs.joints, _carry_target(kernel), strict=True)
+        for joint, carries in zip(kernel.springs.joints, carry_target(kernel), strict=True)
         if carries
     ]
 
 
-def _carry_target(kernel: MomentumKernel) -> Flags:
+def carry_target(kernel: MomentumKernel) -> Flags:
     """Return which passive joints (f,) lie between base and target: 3 Hz of one were found 9.7 deviations off."""
     return np.asarray(kernel.kinematics.ancestors[kernel.target.body, list(kernel.springs.joints)], dtype=bool)
-
-
-def _of_kind(distribution: MeanAndCovariance, layout: Layout, kind: type[U]) -> Iterator[tuple[U, Array, Array]]:
-    """Yield the unknowns of a kind with their values and standard deviations, SI units.
-
-    Each number of the state is one of these, in units of its prior.
-    """
-    variances = distribution.of_unknowns.diagonal()
-    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
-        if isinstance(unknown, kind):
-            deviation = np.sqrt(variances[place.start - BODY.stop : place.stop - BODY.stop])
-            yield unknown, unknown.factor @ distribution.mean[place], np.abs(unknown.factor @ deviation)

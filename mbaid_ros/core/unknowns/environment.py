@@ -19,7 +19,8 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, cross, skew, unvec
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.robot.orbit import OF_A_THRUSTER, Orbit
+from mbaid_ros.core.robot.momentum import OF_A_THRUSTER
+from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.core.unknowns.declaration import Linear, NominalModel, Reading, Unknown, Words, diagonal
 
 GRAVITY, SHAPE, TORQUE, FORCE = 'gravity gradient', 'orbit shape', 'external torque', 'external force'
@@ -35,8 +36,7 @@ _TRACELESS = np.array(
         np.diag([1.0, 1.0, -2.0]) / np.sqrt(6.0),
     ]
 )
-# Further than this from its origin, m, a frame does not count as one that falls with the robot.
-_NEAR = 200.0
+_NEAR = 200.0  # m from its origin, beyond which a frame does not count as one that falls with the robot
 
 
 @dataclass(frozen=True, eq=False)

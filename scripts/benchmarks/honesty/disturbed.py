@@ -202,10 +202,8 @@ def _on_springs(urdf: str, springs: dict[str, Spring]) -> World:
 
 
 def _panel(_seed: int) -> World:
-    """Return a panel of 20 kg and 2.2 m on a hinge of 0.3 Hz that oscillates from the start."""
-    panel = box(20.0, (0.9, 2.2, 0.03), (0.0, 1.1, 0.0))
-    parts = [robots.part('panel', BASE, (-0.1, 0.6, 0.0), (1, 0, 0), panel, 'revolute')]
-    return _on_springs(robots.with_parts(robots.servicer(), parts), {'panel_joint': Spring(0.3, 0.005, 0.01)})
+    """Return a panel on a hinge of 0.3 Hz that oscillates from the start."""
+    return _on_springs(robots.with_panel(robots.servicer()), {'panel_joint': Spring(0.3, 0.005, 0.01)})
 
 
 def _slosh(_seed: int) -> World:

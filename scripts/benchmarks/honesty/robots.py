@@ -87,6 +87,12 @@ def with_parts(urdf: str, parts: Sequence[str]) -> str:
     return urdf.replace('</robot>', f'{"".join(parts)}</robot>')
 
 
+def with_panel(urdf: str) -> str:
+    """Return a robot with a panel of 20 kg and 2.2 m on a hinge `panel_joint`."""
+    panel = box(20.0, (0.9, 2.2, 0.03), (0.0, 1.1, 0.0))
+    return with_parts(urdf, [part('panel', BASE, (-0.1, 0.6, 0.0), (1, 0, 0), panel, 'revolute')])
+
+
 def locked(urdf: str, *names: str) -> str:
     """Return a robot whose links of `part` are taken as fixed."""
     for name in names:

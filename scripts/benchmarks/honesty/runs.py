@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import chdtrc, ndtri
 
 from benchmarks.data import NOISE, START, history
-from benchmarks.frame import Runs, declared
+from benchmarks.frame import PUBLISHED, Runs, declared
 from benchmarks.honesty.disturbed import CATALOGUE
 from benchmarks.honesty.readings import Readings, read
 from benchmarks.honesty.worlds import World, float_freely, swing
@@ -32,7 +32,6 @@ from mbaid_ros.sensor_messages import joints_of, poses_of
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.simulation import Truth
 
-PUBLISHED = ('estimating', 'converged')
 REFUSED = 'refused'
 FAR = 5.0  # standard deviations: an error beyond is wrong
 _FEWEST_COVERED = 0.6  # of the parameters, over the seeds
@@ -169,9 +168,8 @@ class Verdict:
     alarms: int  # inconsistent ones
     named: str  # cause or warning that most runs name first
     silently_wrong: bool  # a good status, and wrong
-    places: tuple[
-        int, ...
-    ]  # of the true cause in each run, 0 if missing; none for runs that are right and name nothing
+    # of the true cause in each run, 0 if missing; none for runs that are right and name nothing
+    places: tuple[int, ...]
 
 
 def judged(outcome: Outcome, condition: str = '') -> Verdict:

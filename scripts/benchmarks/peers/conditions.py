@@ -26,7 +26,6 @@ from mbaid_ros.simulation.simulation import Simulation, Truth
 ORBIT = {'orbit.mean_motion': 1.1308e-3, 'orbit.nadir': (0.6, 0.0, 0.8), 'orbit.normal': (0.8, 0.0, -0.6)}
 _AWAY = (12.0, -10.0, 13.0)  # m from the origin of the falling frame, in orbit
 _PANEL, _PANEL_JOINT = 'panel', 'panel_joint'
-_PANEL_MASS, _PANEL_SIZE = 20.0, (0.9, 2.2, 0.03)  # kg, m
 _FREQUENCY, _DAMPING, _DEFLECTION = 0.3, 0.005, 0.01  # Hz, of critical, rad
 _FREQUENCY_OFF = 0.05  # how far the declared frequency is off: the default uncertainty of this package
 _STEP = 0.005  # s, of MuJoCo: agrees with the simulator to 3e-9
@@ -160,12 +159,9 @@ def _begin(robot: str) -> State:
 
 def _with_panel(robot: str, instants: Array) -> tuple[RobotModel, RobotModel, Truth]:
     """Return a robot with a panel on a spring, the same as its URDF has it, fixed, and the motion."""
-    panel = robots.box(_PANEL_MASS, _PANEL_SIZE, (0.0, 0.5 * _PANEL_SIZE[1], 0.0))
-    urdf = robots.with_parts(
-        model(robot).urdf, [robots.part(_PANEL, robots.BASE, (-0.1, 0.6, 0.0), (1, 0, 0), panel, 'revolute')]
-    )
+    urdf = robots.with_panel(model(robot).urdf)
     moving, names = load_model(urdf), model(robot).joint_names
-    about_hinge = panel[4] + panel[0] * panel[2] ** 2
+    about_hinge = moving.link(_PANEL).parameters[4]
     rate = 2.0 * np.pi * _FREQUENCY
     springs = {_PANEL_JOINT: (about_hinge * rate**2, 2.0 * _DAMPING * about_hinge * rate)}
     plain, driven = _begin(robot), _driven(robot)

@@ -96,7 +96,7 @@ def test_links_joints_and_mount_are_found_within_their_covariance() -> None:
     assert max(placed[:, 4:].min(), ratios[-6:-3].min()) < 0.75
 
 
-def test_zeros_further_off_than_declared_are_told_and_widen_what_goes_on() -> None:
+def test_zeros_further_off_than_declared_are_reported_and_widen_the_prior_to_come() -> None:
     found, error = found_of(3, replace(SIZES, zero_std=3e-3))
     assert dict(found.further_off)['zero'] > 2.0
     assert np.abs(error / found.stds).max() < 4.0

@@ -103,7 +103,7 @@ WHEEL = """
 
 
 def test_the_known_momentum_of_a_wheel_fixes_the_scale() -> None:
-    """A wheel that speeds up to 200 rad/s, 36 N m s, while the arm moves; nobody was weighed."""
+    """A wheel that speeds up to 200 rad/s, 36 N m s, while the arm moves; no link was weighed."""
     model = load_model(free_urdf().replace('</robot>', WHEEL))
     arm = random_sinusoids(np.linspace(0.5, -0.4, 7), 1, 2, 1.0, 12.0, 30.0)
     motion = Sinusoids(

@@ -1,4 +1,4 @@
-"""What tells causes apart: likelihood gains, the noise of samples, lines in a spectrum, and their ranking."""
+"""What distinguishes causes: likelihood gains, the noise of samples, lines in a spectrum, and their ranking."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_what_is_as_certain_as_declared_gains_nothing_by_less() -> None:
         (1e-9, 'add to the URDF <joint name="panel"'),
     ],
 )
-def test_what_swings_is_a_joint_that_nobody_reports_or_one_to_add(reading: float, text: str) -> None:
+def test_a_swing_is_of_an_unreported_joint_or_of_one_to_add(reading: float, text: str) -> None:
     positions = np.column_stack((np.linspace(0.0, 1.0, 5), np.full(5, reading)))
     windows: Any = [SimpleNamespace(knots=SimpleNamespace(joint_position=positions))]
     assert text in swinging_text(0.312, windows, ['elbow', 'boom'])

@@ -40,7 +40,7 @@ def test_windows_in_which_one_joint_stands_still_and_their_neighbours_are_left_o
     assert [each.fresh for each in others] == [False, False, True, False, False]
 
 
-def test_the_joint_that_stands_still_longest_comes_first_and_few_times_are_told() -> None:
+def test_the_joint_that_stands_still_longest_comes_first_and_few_times_are_reported() -> None:
     still = np.zeros((12, 3), dtype=bool)
     still[::2, 2], still[4, 0] = True, True
     found = stopped_readings(standing(still), JOINTS)

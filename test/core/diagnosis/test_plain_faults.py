@@ -226,7 +226,7 @@ def test_clean_windows_show_nothing_and_keep_their_velocities(name: str, noise: 
 
 @pytest.mark.parametrize('name', ['servicer7', 'table1'])
 @pytest.mark.parametrize('noise', [0.0, 1e-4, 1e-3])
-def test_a_base_that_is_held_is_told(name: str, noise: float) -> None:
+def test_a_base_that_is_held_is_reported(name: str, noise: float) -> None:
     samples = measured(name)
     held = replace(
         samples, base_position=np.array([1.0, -2.0, 0.5]) + noise * RANDOM.standard_normal((len(samples), 3))
@@ -234,7 +234,7 @@ def test_a_base_that_is_held_is_told(name: str, noise: float) -> None:
     assert reasons(held, name)[0] == [HELD]
 
 
-def test_a_base_that_is_held_is_told_after_thrust_too() -> None:
+def test_a_held_base_is_reported_after_thrust_too() -> None:
     samples = measured('servicer7')
     pushed = np.where(samples.time[:, None] > 3.0, np.arange(6.0), 0.0)
     place = np.full((len(samples), 3), 0.3)

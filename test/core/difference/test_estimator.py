@@ -192,7 +192,7 @@ def test_a_pulse(robot: MomentumKernel, floating: Float) -> None:
         assert 'inconsistent' not in {x.status for x in estimates if x.time < at_once.time}
 
 
-def test_where_nothing_is_told_the_pulse_is(robot: MomentumKernel, floating: Float) -> None:
+def test_an_undeclared_pulse_is_reported(robot: MomentumKernel, floating: Float) -> None:
     samples = observe(floating(pulse=(PULSED, 300.0 * PULSE)), MID, 0)
     last = estimator(robot, MID, known_links__relative_std=1.0).update(windows(samples), 0)[-1]
     assert last.status == 'not_identifiable'

@@ -147,10 +147,7 @@ MASS, MASS_STD = 180.0, 1.8  # kg
 MOUNT = 2e-3  # m
 # As the estimator's defaults have it.
 UNCERTAIN = {
-    'known_links__relative_std': 0.01,
-    'known_joints__zero_std': 1e-3,
-    'known_joints__origin_std': 1e-3,
-    'known_joints__axis_std': 1e-3,
+    **DECLARED,
     'odometry_mount__position_std': MOUNT,
     'odometry_mount__orientation_std': 2e-3,
 }
@@ -203,7 +200,7 @@ def test_the_base_with_one_flywheel_is_identified_only_with_a_mass_that_is_given
 
 
 @pytest.mark.long
-def test_a_wheel_out_of_balance_tells_the_mass_of_its_base_as_far_as_it_is_out() -> None:
+def test_an_unbalanced_wheel_determines_the_mass_of_its_base_as_far_as_it_is_unbalanced() -> None:
     estimate = last(0.01)
     assert estimate.identifiable.all()
     assert np.all(np.abs(estimate.parameters - BASE) < 3.0 * estimate.std)

@@ -10,7 +10,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
-from benchmarks.honesty.runs import PUBLISHED
+from benchmarks.frame import PUBLISHED
 from checked import some
 from floating import DEFAULT, float_freely, follow, make, normalised, pushing, true_momentum
 from mbaid_ros.core.geometry import Array
@@ -18,7 +18,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth
-from observed import HIGH, MID, estimator, kernel, observe, true_body, windows
+from observed import HIGH, LIMIT, MID, estimator, kernel, observe, true_body, windows
 from servicers import capture
 
 SECONDS = 20.0
@@ -26,8 +26,6 @@ FORCE_TORQUE = np.array([0.012, -0.010, 0.011, -0.006, 0.005, 0.006])  # N, N m
 PULSE = np.array([0.6, -0.6, 0.5, 0.3, 0.25, -0.3])  # N s, N m s
 PULSED = 12.2  # s
 LATE = 0.005  # s
-# Ten parameters, one run in a thousand.
-LIMIT = float(chi2.isf(1e-3, 10))
 
 
 @pytest.fixture(scope='module')
@@ -84,7 +82,7 @@ def test_a_constant_force(robot: MomentumKernel, joints: Sinusoids, momentum: Ar
 
 @pytest.mark.long
 @pytest.mark.parametrize('axes', ['inertial', 'body'])
-def test_a_pulse_is_told_without_what_a_constant_force_brings(
+def test_a_pulse_is_reported_without_the_momentum_of_a_constant_force(
     robot: MomentumKernel, joints: Sinusoids, momentum: Array, axes: str
 ) -> None:
     force = 4.0 * FORCE_TORQUE
@@ -103,10 +101,10 @@ def test_a_pulse_is_told_without_what_a_constant_force_brings(
 def test_a_force_that_is_declared_contends_with_nothing_that_is_declared_of_the_robot(
     robot: MomentumKernel, joints: Sinusoids, momentum: Array
 ) -> None:
-    """No run without the force is followed then, so that what it gains over one cannot be told."""
+    """No run without the force is followed then, so its gain over one is not known."""
     truth = float_freely(robot, joints, momentum, SECONDS, push=pushing(FORCE_TORQUE, 'body'))
-    told = {'disturbance__constant': 'body', 'known_links__relative_std': 1e-4, 'known_joints__zero_std': 1e-4}
-    run = estimator(robot, MID, method='trajectory', **told)
+    reported = {'disturbance__constant': 'body', 'known_links__relative_std': 1e-4, 'known_joints__zero_std': 1e-4}
+    run = estimator(robot, MID, method='trajectory', **reported)
     last = run.update(windows(observe(truth, MID, 5)), 0)[-1]
     assert last.status in {'estimating', 'converged'}
     assert normalised(last, robot) < LIMIT
@@ -120,10 +118,10 @@ def test_an_odometry_position_that_drifts_beside_poor_encoders(
     walk = np.cumsum(1e-4 * np.random.default_rng(seed).normal(size=(len(servicer), 3)), axis=0)
     samples = observe(servicer, HIGH, seed)
     samples = replace(samples, base_position=samples.base_position + walk)[: int(np.searchsorted(samples.time, 13.0))]
-    told = [each for each in follow(robot, samples, HIGH, adapt=True) if each.std[0] > 0.0]
-    assert len(told) > 8
-    assert any('odometry position drifts' in warning for warning in told[-1].warnings)
-    assert normalised(told[-1], robot) < LIMIT
+    reported = [each for each in follow(robot, samples, HIGH, adapt=True) if each.std[0] > 0.0]
+    assert len(reported) > 8
+    assert any('odometry position drifts' in warning for warning in reported[-1].warnings)
+    assert normalised(reported[-1], robot) < LIMIT
 
 
 def test_nothing_disturbs_an_undisturbed_run(robot: MomentumKernel, servicer: Truth) -> None:
@@ -151,7 +149,7 @@ def history() -> list[Estimate]:
     return estimator(kernel('servicer7'), MID, method='trajectory').update(windows(observe(truth, MID, 1)), 0)
 
 
-def test_a_second_body_in_the_grasp_is_told_and_identified() -> None:
+def test_a_second_body_in_the_grasp_is_reported_and_identified() -> None:
     last = history()[-1]
     (event,) = last.events
     assert event.kind == 'target_changed'

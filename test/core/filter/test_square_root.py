@@ -11,25 +11,15 @@ from scipy.stats import multivariate_normal
 from mbaid_ros.core.filter.chain import WindowModel
 from mbaid_ros.core.filter.measured_window import IntegratedTwist, Measurement
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
-from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR
+from mbaid_ros.core.filter.state import BODY
 from mbaid_ros.core.filter.time_update import (
     UNDISTURBED,
-    Hypothesis,
     advance,
-    momentum_change,
-    momentum_inflation,
-    pose_reset,
 )
 from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
 from mbaid_ros.core.filter.whitened import Axes
 from mbaid_ros.core.geometry import Array
-from windowed import NUMBERS, STATE, UNKNOWNS, positive, prepare, variables, window
-
-
-def covariance_of(gaussian: SquareRootInformation, space: Variables) -> Array:
-    """Return the covariance of the state."""
-    factor = MeanAndCovariance.of(gaussian, space).factor
-    return np.asarray(factor @ factor.T)
+from windowed import NUMBERS, STATE, UNKNOWNS, covariance_of, positive, prepare, variables, window
 
 
 def batch(models: list[WindowModel], space: Variables) -> tuple[Array, Array, float, Array]:
@@ -110,128 +100,21 @@ def test_innovations_are_those_of_each_measurement_given_those_before(force: Axe
     assert np.all(np.tril(after.root[:, :-2], -1) == 0.0)
 
 
-def test_a_constant_force_moves_the_momentum() -> None:
-    rng = np.random.default_rng(1)
-    space = variables(rng)
-    model = replace(window(rng), rotation=np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
-    white = prepare(model, space)
-    state, wrench = rng.normal(size=STATE), rng.normal(size=6)
-    known = np.concatenate((space.gather @ state, np.linalg.solve(space.force, wrench)))
-    known_force = np.column_stack((np.eye(6), np.zeros(6), known[STATE:]))
-    force, torque = wrench[:3], wrench[3:]
-    turned = model.rotation @ force
-    acting: dict[Axes, tuple[Array, Array]] = {
-        'inertial': (force, torque + np.cross(model.centre, force)),
-        'inertial on the base': (force, torque + np.cross(model.position, force)),
-        'body': (turned, model.rotation @ torque + np.cross(model.position, turned)),
-    }
-    for axes, (linear, angular) in acting.items():
-        prior = SquareRootInformation.of(np.eye(STATE), known[:STATE], (axes,), space)[0]
-        gaussian = replace(prior, force=known_force)
-        after = MeanAndCovariance.of(advance(gaussian, white, space, Hypothesis('', force=axes)), space)
-        assert after.mean[LINEAR] == pytest.approx(state[LINEAR] + 0.5 * linear)
-        assert after.mean[ANGULAR] == pytest.approx(state[ANGULAR] + 0.5 * angular)
-        assert after.force == pytest.approx(wrench)
-    acts, none = (MeanAndCovariance.of(each, space) for each in SquareRootInformation.priors(space, ('body', 'none')))
-    assert acts.force_factor @ acts.force_factor.T == pytest.approx(space.force @ space.force.T)
-    assert np.all(none.force == 0.0)
-    assert np.all(none.force_factor == 0.0)
-
-
-def test_walks_add_their_variance() -> None:
-    rng = np.random.default_rng(2)
+@pytest.mark.parametrize('force', ['none', 'inertial'])
+def test_a_window_without_a_measurement_leaves_the_gaussian_as_it_was(force: Axes) -> None:
+    rng = np.random.default_rng(8)
     space = variables(rng)
     white = prepare(window(rng), space)
-    gaussian = SquareRootInformation.prior(space)
-    still, walked = (
-        covariance_of(advance(gaussian, white, space, hypothesis), space)
-        for hypothesis in (UNDISTURBED, Hypothesis('', momentum=3.0, position=2.0))
-    )
-    expected = np.zeros(STATE)
-    expected[3:6], expected[6:12] = 2.0, 4.5
-    assert walked - still == pytest.approx(np.diag(expected), abs=1e-9)
+    nothing = replace(white, value=white.value[:0], rows=white.rows[:0], places=white.places[:0], log_noise=0.0)
+    before = update(SquareRootInformation.prior(space, force), white)
+    after = update(before, nothing)
+    root = np.sign(after.root.diagonal())[:, None] * after.root
+    assert root == pytest.approx(np.sign(before.root.diagonal())[:, None] * before.root, rel=1e-12, abs=1e-12)
+    assert after.log_likelihood == pytest.approx(before.log_likelihood)
+    assert after.last_nis == 0.0
 
 
-def test_a_broken_chain_keeps_momentum_and_body() -> None:
-    rng = np.random.default_rng(3)
-    space = variables(rng)
-    gaussian = update(SquareRootInformation.prior(space), prepare(window(rng), space))
-    broken = pose_reset(gaussian, space)
-    before, after, prior = (
-        MeanAndCovariance.of(each, space) for each in (gaussian, broken, SquareRootInformation.prior(space))
-    )
-    assert np.array_equal(after.mean[6:], before.mean[6:])
-    covariance = covariance_of(broken, space)
-    assert covariance[6:, 6:] == pytest.approx(covariance_of(gaussian, space)[6:, 6:], rel=1e-9, abs=1e-12)
-    assert np.all(after.mean[:6] == 0.0)
-    assert covariance[:6, 6:] == pytest.approx(np.zeros((6, STATE - 6)), abs=1e-12)
-    assert covariance[:6, :6] == pytest.approx(np.diag(prior.variance[:6]), abs=1e-12)
-
-
-def test_the_momentum_changes_over_a_gap() -> None:
-    rng = np.random.default_rng(3)
-    space = variables(rng)
-    white = prepare(window(rng), space)
-    gaussian = update(SquareRootInformation.prior(space), white)
-    rest = len(space.scale) - space.head
-    brought = np.concatenate((np.zeros((6, space.head)), rng.normal(size=(6, rest))), axis=1)
-    change = momentum_change(brought, 1.0, 1.0, space)
-    still, after = (pose_reset(gaussian, space, each) for each in (None, change))
-    expected = np.eye(len(space.scale))
-    expected[space.poses : space.head] += brought
-    assert after.mean_and_shift()[0] == pytest.approx(expected @ still.mean_and_shift()[0], rel=1e-9, abs=1e-9)
-    assert after.factor @ after.factor.T == pytest.approx(
-        expected @ still.factor @ still.factor.T @ expected.T, rel=1e-8, abs=1e-8
-    )
-
-
-@pytest.mark.parametrize('seconds', [2.0, 50.0])
-def test_a_process_pushes_over_a_gap_as_its_course_does(seconds: float) -> None:
-    rng = np.random.default_rng(5)
-    time = 20.0  # s, of the last of the unknowns
-    space = replace(variables(rng), times=np.append(np.full(UNKNOWNS - 1, np.inf), time))
-    white = prepare(window(rng), space)
-    gaussian = update(SquareRootInformation.prior(space), white)
-    brought = np.zeros((space.poses, len(space.scale)))
-    brought[:, -1] = rng.normal(size=space.poses)  # a second
-    after = pose_reset(gaussian, space, momentum_change(brought, 1.0, seconds, space))
-    # In many small steps, each of a constant and of noise at its end.
-    count, own = 4000, space.poses
-    step = seconds / count
-    kept = np.exp(-step / time)
-    through = np.eye(len(space.scale))
-    through[own : space.head, -1] = step * brought[:, -1]
-    through[-1, -1] = kept
-    still = pose_reset(gaussian, replace(space, times=np.zeros(0))).factor
-    still = still @ still.T
-    covariance = still
-    for _ in range(count):
-        covariance = through @ covariance @ through.T
-        covariance[-1, -1] += 1.0 - kept**2
-    added = covariance - still
-    assert after.factor @ after.factor.T - still == pytest.approx(added, abs=2e-3 * np.max(np.abs(added)))
-
-
-def test_a_jump_loosens_the_momentum_and_the_pose_it_moved() -> None:
-    rng = np.random.default_rng(4)
-    space = variables(rng)
-    model = window(rng)
-    gaussian = update(SquareRootInformation.prior(space), prepare(model, space))
-    sizes = np.arange(1.0, 7.0)
-    loose = momentum_inflation(gaussian, prepare(model, space), space, sizes)
-    added = covariance_of(loose, space) - covariance_of(gaussian, space)
-    assert MeanAndCovariance.of(loose, space).mean == pytest.approx(
-        MeanAndCovariance.of(gaussian, space).mean, abs=1e-9
-    )
-    assert added[6:12, 6:12] == pytest.approx(np.diag(sizes**2), abs=1e-9)
-    # It may have come at any time of the window: uniform, with a mean of a half and a mean square of a third.
-    moved = model.transition[:, 6:12] * sizes
-    assert added[:6, 6:12] == pytest.approx(0.5 * moved * sizes, abs=1e-9)
-    assert added[:6, :6] == pytest.approx(moved @ moved.T / 3.0, abs=1e-9)
-    assert added[12:] == pytest.approx(np.zeros((STATE - 12, STATE)), abs=1e-9)
-
-
-def test_a_variance_may_shrink_by_more_than_double_precision_tells() -> None:
+def test_a_variance_may_shrink_by_more_than_double_precision() -> None:
     """What is measured 1e-9 as well as it was known stays known, and known to be: as a covariance it would be lost."""
     rng = np.random.default_rng(6)
     unit = np.ones(STATE)
@@ -249,23 +132,6 @@ def test_a_variance_may_shrink_by_more_than_double_precision_tells() -> None:
     factor = update(SquareRootInformation.prior(space, 'inertial'), white).factor
     spread = np.sum((white.rows @ factor[:STATE]) ** 2, axis=1)
     assert spread == pytest.approx(np.ones(12), rel=1e-5)
-
-
-def test_what_walks_is_less_certain_after_a_window_and_nothing_else_is() -> None:
-    rng = np.random.default_rng(4)
-    walks = np.zeros((UNKNOWNS, 2))
-    walks[:2] = rng.normal(size=(2, 2))
-    space = replace(variables(rng), walks=walks)
-    white = prepare(window(rng), space)
-    before = update(SquareRootInformation.prior(space), white)
-    still, after = (
-        advance(before, white, each, UNDISTURBED) for each in (replace(space, walks=np.zeros((0, 0))), space)
-    )
-    more: Array = np.zeros((STATE, STATE))
-    more[-UNKNOWNS:, -UNKNOWNS:] = 0.5 * walks @ walks.T  # in half a second
-    assert covariance_of(after, space) == pytest.approx(covariance_of(still, space) + more, rel=1e-8, abs=1e-8)
-    assert after.least_squares == pytest.approx(still.least_squares, rel=1e-8, abs=1e-8)
-    assert np.all(np.tril(after.root[:, :-2], -1) == 0.0)
 
 
 def test_a_gyro_and_a_twist_have_the_joints_noise_in_common() -> None:

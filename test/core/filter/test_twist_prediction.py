@@ -15,8 +15,7 @@ from mbaid_ros.core.geometry import Array, cross, exp, log, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import KnownErrors
-from mbaid_ros.core.robot.momentum import standard
-from mbaid_ros.core.robot.orbit import about, of_bodies
+from mbaid_ros.core.robot.momentum import about, of_bodies, standard
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.bodies import known_bodies, spin_inertias
 from random_robots import random_state, random_storage, random_urdf

@@ -190,7 +190,7 @@ def test_shapes_keep_the_clearance_that_is_asked_for(clearance: float, clear: bo
     assert Collisions(arm(), clearance, np.zeros(2), no_mesh).clear(over[None]) == clear
 
 
-def test_what_touches_where_the_motion_begins_is_told_and_left_out() -> None:
+def test_links_that_touch_at_the_begin_are_reported_and_left_out() -> None:
     folded = np.array([0.0, np.pi - 0.01])
     shapes = Collisions(arm(), 0.02, folded, no_mesh)
     assert shapes.notes == ('touch where the motion begins, and are not compared: base and lower',)

@@ -63,7 +63,7 @@ def test_a_motion_is_planned_with_the_noise_that_was_found(identified: Begun) ->
         assert noise.joint_position == joints * MID.joint_position
 
 
-def test_the_promise_is_told_for_bodies_as_the_target_may_be_as_well(identified: Begun) -> None:
+def test_the_prediction_covers_bodies_that_the_target_may_be(identified: Begun) -> None:
     planning = planner(identified, duration=10.0)
     plan, motions, known = planning.plan(), planning.motions, identified.knowledge
     grid = Grid.over(plan.trajectory.duration, 0.5, 10)
@@ -190,14 +190,14 @@ def test_the_same_seed_gives_the_same_motion_and_whoever_waits_no_longer_gets_th
     assert np.array_equal(first.trajectory.position, second.trajectory.position)
 
 
-def test_what_is_out_of_reach_is_told_with_the_limit_that_makes_it_so(identified: Begun) -> None:
+def test_a_precision_out_of_reach_is_reported_with_the_limit_that_binds(identified: Begun) -> None:
     plan = planner(identified, relative=np.full(10, 1e-5), longest=12.0).plan()
     assert not plan.reached
     assert plan.verdict.startswith('0.001 % is out of reach within 12 s; the motion is at ')
     assert 'the velocity limits of the joints' in plan.verdict
 
 
-def test_what_no_motion_improves_is_told_with_where_it_comes_from() -> None:
+def test_parameters_that_no_motion_improves_are_reported_with_the_cause() -> None:
     robot = begun('ets7', known_joints__joint6__zero_std=0.05)
     plan = planner(robot, duration=20.0, effort=10).plan()
     assert not plan.reached
@@ -211,13 +211,13 @@ def test_to_ask_what_would_help_most_leaves_the_estimates_as_they_are() -> None:
     truth = follow(unknown, state(START, np.zeros(7), (0.002, -0.001, 0.003)), first_motion('servicer7', 8.0), 8.0)
     seen = windows(observe(truth, MID, 1)[:-1])
     asked, left = (estimator(unknown, MID, method='trajectory') for _ in range(2))
-    told = []
+    reported = []
     for window in seen:
         (estimate,), (beside,) = asked.update([window], 0), left.update([window], 0)
         assert same(estimate, beside)
         known = knowledge_of(asked)
-        told.append(advice(build(EstimatorConfig, {'plan.joint_velocity': FASTEST}), known) if known else '')
-    assert told[-1].startswith('best single joint: joint')
+        reported.append(advice(build(EstimatorConfig, {'plan.joint_velocity': FASTEST}), known) if known else '')
+    assert reported[-1].startswith('best single joint: joint')
 
 
 @pytest.mark.parametrize(
@@ -226,7 +226,7 @@ def test_to_ask_what_would_help_most_leaves_the_estimates_as_they_are() -> None:
 def test_a_robot_that_is_in_its_own_way_moves_as_far_as_it_can(
     identified: Begun, lengths: tuple[float, ...], effort: int
 ) -> None:
-    """A long motion takes joints far: it is made smaller, never given up, and tells no less than a short one."""
+    """A long motion takes joints far: it is made smaller, never given up, and determines no less than a short one."""
     model = identified.kernel.model
     start = identified.knowledge.end.joint_position
     shapes = next(
@@ -235,7 +235,7 @@ def test_a_robot_that_is_in_its_own_way_moves_as_far_as_it_can(
         if not (made := Collisions(with_spheres(model, radius), 0.02, start, no_mesh)).notes
     )
     assert shapes.pairs
-    told = {}
+    reported = {}
     for seconds in lengths:
         planning = planner(identified, duration=seconds, effort=effort)
         free = planning.plan()
@@ -245,10 +245,10 @@ def test_a_robot_that_is_in_its_own_way_moves_as_far_as_it_can(
         passed = np.linspace(0.0, seconds, 500)
         assert shapes.clear(planning.motions.along(plan.trajectory, passed)[0][:, 0])
         assert np.ptp(plan.trajectory.position, axis=0).max() > 0.02
-        told[seconds] = plan.ratio
+        reported[seconds] = plan.ratio
         # The free motion would have touched: this is no robot that is never in its own way.
         assert seconds < 90.0 or not shapes.clear(planning.motions.along(free.trajectory, passed)[0][:, 0])
-    assert told[90.0] <= told[lengths[0]]
+    assert reported[90.0] <= reported[lengths[0]]
 
 
 def with_spheres(model: RobotModel, radius: float) -> RobotModel:

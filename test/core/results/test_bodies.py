@@ -111,7 +111,7 @@ def test_in_the_plane_mass_and_moment_become_positive(plane: Plane, moment: floa
     assert is_physical(body)
     found = physical(body)
     if mass > 0.0 and moment > 0.0:
-        # What the motion tells stays, the rest is filled in like a ball's.
+        # What the motion determines stays, the rest is filled in like a ball's.
         assert far == 0.0
         assert found[0] == pytest.approx(mass)
         assert found[1:4] == pytest.approx(plane.across.T @ com, abs=1e-12)

@@ -207,7 +207,7 @@ CONTRADICTED = estimate(status='inconsistent')
 
 
 @pytest.mark.parametrize('useless', [NEGATIVE, NOTHING, CONTRADICTED], ids=['negative', 'nothing', 'contradicted'])
-def test_the_loss_of_usable_numbers_is_told_once(useless: Estimate) -> None:
+def test_the_loss_of_usable_numbers_is_published_once(useless: Estimate) -> None:
     course = InertiaPublication()
     assert course.follow(useless) is None
     for usable in (estimate(), planar()):

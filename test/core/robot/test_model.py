@@ -93,7 +93,7 @@ def test_the_last_link_is_the_furthest_with_a_mass(name: str, last: str) -> None
 
 
 @pytest.mark.parametrize(
-    ('before', 'after', 'told'),
+    ('before', 'after', 'reported'),
     [
         ('<axis', '<dynamics damping="x"/><axis', 'damping value (x) is not a valid float'),
         ('<robot ', '<robot version="9.9" ', "Invalid 'version' specified"),
@@ -101,11 +101,11 @@ def test_the_last_link_is_the_furthest_with_a_mass(name: str, last: str) -> None
     ],
 )
 def test_what_the_parser_complains_of_is_in_the_error_alone(
-    before: str, after: str, told: str, capfd: pytest.CaptureFixture[str]
+    before: str, after: str, reported: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     urdf = (CONFIG / 'table1.urdf').read_text(encoding='utf-8').replace(before, after, 1)
-    if told:
-        with pytest.raises(ModelError, match=re.escape(told)):
+    if reported:
+        with pytest.raises(ModelError, match=re.escape(reported)):
             load_model(urdf)
     else:
         assert load_model(urdf).joints == 4
@@ -133,7 +133,7 @@ def test_followers_are_where_their_driver_puts_them() -> None:
 @pytest.mark.parametrize(
     ('mimics', 'named'),
     [
-        ({'left': Mimic('nobody', 1.0, 0.0)}, "'left' mimics 'nobody', which is no joint that moves"),
+        ({'left': Mimic('missing', 1.0, 0.0)}, "'left' mimics 'missing', which is no joint that moves"),
         ({'left': Mimic('right', 1.0, 0.0), 'right': Mimic('left', 1.0, 0.0)}, 'mimics joints that mimic it'),
     ],
 )

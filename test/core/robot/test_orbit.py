@@ -16,7 +16,8 @@ from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion, skew, 
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import express, load_model
-from mbaid_ros.core.robot.orbit import FallingFrame, Orbit, Turning, about, brought, of_bodies, of_link
+from mbaid_ros.core.robot.momentum import about, brought, of_bodies, of_link
+from mbaid_ros.core.robot.orbit import FallingFrame, Orbit, Turning
 from mbaid_ros.core.samples import BaseStream
 from mbaid_ros.core.sensors.base import orientation_only
 from mbaid_ros.simulated_robot import make_simulation

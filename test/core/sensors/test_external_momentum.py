@@ -21,7 +21,7 @@ from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.simulation.environment import Surroundings, Wheels
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
-from observed import MID, estimator, kernel, observe, windows
+from observed import LIMIT, MID, estimator, kernel, observe, windows
 from servicers import FORCE_TORQUE, OFF, ON, pushed, spinning, unaware, wheeled
 from simulated import robot, state
 
@@ -117,7 +117,7 @@ def commands(thrust: Thrust, *wrenches: Array) -> str:
     return thrust.shared
 
 
-def test_two_publishers_of_one_frame_are_told() -> None:
+def test_two_publishers_of_one_frame_are_reported() -> None:
     force, torque = FORCE_TORQUE * [1, 1, 1, 0, 0, 0], FORCE_TORQUE * [0, 0, 0, 1, 1, 1]
     assert commands(thrust_of(), force, torque) == 'base_link'
     assert commands(thrust_of(), *[force] * 5, torque) == 'base_link'  # at another rate
@@ -141,8 +141,6 @@ def test_commands_that_cannot_be_used_are_counted() -> None:
 
 
 SECONDS = 20.0
-# Ten parameters, one run in a thousand.
-LIMIT = float(chi2.isf(1e-3, 10))
 
 
 @pytest.fixture(scope='module')
@@ -196,9 +194,9 @@ def test_noisy_speeds_widen_the_intervals_as_they_should(run: Truth, method: str
     noise, squares = 3.0, []
     for seed in range(4):
         parts = windows(inside(run, seed, noise))
-        told = estimator(reading(noise), MID, method=method).update(parts, 0)[-1]
-        assert told.status in {'estimating', 'converged'}
-        squares.append(normalised(told, reading()))
+        reported = estimator(reading(noise), MID, method=method).update(parts, 0)[-1]
+        assert reported.status in {'estimating', 'converged'}
+        squares.append(normalised(reported, reading()))
         taken_for_exact = estimator(reading(), MID, method=method).update(parts, 0)[-1]
         assert taken_for_exact.status == 'inconsistent' or normalised(taken_for_exact, reading()) > LIMIT
     assert chi2.ppf(1e-3, 40) < sum(squares) < chi2.isf(1e-3, 40)

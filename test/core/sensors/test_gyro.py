@@ -69,7 +69,7 @@ def window(rng: np.random.Generator, start: float, matrix: Array) -> Samples:
 
 
 @pytest.mark.parametrize(
-    ('matrix', 'told'),
+    ('matrix', 'reported'),
     [
         (1.02 * exp(np.array([0.0, 0.03, 0.0])), ''),
         (np.eye(3) * 180.0 / np.pi, 'it is in degrees'),
@@ -77,12 +77,12 @@ def window(rng: np.random.Generator, start: float, matrix: Array) -> Samples:
         (exp(np.array([0.0, 0.0, -1.0])), 'turned by 57 degrees about (0.00, 0.00, 1.00)'),
     ],
 )
-def test_other_axes_and_units_are_told(matrix: Array, told: str) -> None:
+def test_other_axes_and_units_are_reported(matrix: Array, reported: str) -> None:
     rng = np.random.default_rng(2)
     check = gyro_check()
     found = [check.update(window(rng, 0.5 * number, matrix)) for number in range(20)][-1]
-    assert told in (found.text if found else '')
-    assert bool(found) == bool(told)
+    assert reported in (found.text if found else '')
+    assert bool(found) == bool(reported)
 
 
 GENERATOR = np.random.default_rng(1)

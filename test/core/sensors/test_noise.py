@@ -44,16 +44,14 @@ def streams(
     count = joints.position.shape[1]
     joints.position[:] = swing[:, :1] + errors(0, count)
     joints.velocity[:] = swing[:, :1] + errors(1, count)
-    shape = (len(time), 6, 6)
-    return joints, replace(
-        base,
-        position=swing + errors(2),
-        rotation=exp(errors(3)) @ exp(swing),
-        linear_velocity=swing + errors(4),
-        angular_velocity=swing + errors(5),
-        pose_covariance=np.broadcast_to(MID.pose_covariance(), shape),
-        twist_covariance=np.broadcast_to(MID.twist_covariance(), shape),
-    )
+    read = swing + errors(2), exp(errors(3)) @ exp(swing), swing + errors(4), swing + errors(5)
+    return joints, as_declared(base, *read)
+
+
+def as_declared(base: BaseStream, position: Array, rotation: Array, linear: Array, angular: Array) -> BaseStream:
+    """Return readings of the base of which MID is declared."""
+    pose, twist = (np.tile(each, (len(base.stamp), 1, 1)) for each in (MID.pose_covariance(), MID.twist_covariance()))
+    return BaseStream(base.stamp, position, rotation, linear, angular, pose, twist)
 
 
 def found(joints: JointStream, base: BaseStream, spacing: float, *, free: bool = True) -> Levels:
@@ -103,15 +101,7 @@ def drifting(constant: float, wrong: float, seed: int) -> tuple[JointStream, Bas
         white[1:] *= np.sqrt(1.0 - keep**2)
         return np.asarray(wrong * DECLARED[channel] * lfilter([1.0], [1.0, -keep], white, axis=0))
 
-    return joints, replace(
-        base,
-        position=errors(2),
-        rotation=exp(errors(3)),
-        linear_velocity=errors(4),
-        angular_velocity=errors(5),
-        pose_covariance=np.broadcast_to(MID.pose_covariance(), base.pose_covariance.shape),
-        twist_covariance=np.broadcast_to(MID.twist_covariance(), base.twist_covariance.shape),
-    )
+    return joints, as_declared(base, errors(2), exp(errors(3)), errors(4), errors(5))
 
 
 @pytest.mark.parametrize('wrong', [1.0, 1.5, 0.1, 10.0])
@@ -164,14 +154,10 @@ def test_a_window_has_what_was_found_where_that_is_asked_for(estimate: bool) -> 
     used = levels.found if estimate else DECLARED
     own = MID.found_in(changed)
     assert (own.joint_position, own.joint_velocity) == pytest.approx(tuple(used[:2]))
-    sizes = np.sqrt(
-        np.concatenate([np.diagonal(each[0]) for each in (changed.pose_covariance, changed.twist_covariance)])
-    )
-    assert sizes == pytest.approx(np.repeat(used[2:], 3))
-    assert any(
-        'base orientation: your noise value, 0.0001 rad, is 2.5 times too small' in line
-        for line in levels.differences()
-    )
+    both = changed.pose_covariance, changed.twist_covariance
+    assert np.sqrt(np.concatenate([np.diagonal(each[0]) for each in both])) == pytest.approx(np.repeat(used[2:], 3))
+    line = 'base orientation: your noise value, 0.0001 rad, is 2.5 times too small'
+    assert any(line in each for each in levels.differences())
 
 
 def test_sensors_without_noise_are_not_taken_for_exact() -> None:
@@ -183,7 +169,7 @@ def test_sensors_without_noise_are_not_taken_for_exact() -> None:
     assert MID.found_in(changed).joint_position == pytest.approx(1e-4 / 30.0)
 
 
-def test_an_encoder_at_rest_between_two_steps_tells_nothing() -> None:
+def test_an_encoder_at_rest_between_two_steps_shows_no_noise() -> None:
     joints, base = streams(20.0, 100.0)
     step = 2.0 * np.pi / 2**12
     moving = np.arange(len(joints.stamp)) >= 1500  # a quarter of the time
@@ -198,7 +184,7 @@ def test_an_encoder_at_rest_between_two_steps_tells_nothing() -> None:
     assert 0.7 < MID.found_in(later).joint_position / (step / np.sqrt(12.0)) < 2.0
 
 
-def test_what_nobody_declares_is_found_until_a_message_declares_it() -> None:
+def test_undeclared_noise_is_estimated_until_a_message_declares_it() -> None:
     joints, base = streams(20.0, 100.0)
     undeclared = np.array([True, False, True, True, True, False])
     says = np.zeros((len(base.stamp), 4), dtype=bool)

@@ -124,7 +124,7 @@ def test_a_motion_without_noise_that_begins_and_ends_has_none() -> None:
 SECOND = 1_000_000_000
 
 
-def told_again(plateaus: list[int], step: int = 10_000_000) -> tuple[BaseStream, Stamps]:
+def repeated_poses(plateaus: list[int], step: int = 10_000_000) -> tuple[BaseStream, Stamps]:
     """Return odometry of which each pose comes so many times, every step (ns), and where each comes first."""
     source = np.repeat(np.cumsum([0, *plateaus[:-1]]), plateaus)
     stamps = 1_700_000_000 * SECOND + step * np.arange(len(source))
@@ -143,7 +143,7 @@ def without_repeats(base: BaseStream, cuts: list[int]) -> tuple[Stamps, int]:
 
 
 def test_a_base_that_stands_still_goes_on() -> None:
-    base, _ = told_again([5, 101, 3])
+    base, _ = repeated_poses([5, 101, 3])
     stamps, dropped = without_repeats(base, [])
     # The one of five and the one of three, and the second at rest from its begin on.
     np.testing.assert_array_equal(stamps, base.stamp[[0, *range(5, 107)]])

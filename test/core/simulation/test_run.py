@@ -199,7 +199,7 @@ def test_a_trajectory_of_other_joints_or_another_place_is_refused() -> None:
         made_to_follow(to(0.5, 0.3), SERVICER, np.zeros(7), 0.0)
 
 
-def test_a_run_is_told_to_follow_on_the_way() -> None:
+def test_a_run_takes_a_motion_on_the_way() -> None:
     path = str(CONFIG / 'servicer7.urdf')
     config = SimulatorConfig(
         robot_description_file=path, joint_rate=10.0, odometry_rate=10.0, motion=MotionConfig(kind='random')

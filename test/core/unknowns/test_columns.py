@@ -14,7 +14,8 @@ from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import RobotModel, displaced, express, load_model
 from mbaid_ros.core.robot.model_errors import declared
-from mbaid_ros.core.robot.orbit import FallingFrame, Orbit, momentum_rates, of_bodies
+from mbaid_ros.core.robot.momentum import of_bodies
+from mbaid_ros.core.robot.orbit import FallingFrame, Orbit, momentum_rates
 from mbaid_ros.core.samples import BaseStream
 from mbaid_ros.core.unknowns.bodies import known_bodies, spin_inertias
 from mbaid_ros.core.unknowns.declaration import Reading, Unknown
@@ -136,12 +137,11 @@ def test_spin_inertias(seed: int) -> None:
     storage = case.kernel.storage
     unknown = spin_inertias(case.kernel, [0.1, 0.2, 0.0, *(0.0,) * 3])
     found = unknown.momentum_columns(case.kernel, case.states(case.kernel))
-    close(
-        found,
-        central_difference(
-            lambda value: case.momentum(case.kernel.storing(storage.changed(value))), np.zeros(storage.count), STEP
-        ),
-    )
+
+    def stored(value: Array) -> Array:
+        return case.momentum(case.kernel.storing(storage.changed(value)))
+
+    close(found, central_difference(stored, np.zeros(storage.count), STEP))
     assert unknown.count == 2
     assert unknown.causes == ('wheel:wheel0', 'wheel:wheel1')
 
@@ -166,6 +166,8 @@ def _in_plane(unknown: Unknown, kernel: MomentumKernel, states: BodyStates) -> A
 
 
 RATE = 1.1e-3
+ORIGIN = np.array([8.0, -11.0, 5.0])
+LAST = np.array([70.0, 7.0, -3.0, 20.0, 30.0, 1.0, -2.0, 32.0, 1.0, 12.0])
 
 
 def random_orbit(rng: np.random.Generator) -> Orbit:
@@ -189,14 +191,14 @@ def test_it_changes_the_momentum_as_an_orbit_does(seed: int) -> None:
     servicer, around = kernel('servicer7'), random_orbit(rng)
     rotation = np.linalg.qr(rng.normal(size=(4, 3, 3)))[0]
     rotation *= np.linalg.det(rotation)[:, None, None]
-    place, origin = rng.normal(size=(4, 3)), np.array([8.0, -11.0, 5.0])
+    place = rng.normal(size=(4, 3))
     placed = servicer.kinematics.configure(rotation, rng.normal(size=(4, servicer.model.joints)))
-    bodies = servicer.with_target(np.array([70.0, 7.0, -3.0, 20.0, 30.0, 1.0, -2.0, 32.0, 1.0, 12.0]))
+    bodies = servicer.with_target(LAST)
     whole = np.sum(express(bodies, placed.rotation, place[:, None] + placed.position), axis=1)
     time = np.array([0.0, 10.0, 20.0, 30.0])  # s, in which it turns by 0.07 rad
-    found = gravity(RATE).momentum_rates(whole, origin, time, rotation) @ numbers(around)
-    expected = of_bodies(momentum_rates(around, time, placed, origin + place), bodies)
-    expected[:, 3:] -= np.cross(origin, expected[:, :3])
+    found = gravity(RATE).momentum_rates(whole, ORIGIN, time, rotation) @ numbers(around)
+    expected = of_bodies(momentum_rates(around, time, placed, ORIGIN + place), bodies)
+    expected[:, 3:] -= np.cross(ORIGIN, expected[:, :3])
     size = np.abs(expected).max()
     assert np.all(np.abs(found - expected)[0] < 1e-9 * size)  # at the begin it is that of the random_orbit
     assert np.all(np.abs(found - expected) < 0.01 * size)  # then up to what turning is of second order
@@ -214,8 +216,6 @@ def test_its_prior_is_that_of_orbits_in_all_planes() -> None:
 
 SMALL = 1e-4
 TIME = np.array([0.0, 60.0, 200.0, 400.0])  # s, in which it turns by 0.44 rad
-ORIGIN = np.array([8.0, -11.0, 5.0])
-LAST = np.array([70.0, 7.0, -3.0, 20.0, 30.0, 1.0, -2.0, 32.0, 1.0, 12.0])
 
 
 def circle(frame: str) -> Orbit:

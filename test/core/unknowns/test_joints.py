@@ -72,8 +72,8 @@ def wandering(rng: np.random.Generator, time: Array, joints: int, size: float = 
 def commanded(tumbling: Truth, seed: int, size: float = WANDER) -> Truth:
     """Return a motion with joint states that hold the commands, which the joints have followed with errors."""
     error = wandering(np.random.default_rng([seed, 7]), tumbling.time, tumbling.joint_position.shape[1], size)
-    told = tumbling.joint_position - error
-    return replace(tumbling, joint_position=told, joint_velocity=np.gradient(told, tumbling.time, axis=0))
+    reported = tumbling.joint_position - error
+    return replace(tumbling, joint_position=reported, joint_velocity=np.gradient(reported, tumbling.time, axis=0))
 
 
 def last(robot: MomentumKernel, tumbling: Truth, seed: int, uncertainty: Uncertainty) -> Estimate:

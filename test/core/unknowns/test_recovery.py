@@ -137,7 +137,7 @@ def test_taken_for_exact_they_lead_astray_which_shows(runs: list[Run]) -> None:
 
 @pytest.mark.parametrize('share', [0.02, pytest.param(-0.02, marks=pytest.mark.long)])
 def test_of_bodies_that_are_off_as_a_whole_the_target_is_found_within_what_is_reported(share: float) -> None:
-    """No motion tells a factor on all bodies: the target is as far off as they are, and its interval has to say so."""
+    """No motion determines a factor of all bodies: the target is as far off as they are, and so is its interval."""
     robot = kernel('ets7')
     errors = replace(ModelErrors.none(robot.model.joints), bodies=share * robot.known)
     truth = configured_motion('ets7', 30.0, 20.0, errors)
@@ -203,9 +203,9 @@ def test_a_mass_that_is_known_is_the_one_to_start_from() -> None:
     starts = []
     for target in (TargetPrior(), TargetPrior(1.01 * mass, 0.01 * mass)):
         estimates = make(robot, HIGH, uncertainty=replace(DEFAULT, target=target)).update(cut, 0)
-        told = [each for each in estimates if each.std[0] > 0.0]
-        assert normalised(told[-1], robot) < LIMIT
-        starts.append((told[0].time, told[-1].std[0]))
+        reported = [each for each in estimates if each.std[0] > 0.0]
+        assert normalised(reported[-1], robot) < LIMIT
+        starts.append((reported[0].time, reported[-1].std[0]))
     without, known = starts
     assert known[0] < without[0]
     assert known[1] < min(without[1], 0.01 * mass)
@@ -213,7 +213,7 @@ def test_a_mass_that_is_known_is_the_one_to_start_from() -> None:
 
 @pytest.mark.parametrize('alone', [False, True])
 def test_an_imu_alone_has_no_odometry_mount(alone: bool) -> None:
-    """Of the rest it is told the same."""
+    """The rest is declared alike."""
     robot = kernel('servicer7')
     joints, rng = robot.model.joints, np.random.default_rng(1)
     factor = 1e-3 * rng.normal(size=(16 + 6 * joints, 16 + 6 * joints))
