@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from mbaid_ros.core.capture.known_momentum import Capture
 from mbaid_ros.core.results.estimate import CapturePhase, Debris, Estimate
 from mbaid_ros.core.samples import Stamps
-from mbaid_ros.core.sensors.levels import SensorLevels
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.session.model_summary import ModelSummary
 
@@ -21,7 +20,6 @@ DEFAULT_FRACTION = 0.2  # of a run, that the report predicts from the rest
 LONG_ENOUGH = 59.0  # s: in a fifth of a shorter run there are too few windows for a ratio to within a tenth
 # Times the standard deviation: beyond it the model does not predict, below it the noise is not as large as declared.
 _FAR, _NEAR = 1.5, 0.5
-Record = TypeVar('Record', Estimate, SensorLevels)
 
 
 @dataclass(frozen=True)
@@ -144,7 +142,7 @@ class History:
         self._ends_with_last = self._count % self._stride == 0
         if self._ends_with_last:
             self._kept.append(_compact(estimate))
-            if len(self._kept) > 2 * self._limit:
+            if len(self._kept) > self._limit:
                 self._kept = self._kept[::2]
                 self._stride *= 2
         self._count += 1
@@ -162,14 +160,11 @@ class History:
 
 
 def _compact(estimate: Estimate) -> Estimate:
-    """Return an estimate without its error budget, whose arrays are copies: views would keep those of all windows."""
-    noise = estimate.noise
-    return replace(_copied(estimate), budget=None, noise=None if noise is None else _copied(noise))
-
-
-def _copied(record: Record) -> Record:
-    copies: dict[str, Any] = {name: part.copy() for name, part in vars(record).items() if isinstance(part, np.ndarray)}
-    return replace(record, **copies)
+    """Return an estimate without error budget and noise, with copied arrays: views would keep those of all windows."""
+    copies: dict[str, Any] = {
+        name: part.copy() for name, part in vars(estimate).items() if isinstance(part, np.ndarray)
+    }
+    return replace(estimate, **copies, budget=None, noise=None)
 
 
 class Arrivals:
