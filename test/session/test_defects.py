@@ -93,12 +93,7 @@ def test_how_the_calls_are_spread_makes_no_difference(defect: str) -> None:
 
 @pytest.mark.parametrize('at_once', [1_000_000, 7])
 def test_repeated_poses_make_no_difference(at_once: int) -> None:
-    reported, poses = 0, []
-    for arrival in clean():
-        if arrival.topic == ODOMETRY:
-            if reported % 5 == 0:
-                poses.append(arrival)
-            reported += 1
+    poses = [arrival for arrival in clean() if arrival.topic == ODOMETRY][::5]
     without = defects.in_order([*poses, *(arrival for arrival in clean() if arrival.topic == JOINTS)])
     again = defects.in_order(
         [
