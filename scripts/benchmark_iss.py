@@ -24,6 +24,7 @@ from mbaid_ros.replay import start
 
 PICTURE = Path(__file__).resolve().parents[1] / 'docs' / 'images' / 'iss.svg'
 NEEDED = 'the telemetry has it'
+WINDOW = 6861.75, 6863.005  # h, as the files count: window A, whose picture is drawn
 MOMENTS, BAND = [4, 7, 9], 1.96
 SMOOTH = 10  # samples, of the curves
 
@@ -102,15 +103,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
     add('archive', type=Path, help='Pi/RecordedData/Data/Archive of a clone of ISS-Mimic at 41955ae')
-    add('--start', type=float, default=6861.75, help='h, as the files count')
-    add('--end', type=float, default=6863.005, help='h')
+    add('--start', type=float, default=WINDOW[0], help='h')
+    add('--end', type=float, default=WINDOW[1], help='h')
     add('--twins', type=int, nargs=2, metavar=('FIRST', 'LAST'), help='weigh twins with these seeds instead')
     arguments = parser.parse_args()
     flown = read_iss(arguments.archive, arguments.start, arguments.end)
     if arguments.twins:
         weigh_twins(flown, range(arguments.twins[0], arguments.twins[1] + 1))
         return
-    draw(flown)
+    if (arguments.start, arguments.end) == WINDOW:
+        draw(flown)
     with TemporaryDirectory() as folder:
         found = weighed(flown, Path(folder))
     if found is None:

@@ -38,7 +38,6 @@ NAME = 'estimator'
 PERIOD = 1.0  # s, of /diagnostics
 _ADVICE_PERIOD = 5.0  # s, between two searches for the most informative motion, at least
 _ADVICE_SHARE = 0.01  # of the time that these searches may take
-_SLICE_PERIOD = 1e-3  # s, between two time slices of the background task, at least
 
 # A robot that fits any method: finds parameters that no robot description can be used with.
 _ANY_ROBOT = """\
@@ -47,7 +46,7 @@ _ANY_ROBOT = """\
 
 
 class EstimatorNode(Node):
-    """Hands messages to the session, and publishes its estimates.
+    """Hands messages to the session, and publishes its estimates; between messages, it is its own background work.
 
     Raises ParameterError, ModelError: A parameter, or the robot description file it names, cannot be used.
     """
@@ -60,6 +59,7 @@ class EstimatorNode(Node):
         self._advice_due = 0.0  # monotonic time
         self._report_due = False  # a report waits for the estimate of a window
         self._awaited: int | None = None  # end of the window that one waited for
+        self._background_due = False
         # Refusals come first: nothing is on the graph then.
         self._read_robot()
         self._inputs = {
@@ -85,8 +85,6 @@ class EstimatorNode(Node):
         # A steady clock: reports come with use_sim_time and no /clock, too.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(PERIOD, self._on_timer, clock=clock)
-        # Runs the background task between messages, a few milliseconds at a time, before the next window.
-        self._idle_timer: Any = self.create_timer(_SLICE_PERIOD, self._on_idle, clock=clock, autostart=False)
         self._publication.publish_waiting()
 
     def _base_subscriptions(self) -> dict[str, Subscriptions]:
@@ -168,13 +166,21 @@ class EstimatorNode(Node):
         estimates = session.process()
         self._publication.publish(session, estimates)
         if estimates:
-            self._idle_timer.reset()  # the background task comes after the estimates
+            self._background_due = True  # after the estimates
             if self._report_due:
                 self._report()
 
-    def _on_idle(self) -> None:
-        if self._state.session is None or not self._state.session.run_slice():
-            self._idle_timer.cancel()
+    @property
+    def is_due(self) -> bool:
+        """Whether a slice of background work may run: not while the estimate of a window is due in a moment."""
+        session = self._state.session
+        return self._background_due and (session is None or session.closing is None)
+
+    def run_slice(self) -> None:
+        """Run a slice of the session's background work, and look for a motion to advise after the last one."""
+        session = self._state.session
+        self._background_due = session is not None and session.run_slice()
+        if not self._background_due:
             self._advise()
 
     def _advise(self) -> None:
@@ -268,5 +274,6 @@ class EstimatorNode(Node):
 
 def main(_arguments: argparse.Namespace, interrupt: Interrupt) -> int:
     """Run the node until it is interrupted, and return the exit code; `mbaid_ros.nodes.start` calls it within ROS."""
-    spin(EstimatorNode(), lambda: interrupt.requested)
+    node = EstimatorNode()
+    spin(node, lambda: interrupt.requested, node)
     return 0

@@ -12,13 +12,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from types import FrameType
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor, TimeoutException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.impl.logging_severity import LoggingSeverity
 from rclpy.logging import get_logger, set_logger_level
@@ -181,8 +181,19 @@ def ros(argv: Sequence[str]) -> Iterator[Interrupt]:
         rclpy.shutdown()
 
 
-def spin(node: Node, over: Callable[[], object]) -> None:
-    """Run a node's callbacks, one at a time, until `over()`."""
+class Background(Protocol):
+    """Work in slices of some milliseconds that may wait."""
+
+    @property
+    def is_due(self) -> bool:
+        """Whether a slice may run now."""
+
+    def run_slice(self) -> None:
+        """Run a slice."""
+
+
+def spin(node: Node, over: Callable[[], object], background: Background | None = None) -> None:
+    """Run a node's callbacks, one at a time, until `over()`, and background work while no callback is ready."""
     executor = SingleThreadedExecutor()  # the one of rclpy's that keeps up with two topics at 1 kHz
     executor.add_node(node)
     node.create_timer(LATENCY, lambda: None, clock=Clock(clock_type=ClockType.STEADY_TIME))  # a reason to look again
@@ -190,8 +201,21 @@ def spin(node: Node, over: Callable[[], object]) -> None:
     # after its estimates, before Python does at a worse time.
     gc.freeze()
     gc.set_threshold(_LITTER)
+    ready = False  # whether a callback was, when last looked
     while not over():
-        executor.spin_once()
+        if background is None or not background.is_due:
+            executor.spin_once()
+            continue
+        try:
+            handler, *_ = executor.wait_for_ready_callbacks(timeout_sec=0.0)
+        except TimeoutException:  # comes after the callbacks that were ready, too
+            if not ready:
+                background.run_slice()
+            ready = False
+        else:
+            ready = True
+            handler()
+            handler.result()  # type: ignore[no-untyped-call] # raises what the callback has
 
 
 def _refuse_negative_times() -> None:

@@ -212,7 +212,7 @@ class Information:
         variables = self._known.variables
         rows = np.zeros((gaussian.size, 10), order='F')
         rows[: len(variables.scale)] = variables.spread[BODY].T
-        own, _ = dtrtrs(gaussian.root[:, :-2], rows, trans=1)
+        own, _ = dtrtrs(gaussian.triangle, rows, trans=1)
         return np.asarray(own.T @ own + variables.outside[BODY, BODY])
 
     def _relative(self, covariance: Array) -> Array:

@@ -41,7 +41,7 @@ class Holdout:
     fraction: float  # of the run, at its end, that is predicted
     begin: float  # s since the first sample, of that part
     # error of the prediction over its standard deviation, root mean square; NaN where the rest leads to no solution, or
-    # the target changes afterwards
+    # the target changes afterwards, or the run contradicts its model and the unknowns have adapted
     ratio: float
     contradicted: bool = False  # whether the run contradicts its model
 
@@ -50,11 +50,10 @@ class Holdout:
         """Return it in one line."""
         what = f'holdout: the last {100.0 * self.fraction:.3g} %, predicted from the rest'
         if math.isnan(self.ratio):
-            return f'{what}: not available, there is no one solution from {self.begin:.3g} s to the end'
+            why = 'the model is contradicted' if self.contradicted else f'no one solution from {self.begin:.3g} s on'
+            return f'{what}: not judged, {why}'
         if self.ratio > _FAR:
             meaning = 'the model does not predict them'
-        elif self.contradicted:
-            meaning = 'the estimate follows a wrong model: see the causes'
         else:
             meaning = 'the model predicts them' if self.ratio > _NEAR else 'the noise is smaller than declared'
         return f'{what}: errors {self.ratio:.2f} times their standard deviation (1 is ideal); {meaning}'
@@ -65,7 +64,8 @@ def holdout_of(history: Sequence[Estimate], fraction: float) -> Holdout | None:
 
     Innovations are independent where the model is right, so the sum of their normalised squares over the last windows
     is the squared distance of all those data together from their prediction by the estimate before them. What acts by
-    a mechanism, as the slope of a table, is predicted with; a random walk is not, as it follows anything.
+    a mechanism, as the slope of a table, is predicted with; a random walk is not, as it follows anything. The unknowns
+    of a wrong robot adapt as well: it then predicts, so of a run that contradicts its model no small ratio is given.
 
     Parameters
     ----------
@@ -82,7 +82,8 @@ def holdout_of(history: Sequence[Estimate], fraction: float) -> Holdout | None:
         return Holdout(fraction, begin, math.nan, last.contradicted)
     squares, count = (last.innovations - before.innovations).T
     ratio = float(np.sqrt(np.min(squares / count))) if np.all(count > 0.0) and np.all(squares > 0.0) else math.nan
-    return Holdout(fraction, begin, ratio, last.contradicted)
+    adapted = last.contradicted and ratio <= _FAR
+    return Holdout(fraction, begin, math.nan if adapted else ratio, last.contradicted)
 
 
 @dataclass(frozen=True)

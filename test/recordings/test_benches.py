@@ -101,7 +101,8 @@ def test_the_base_the_slope_and_the_delay_are_found(
     bag_2021: Path, twin_2021: Twin, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files = ['--model', str(bag_2021 / 'robot.urdf'), '--params', str(bag_2021 / 'estimator.yaml')]
-    assert replay([str(bag_2021), *files, '--json', '-']) == 0
+    flat = ['-p', 'disturbance.force_std:=0.0']  # the table of the twin slopes evenly
+    assert replay([str(bag_2021), *files, *flat, '--json', '-']) == 0
     found = json.loads(capsys.readouterr().out)
     mass, inertia = found['estimate']['mass'], found['estimate']['inertia']['izz']
     assert abs(mass - twin_2021.truth[0]) < 3.0 * found['std']['mass']

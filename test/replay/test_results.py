@@ -170,16 +170,18 @@ def test_no_ratio_is_given_where_no_one_solution_covers_both_parts() -> None:
         found = holdout_of(each, 0.2)
         assert found is not None
         assert np.isnan(found.ratio)
-        assert 'not available' in found.sentence
+        assert 'no one solution' in found.sentence
         assert as_json(replace(run(), holdout=found))['holdout'] == {'fraction': 0.2, 'ratio': None}
     assert holdout_of([], 0.2) is None
 
 
-def test_a_contradicted_run_that_predicts_well_is_not_praised() -> None:
-    last = [replace(each, status='inconsistent') for each in history(1.0)]
+@pytest.mark.parametrize('late', [1.0, 3.0])
+def test_a_contradicted_run_that_has_adapted_to_a_wrong_model_is_not_judged(late: float) -> None:
+    last = [replace(each, status='inconsistent') for each in history(late)]
     found = holdout_of(last, 0.2)
     assert found is not None
-    assert 'wrong model' in found.sentence
+    assert np.isnan(found.ratio) == (late == 1.0)
+    assert ('contradicted' if late == 1.0 else 'does not predict') in found.sentence
 
 
 def test_json_text_and_report_have_it() -> None:

@@ -13,7 +13,7 @@ from mbaid_ros.core.diagnosis.filter_passes import SLIPPING
 from mbaid_ros.core.diagnosis.ranking import CandidateCause, Change, IsolationResult, ranked
 from mbaid_ros.core.diagnosis.rate_checks import twist_check
 from mbaid_ros.core.diagnosis.readings import joint_noise_factor
-from mbaid_ros.core.filter.initialisation import BackgroundTask
+from mbaid_ros.core.filter.initialisation import AT_ONCE, BackgroundTask
 from mbaid_ros.core.filter.run import FilterRun
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import BODY, Layout
@@ -32,8 +32,8 @@ _APART = 16  # minimum windows from one inquiry to the next: fewer new ones add 
 # Windows of one inquiry: a fault has seldom begun earlier, and work and memory stay bounded.
 _KEPT = 80
 _LATEST = 8  # windows whose samples show how noisy the sensors are: as noisy as they are now
-# Steps of the filter, more or less, that it may take between two windows: beside a search, and without one.
-_SHARE_BESIDE, _SHARE = 700, 1200
+# An inquiry over so many windows is due one window later: its work, up to some seconds, fits between their messages.
+_PACE = 5
 
 
 class FaultIsolation:
@@ -59,6 +59,8 @@ class FaultIsolation:
         self._onset, self._next = 0, _FIRST  # windows until the run was suspicious, and until the next inquiry
         self.suspicious = False
         self._inquiry = BackgroundTask[IsolationResult](suspicion.layout.size)
+        self._outcome: IsolationResult | None = None  # of an inquiry, until its result is due
+        self._due: int | None = None  # number of windows at which it is
         self._found: IsolationResult | None = None
         self._over = False  # whether the contradiction has ended since
         self._about: tuple[float, ...] = ()  # s, of the jumps that the latest inquiry was begun for
@@ -82,7 +84,7 @@ class FaultIsolation:
         # A walk that leads has taken the jump up: it is there all the same.
         walks = run.started and not run.best.hypothesis.physical
         early = early or (walks and self._since_a_jump(run) < _AFTER_A_JUMP)
-        if not self._inquiry.under_way and suspicious and self._seen >= self._next and not early:
+        if self._due is None and suspicious and self._seen >= self._next and not early:
             self._next = self._seen + max(_APART, self._seen - self._onset)  # when twice as much contradicts it
             point = run.point if run.started else None
             since = self._windows[max(self._onset - self._seen, -len(self._windows))].start
@@ -90,23 +92,32 @@ class FaultIsolation:
             wrong_twist = self._twist.reason()
             text = wrong_twist.text if wrong_twist else ''
             self._inquiry.begin(self._suspicion.inquire(list(self._windows), point, run.jumped, text))
-        self._inquiry.allot_steps(_SHARE_BESIDE if run.searching else _SHARE)
+            self._inquiry.allot_steps(AT_ONCE)
+            self._due = self._seen + -(-len(self._windows) // _PACE)
 
     def run_slice(self) -> bool:
         """Run a time slice of an inquiry; return whether work is left."""
         with suppress(np.linalg.LinAlgError):  # the point is of no robot that can be: a later one may be
-            found = self._inquiry.run_slice()
-            # The cause of a contradiction may have died down: it is not in the latest windows any more.
-            if found is not None and (found.causes or self._over or self._found is None):
-                self._found, self._over = found, False
-        return self._inquiry.is_due
+            self._outcome = self._inquiry.run_slice() or self._outcome
+        return self._inquiry.under_way
+
+    def hand_over(self) -> None:
+        """Take the result of an inquiry if it is due, the rest of its work done first: live and replay see it alike."""
+        if self._due is None or self._seen < self._due:
+            return
+        while self.run_slice():
+            pass
+        found, self._outcome, self._due = self._outcome, None, None
+        # The cause of a contradiction may have died down: it is not in the latest windows any more.
+        if found is not None and (found.causes or self._over or self._found is None):
+            self._found, self._over = found, False
 
     def open_jumps(self, run: FilterRun) -> tuple[float, ...]:
         """Return when the momentum of a run seems to have jumped, s, where an inquiry into it is under way.
 
         A leading constant force explains changes that are jumps without it.
         """
-        if not self._inquiry.under_way:
+        if self._due is None:
             return ()
         latest = self._windows[-1]
         since = latest.start - _OPEN * latest.length

@@ -94,6 +94,8 @@ class ConditionalRoot:
         link, count = window.carried, len(window.value)
         before = self.unlinked if link is None else self.linked(link)
         own, size, width = slice(before.links, None), len(before.triangle), before.right.shape[1]
+        if not count:  # LAPACK accepts no empty rows
+            return before, np.zeros(size), np.zeros((0, width))
         rows, left = np.zeros((count, size), order='F'), np.zeros((count, width + count), order='F')
         rows[:, own], left[:, 1], left[:, width:] = window.rows[::-1], window.value[::-1], identity(count)
         if link is not None:

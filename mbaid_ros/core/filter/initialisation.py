@@ -36,7 +36,8 @@ _SHARPER = 0.7
 _KNOWN = 0.1
 # Steps of the filter that a task may take between two windows: while there is an estimate, and before.
 _SHARE, _FIRST_SHARE = 300, 1200
-_AT_ONCE = 10**9  # the same where the target has a prior: its windows are rare, and each may leave the linear range
+# The same without limit. Where the target has a prior, windows are rare, and each may leave the linear range.
+AT_ONCE = 10**9
 
 
 SLICE = 30  # steps of the filter, about, in one slice: a few milliseconds
@@ -167,7 +168,7 @@ class Initialisation:
         """Allot the work until the next window."""
         steps = _SHARE if self.converged and not self._displaced else _FIRST_SHARE
         if self._batch.variables.described:
-            steps = _AT_ONCE
+            steps = AT_ONCE
         for task in self._tasks:
             task.allot_steps(steps)
 

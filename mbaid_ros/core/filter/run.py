@@ -56,7 +56,7 @@ class LinearisationPoint:
         """Return the point, moved where the estimate is too far from its reference."""
         assert self.point is not None, 'there is a start'
         distribution = MeanAndCovariance.of(gaussian, self._variables)
-        gather, root = self._variables.gather[self._variables.lasting], self._known(gaussian.root)
+        gather, root = self._variables.gather[self._variables.lasting], self._known(gaussian.triangle)
         distance = root @ (gather @ (distribution.mean - self._reference))
         if distance @ distance > _HELD:
             self._move(distribution, root)

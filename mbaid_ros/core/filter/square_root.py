@@ -64,14 +64,26 @@ class SquareRootInformation:
         """Return the prior for a force in some axes, or none."""
         return SquareRootInformation.priors(variables, (force,), mass)[0]
 
-    @cached_property
-    def root(self) -> Array:
-        """The triangle (n, n + 2) of variables and force, Fortran order, beside it z as of `ConditionalRoot`."""
+    @property
+    def equations(self) -> tuple[Array, Array]:
+        """R x = z of variables and force, (n, n) and (n, 2), z as of `ConditionalRoot`; without a force no copies."""
         shared, size = self.conditional.unlinked, self.size
-        root, own = np.zeros((size, size + 2), order='F'), len(shared.triangle)
-        root[:own, :own], root[:own, -2:] = shared.triangle, shared.right[:, :2]
-        root[:own, own:size], root[own:, own:] = shared.right[:, shared.columns(self.axes)], self.force
-        return root
+        if not len(self.force):
+            return shared.triangle, shared.right[:, :2]
+        triangle, own = np.zeros((size, size), order='F'), len(shared.triangle)
+        triangle[:own, :own], triangle[:own, own:] = shared.triangle, shared.right[:, shared.columns(self.axes)]
+        triangle[own:, own:] = self.force[:, :-2]
+        return triangle, np.asfortranarray(np.concatenate((shared.right[:, :2], self.force[:, -2:])))
+
+    @property
+    def triangle(self) -> Array:
+        """The triangle R of variables and force, (n, n)."""
+        return self.equations[0]
+
+    @property
+    def root(self) -> Array:
+        """R, and beside it z, (n, n + 2)."""
+        return np.concatenate(self.equations, axis=1)
 
     @property
     def misfit(self) -> float:
@@ -88,7 +100,7 @@ class SquareRootInformation:
 
         Raises LinAlgError: The information has a direction without any.
         """
-        both, info = dtrtrs(self.root[:, :-2], self.root[:, -2:])
+        both, info = dtrtrs(*self.equations)
         if info:
             raise np.linalg.LinAlgError('a direction of the state has no information')
         return both[:, 0] + both[:, 1], both[:, 0]
@@ -96,12 +108,13 @@ class SquareRootInformation:
     @property
     def factor(self) -> Array:
         """A factor of the covariance, (n, n)."""
-        return np.asarray(dtrtri(self.root[:, :-2])[0])
+        return np.asarray(dtrtri(self.triangle)[0])
 
     @property
     def least_squares(self) -> Array:
         """The mean without the correction for shared noise, (n,)."""
-        return np.asarray(dtrtrs(self.root[:, :-2], self.root[:, -1])[0])
+        triangle, right = self.equations
+        return np.asarray(dtrtrs(triangle, right[:, -1])[0])
 
     def sharing(self, other: SquareRootInformation) -> SquareRootInformation:
         """Return the same measurements with the variables' root of another Gaussian."""
@@ -190,7 +203,7 @@ class MeanAndCovariance:
         """Return a covariance factor (m, v) of numbers (m, w) that are linear in the first w variables."""
         right = np.zeros((self.gaussian.size, len(numbers)), order='F')
         right[: numbers.shape[1]] = numbers.T
-        return np.asarray(dtrtrs(self.gaussian.root[:, :-2], right, trans=1, overwrite_b=True)[0]).T
+        return np.asarray(dtrtrs(self.gaussian.triangle, right, trans=1, overwrite_b=True)[0]).T
 
     def by_force(self, pushed: Array) -> Array:
         """Return the (6,) change of the momentum by a constant force, of `pushed` (p, f) as of `HypothesisFilter`."""
@@ -240,7 +253,7 @@ class MeanAndCovariance:
 
     def with_variables(self, factor: Array) -> Array:
         """Return the covariance (v, m) of the variables with numbers of a covariance factor (m, v)."""
-        return np.asarray(dtrtrs(self.gaussian.root[:, :-2], factor.T)[0])
+        return np.asarray(dtrtrs(self.gaussian.triangle, factor.T)[0])
 
     def unknowns(self, layout: Layout) -> tuple[Array, Array]:
         """Return the unknowns' numbers (e,), of unit variance about zero a priori, and their covariance (e, e).
@@ -260,19 +273,21 @@ class MeanAndCovariance:
         count = len(self.variables.scale) - first
         if not count:  # LAPACK complains of empty triangles, on the terminal
             return np.zeros((0, 0))
-        upper = dpotri(self.gaussian.root[first:, first:-2])[0][:count, :count]
+        upper = dpotri(self.gaussian.triangle[first:, first:])[0][:count, :count]
         return np.where(upper_ones(count), upper, upper.T)
 
-    def prior_scales(self, layout: Layout, moved: Array | None = None) -> PriorScaleFactors:
-        """Return the scale factors of the unknowns' priors; `moved` (d, e) as of `Curvature.unknowns`.
-
-        Numbers that noise drives beyond these count as right.
-        """
+    def unknowns_as_declared(self, layout: Layout) -> tuple[Array, Array]:
+        """Return the same where numbers that noise drives beyond their priors count as right."""
         values, covariance = self.unknowns(layout)
         if layout.driven.any():
             free = 1.0 - layout.driven
             values, covariance = values * free, covariance * np.outer(free, free) + np.diag(layout.driven)
-        return PriorScaleFactors.of(values, covariance, layout.cause_of, layout.part_of, moved)
+        return values, covariance
+
+    def prior_scales(self, layout: Layout, moved: Array | None = None) -> PriorScaleFactors:
+        """Return the scale factors of the unknowns' priors; `moved` (d, e) as of `Curvature.unknowns`."""
+        numbers = self.unknowns_as_declared(layout)
+        return PriorScaleFactors.of(*numbers, layout.cause_of, layout.part_of, moved)
 
     def contributions(self, factor: Array, layout: Layout) -> Array:
         """Return the contributions (e, m) of the unknowns' independent numbers to the errors of m numbers.

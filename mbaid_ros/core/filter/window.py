@@ -134,15 +134,16 @@ class Stack:
 
         An IMU may be on a link that joints move (`imu`).
         """
-        middle = self.middle
-        if side.gyro.any() and self.knots.course.shape[-1]:
+        if side.mount.any():
+            middle = midpoints(at_the_base(self.knots, side.mount), self.windows[0].spacing)
+        elif side.gyro.any() and self.knots.course.shape[-1]:
             middle = midpoints(_turned_back(self.knots, side.gyro), self.windows[0].spacing)
             read = rotate_back(middle.base_rotation, middle.turn / self.windows[0].spacing)
             bias, scale, turn, shared = side.gyro.reshape(4, 3)
             errors = bias + scale * read + cross(read, np.broadcast_to(turn, read.shape)) + crossed(read) @ shared
             middle = replace(middle, gyro=middle.gyro - errors)
-        if side.mount.any():
-            middle = midpoints(at_the_base(self.knots, side.mount), self.windows[0].spacing)
+        else:
+            middle = self.middle
         if side.delay != 0.0:
             middle = with_joints_later(middle, side.delay, self.windows[0].spacing)
         if side.zeros.any():

@@ -91,8 +91,7 @@ class TrajectoryEstimator:
 
     def _filter(self, window: Samples, knots: Averaged, origin: int) -> Estimate:
         """Filter one window, and report the solution by then, or why there is none."""
-        while self.run_slice():
-            pass
+        self._runs.finish_due_work()  # of the windows before
         self._plane.update(window)
         self._samples += len(window)
         run = self._runs.present(self._averaging.origin)  # a new one if motion or target have changed

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -78,30 +79,30 @@ def error_budget(
     if uncertainty.linear_momentum > 0.0:
         given.append(('momentum prior', slice(distribution.variables.poses, distribution.variables.head)))
     names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
-    return DeferredBudget(
-        names, lambda: _shares(distribution, layout, [which for _, which in given], prior_scales, known)
-    )
+    # Kept with many estimates: without the 150 kB that have been computed from this one.
+    fresh, each = replace(distribution), prior_scales.each
+    return DeferredBudget(names, lambda: _shares(fresh, layout, [which for _, which in given], each, known))
 
 
 def _shares(
-    distribution: MeanAndCovariance, layout: Layout, given: list[slice], prior_scales: PriorScaleFactors, known: Flags
+    distribution: MeanAndCovariance, layout: Layout, given: list[slice], scales: Array, known: Flags
 ) -> tuple[Array, Flags]:
     """Return the shares (10, c), and which are unchecked, as of `error_budget`; `given` are variables with a prior."""
     variables = distribution.variables
     jacobian, part = physical_jacobian(distribution.mean[BODY]), distribution.factor_of(variables.spread[BODY])
     factor = jacobian @ distribution.amplification(part, BODY_PLACES) @ part
-    errors = distribution.contributions(factor, layout).T * prior_scales.each
+    errors = distribution.contributions(factor, layout).T * scales
     squares = errors**2
     priors = np.array([_of_a_prior(factor, distribution, variables, which) for which in given]).reshape(-1, len(factor))
     total = np.sum(factor**2, axis=1) + np.sum(distribution.by_score(jacobian @ part) ** 2, axis=1)
-    noise = total - np.sum((errors / prior_scales.each) ** 2, axis=1) - priors.sum(axis=0)
+    noise = total - np.sum((errors / scales) ** 2, axis=1) - priors.sum(axis=0)
     noise = np.where(noise < -_ROUNDING * total, np.nan, np.maximum(noise, 0.0))
     parts = np.column_stack((noise, squares @ layout.belongs, priors.T))
     with np.errstate(divide='ignore', invalid='ignore'):
         shares = parts / parts.sum(axis=1, keepdims=True)
     unchecked = np.zeros(shares.shape, dtype=bool)
     declared = slice(1, 1 + len(layout.causes))
-    unchecked[:, declared] = shares[:, declared] > _seen(errors, prior_scales.covariance, layout)
+    unchecked[:, declared] = shares[:, declared] > _seen(errors, distribution.unknowns_as_declared(layout)[1], layout)
     return np.where(known[:, None], shares, np.nan), unchecked
 
 

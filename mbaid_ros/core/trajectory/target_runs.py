@@ -158,6 +158,13 @@ class TargetRuns:
             self.run = self._new_run([self.used(window) for window in self.isolation.since(-np.inf)])
         return self.run
 
+    def finish_due_work(self) -> None:
+        """Do what is left of the background work that the next window asks for."""
+        if self.run is not None:
+            while self.run.run_slice():
+                pass
+            self.isolation.hand_over()
+
     def _new_run(self, windows: list[Window]) -> FilterRun:
         """Return a run over some windows."""
         settings, known_mass = self._settings, float(np.sum(self._kernel.known[:, 0]))

@@ -104,6 +104,20 @@ def test_innovations_are_those_of_each_measurement_given_those_before(force: Axe
     assert np.all(np.tril(after.root[:, :-2], -1) == 0.0)
 
 
+@pytest.mark.parametrize('force', ['none', 'inertial'])
+def test_a_window_without_a_measurement_leaves_the_gaussian_as_it_was(force: Axes) -> None:
+    rng = np.random.default_rng(8)
+    space = variables(rng)
+    white = prepare(window(rng), space)
+    nothing = replace(white, value=white.value[:0], rows=white.rows[:0], places=white.places[:0], log_noise=0.0)
+    before = update(SquareRootInformation.prior(space, force), white)
+    after = update(before, nothing)
+    root = np.sign(after.root.diagonal())[:, None] * after.root
+    assert root == pytest.approx(np.sign(before.root.diagonal())[:, None] * before.root, rel=1e-12, abs=1e-12)
+    assert after.log_likelihood == pytest.approx(before.log_likelihood)
+    assert after.last_nis == 0.0
+
+
 def test_a_variance_may_shrink_by_more_than_double_precision() -> None:
     """What is measured 1e-9 as well as it was known stays known, and known to be: as a covariance it would be lost."""
     rng = np.random.default_rng(6)
