@@ -159,7 +159,7 @@ class TargetRuns:
         return self.run
 
     def finish_due_work(self) -> None:
-        """Do what is left of the background work that the next window asks for."""
+        """Finish the background work that the next window needs."""
         if self.run is not None:
             while self.run.run_slice():
                 pass
