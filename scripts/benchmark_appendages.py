@@ -8,15 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.appendages import (
-    PANELS,
-    SLOSH,
-    servicer,
-    with_fuel,
-    with_grasp,
-    with_panel_on_the_target,
-    with_panels,
-)
+from benchmarks.appendages import PANELS, SLOSH, servicer, with_fuel, with_grasp, with_panel_on_the_target, with_panels
 from benchmarks.data import CONFIG, NOISE, RATE
 from benchmarks.frame import PUBLISHED, Frame, Runs, declared, number, percent, provenance, statuses, table
 from benchmarks.honesty.runs import FAR

@@ -87,7 +87,5 @@ def identify(run: SimulatedRun, into: Session) -> Estimate:
 
 def first_columns(result: list[Estimate]) -> Array:
     """Return what is published, NaN as a number, for comparison to the last bit."""
-    rows = [
-        np.concatenate((estimate.parameters, np.ravel(estimate.covariance), estimate.momentum)) for estimate in result
-    ]
+    rows = [np.concatenate((each.parameters, np.ravel(each.covariance), each.momentum)) for each in result]
     return np.nan_to_num(np.array(rows), nan=-1.0)

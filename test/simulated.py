@@ -16,6 +16,11 @@ from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_ro
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 DEGREE = np.pi / 180.0
+# Of all sensors but the joints' velocities.
+NOISE = {
+    'joint_position': 1e-4, 'base_position': 1e-3, 'base_orientation': 1e-4, 'base_linear_velocity': 1e-3,
+    'base_angular_velocity': 1e-4,
+}  # fmt: skip
 
 
 def options(*texts: str) -> list[str]:

@@ -7,12 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mbaid_ros.calibration.iteration import (
-    CalibrationIteration,
-    Converged,
-    Motion,
-    converge,
-)
+from mbaid_ros.calibration.iteration import CalibrationIteration, Converged, Motion, converge
 from mbaid_ros.calibration.misfit import corrected
 from mbaid_ros.calibration.result import Calibration
 from mbaid_ros.calibration.unknowns import Normals, Prior, make_prior

@@ -16,11 +16,7 @@ from mbaid_ros.planning.assurance import Assurance, beyond_motion, single_joint
 from mbaid_ros.planning.collisions import Collisions, Efforts, ReadMesh, no_mesh
 from mbaid_ros.planning.information import Grid, Information
 from mbaid_ros.planning.motions import Motions
-from mbaid_ros.planning.plan import (
-    BINDING,
-    LIMITS,
-    Plan,
-)
+from mbaid_ros.planning.plan import BINDING, LIMITS, Plan
 from mbaid_ros.planning.requirements import BaseLimits, Wanted, joint_limits, keeping_speed
 from mbaid_ros.planning.search import Candidate, Search
 from mbaid_ros.planning.splines import Splines

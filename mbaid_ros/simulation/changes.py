@@ -44,12 +44,7 @@ class ThrustSimulation(ChangingSimulation):
     """A run of the free-floating robot with a pulse of thrust, which stays in `pulse`; parameters as of Simulation."""
 
     def __init__(
-        self,
-        model: RobotModel,
-        motion: Motion,
-        initial: State,
-        pulse: Pulse,
-        surroundings: Surroundings | None = None,
+        self, model: RobotModel, motion: Motion, initial: State, pulse: Pulse, surroundings: Surroundings | None = None
     ) -> None:
         self.pulse = pulse
         around = surroundings or Surroundings()

@@ -30,7 +30,7 @@ from mbaid_ros.nodes.simulator import Pace
 from mbaid_ros.nodes.subscriptions import TYPES, qos
 from mbaid_ros.replay.start import plan as replay_plan
 from planned import first_motion
-from simulated import CONFIG, assigned, options
+from simulated import CONFIG, NOISE, assigned, options
 from streams import run
 
 SCRIPT = ROOT / 'scripts' / 'demo.py'
@@ -78,10 +78,6 @@ def test_the_demo_shows_the_estimate_converging_to_the_truth(tmp_path: Path) -> 
 
 # -- The live loop: a simulated robot is identified, a motion planned, followed, and more is known than before.
 
-NOISE = {
-    'joint_position': 1e-4, 'base_position': 1e-3, 'base_orientation': 1e-4, 'base_linear_velocity': 1e-3,
-    'base_angular_velocity': 1e-4,
-}  # fmt: skip
 PLAN = {'effort': 10, 'duration': 5.0, 'joint_velocity': 0.05, 'base_rotation': 0.02}
 
 

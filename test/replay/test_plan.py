@@ -20,13 +20,9 @@ from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.run import replay_bag
 from mbaid_ros.replay.start import plan as main
 from mbaid_ros.replay.start import replay, simulate
-from simulated import CONFIG, assigned, options
+from simulated import CONFIG, NOISE, assigned, options
 
 MODEL = ['--model', str(CONFIG / 'servicer7.urdf')]
-NOISE = {
-    'joint_position': 1e-4, 'base_position': 1e-3, 'base_orientation': 1e-4, 'base_linear_velocity': 1e-3,
-    'base_angular_velocity': 1e-4,
-}  # fmt: skip
 PLAN = {'effort': 20, 'duration': 4.0, 'base_rotation': 0.01, 'joint_velocity': 0.05}
 QUICK = assigned({f'plan.{name}': value for name, value in PLAN.items()})
 

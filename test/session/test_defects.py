@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any
@@ -12,7 +11,7 @@ import pytest
 
 import defects
 from benchmarks.honesty import readings
-from defects import JOINTS, ODOMETRY, Arrival, arrivals, changed, estimates, shifted
+from defects import JOINTS, ODOMETRY, Arrival, Defect, arrivals, changed, estimates, shifted
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
@@ -35,7 +34,7 @@ PLACE = np.array([0.3, -0.2, 0.5])
 MARKER: dict[str, object] = {'marker.position': PLACE.tolist(), 'marker.orientation': QUATERNION.tolist()}
 
 # What changes nothing but a little of what is known: the defect and the parameters that it needs.
-HARMLESS: dict[str, tuple[Callable[[list[Arrival]], list[Arrival]], dict[str, object]]] = {
+HARMLESS: dict[str, tuple[Defect, dict[str, object]]] = {
     'permuted and extra joints': (changed(JOINTS, defects.permuted_and_extra), {}),
     'wrapped angles': (changed(JOINTS, defects.wrapped), {}),
     'quaternions of length 1.05 and either sign': (changed(ODOMETRY, defects.odd_quaternion), {}),
@@ -93,23 +92,14 @@ def test_how_the_calls_are_spread_makes_no_difference(defect: str) -> None:
 
 @pytest.mark.parametrize('at_once', [1_000_000, 7])
 def test_repeated_poses_make_no_difference(at_once: int) -> None:
-    reported, poses = 0, []
-    for arrival in clean():
-        if arrival.topic == ODOMETRY:
-            if reported % 5 == 0:
-                poses.append(arrival)
-            reported += 1
+    poses = [arrival for arrival in clean() if arrival.topic == ODOMETRY][::5]
     without = defects.in_order([*poses, *(arrival for arrival in clean() if arrival.topic == JOINTS)])
-    again = defects.in_order(
-        [
-            *without,
-            *(
-                Arrival(ODOMETRY, pose.time + later, defects.stamped(pose.message, pose.time + later))
-                for pose in poses[:-1]
-                for later in range(10_000_000, 50_000_000, 10_000_000)
-            ),
-        ]
-    )
+    repeated = [
+        Arrival(ODOMETRY, pose.time + later, defects.stamped(pose.message, pose.time + later))
+        for pose in poses[:-1]
+        for later in range(10_000_000, 50_000_000, 10_000_000)
+    ]
+    again = defects.in_order([*without, *repeated])
     expected, _ = estimates(ROBOT, without)
     found, session = estimates(ROBOT, again, at_once=at_once)
     assert np.array_equal(first_columns(found), first_columns(expected))

@@ -150,11 +150,7 @@ class CaptureEstimator:
         self._use((time if self._suspect is None else float(self._suspect.time[0])) - MARGIN)
         chaser = self._known.chaser()
         estimate = Estimate(
-            method=self.method,
-            status='waiting',
-            phase='pre_capture',
-            time=time,
-            stamp=origin + round(time * 1e9),
+            method=self.method, status='waiting', phase='pre_capture', time=time, stamp=origin + round(time * 1e9)
         )
         if chaser is None:
             return with_reasons(estimate, [Reason(BEFORE)])

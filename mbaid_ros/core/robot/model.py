@@ -228,7 +228,5 @@ def _standard(inertial: Inertial | None) -> Array:
 def displaced(model: RobotModel, origins: Array, tilts: Array) -> RobotModel:
     """Return a robot with displaced joints, (n, 3), (n, 3) as in ModelErrors."""
     return replace(
-        model,
-        positions=model.positions + rotate(model.rotations, origins),
-        rotations=model.rotations @ exp(tilts),
+        model, positions=model.positions + rotate(model.rotations, origins), rotations=model.rotations @ exp(tilts)
     )

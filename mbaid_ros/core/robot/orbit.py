@@ -144,13 +144,7 @@ class FallingFrame:
     """
 
     def __init__(
-        self,
-        orbit: Orbit,
-        model: RobotModel,
-        *,
-        relative_twist: bool,
-        epoch: int | None = None,
-        located: bool = True,
+        self, orbit: Orbit, model: RobotModel, *, relative_twist: bool, epoch: int | None = None, located: bool = True
     ) -> None:
         self._orbit = orbit
         self._located = located

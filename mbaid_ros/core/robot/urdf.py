@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -48,11 +47,7 @@ class Transmission:
     # multiplier, offset: (n,) 1 and 0 for an independent joint; offset in rad or m
     multiplier: Array
     offset: Array
-
-    @cached_property
-    def direct(self) -> bool:
-        """Whether every joint is independent."""
-        return len(self.independent) == len(self.driver)
+    direct: bool  # whether every joint is independent
 
     def positions(self, values: Array) -> Array:
         """Return the positions (..., n) of all joints at those (..., k) of the independent ones."""
@@ -73,9 +68,8 @@ def transmission(joints: Sequence[str], mimics: Mapping[str, Mimic]) -> Transmis
         driver.append(place[leader])
         multiplier.append(gain)
         offset.append(shift)
-    return Transmission(
-        np.array(independent, dtype=np.intp), np.array(driver, dtype=np.intp), np.array(multiplier), np.array(offset)
-    )
+    own, direct = np.array(independent, dtype=np.intp), len(independent) == len(driver)
+    return Transmission(own, np.array(driver, dtype=np.intp), np.array(multiplier), np.array(offset), direct)
 
 
 def _traced(name: str, mimics: Mapping[str, Mimic], independent: Mapping[str, int]) -> tuple[str, float, float]:

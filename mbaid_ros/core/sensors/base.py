@@ -15,12 +15,7 @@ from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, 
 
 
 def hermite(
-    joints: JointStream,
-    base: BaseStream,
-    ends: tuple[Stamps, Stamps],
-    maximum_gap: int,
-    time: Array,
-    weight: Array,
+    joints: JointStream, base: BaseStream, ends: tuple[Stamps, Stamps], maximum_gap: int, time: Array, weight: Array
 ) -> Samples:
     """Interpolate pose by cubics with the velocities at both ends, and velocities linearly.
 

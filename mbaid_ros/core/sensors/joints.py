@@ -65,12 +65,7 @@ class JointMerge:
     """
 
     def __init__(
-        self,
-        turning: Flags,
-        maximum_gap: int,
-        reorder_limit: int,
-        beside: int = 0,
-        noise: float = 0.0,
+        self, turning: Flags, maximum_gap: int, reorder_limit: int, beside: int = 0, noise: float = 0.0
     ) -> None:
         self._turning = turning
         self._joints = len(turning) - beside

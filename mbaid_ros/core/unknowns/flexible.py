@@ -69,9 +69,7 @@ class SpringErrors(_OfSprings):
 class StartingSwing(_OfSprings):
     """Of each passive joint: deflection (rad or m) and rate at the first instant after a gap or the start."""
 
-    words: ClassVar = {
-        SWING: Words('the swing of passive joints at the start', 'flexible.<joint>.initial_std'),
-    }
+    words: ClassVar = {SWING: Words('the swing of passive joints at the start', 'flexible.<joint>.initial_std')}
     of_a_motion = True
     of_a_chain = True
 
@@ -100,7 +98,7 @@ class SwingNoise(Unknown):
     correlation: Array
 
     words: ClassVar = {
-        DISTURBANCE: Words('unmodelled excitation of passive joints', 'flexible.<joint>.disturbance_std'),
+        DISTURBANCE: Words('unmodelled excitation of passive joints', 'flexible.<joint>.disturbance_std')
     }
     in_equations = False
 

@@ -22,6 +22,13 @@ from mbaid_ros.core.geometry import Array
 from windowed import NUMBERS, STATE, UNKNOWNS, covariance_of, positive, prepare, variables, window
 
 
+def onward(model: WindowModel, whole: Array, constant: Array) -> tuple[Array, Array]:
+    """Return how the state after a window depends on the first one, (s, s) and (s,)."""
+    step = np.eye(STATE)
+    step[:6] = model.transition
+    return step @ whole, step @ constant + np.append(model.drift, np.zeros(STATE - 6))
+
+
 def batch(models: list[WindowModel], space: Variables) -> tuple[Array, Array, float, Array]:
     """Return the least-squares state at the last window's end, its covariance, and the log-likelihood of all values.
 
@@ -45,10 +52,7 @@ def batch(models: list[WindowModel], space: Variables) -> tuple[Array, Array, fl
             # joints e, d rows is the same of their derivative.
             weighed = np.linalg.solve(covariance, model.noise.pose)
             score[BODY.start : BODY.start + NUMBERS] += size * np.einsum('aun,an->u', model.noise.by_unknowns, weighed)
-        step = np.eye(STATE)
-        step[:6] = model.transition
-        whole, constant = step @ whole, step @ constant
-        constant[:6] += model.drift
+        whole, constant = onward(model, whole, constant)
     matrix, value = np.concatenate(rows), np.concatenate(values)
     sigma = np.zeros((len(value), len(value)))
     for index, covariance in enumerate(noise):
@@ -154,7 +158,7 @@ def test_a_gyro_and_a_twist_have_the_joints_noise_in_common() -> None:
     assert rows.T @ rows == pytest.approx(expected)
 
 
-def test_the_linked_filter_is_least_squares() -> None:  # noqa: PLR0915
+def test_the_linked_filter_is_least_squares() -> None:
     rng = np.random.default_rng(0)
     space, count = variables(rng), 3
     models = []
@@ -198,10 +202,7 @@ def test_the_linked_filter_is_least_squares() -> None:  # noqa: PLR0915
         right += both.T @ np.linalg.solve(covariance, np.concatenate(values))
         carried = carried + noise + twist.way_rows @ whole
         carried_constant = carried_constant - twist.way_value + twist.way_rows @ constant
-        step = np.eye(STATE)
-        step[:6] = model.transition
-        whole, constant = step @ whole, step @ constant
-        constant[:6] += model.drift
+        whole, constant = onward(model, whole, constant)
     solved = np.linalg.inv(information)
     distribution = MeanAndCovariance.of(gaussian, space)
     assert space.spread @ gaussian.least_squares == pytest.approx(
