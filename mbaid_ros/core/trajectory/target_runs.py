@@ -159,11 +159,7 @@ class TargetRuns:
         return self.run
 
     def finish_due_work(self) -> None:
-<<<<<<< HEAD
         """Complete the background work that the next window needs."""
-=======
-        """Finish the background work that the next window needs."""
->>>>>>> e946d36573bb7b2a8f20001162046e5f2478308e
         if self.run is not None:
             while self.run.run_slice():
                 pass
