@@ -116,11 +116,17 @@ def converge(motions: Sequence[Motion], start: Array) -> Converged:
     momenta: Array = np.zeros((len(motions), 6))
     for momentum, motion in zip(momenta, motions, strict=True):
         momentum[3:] = angular_momentum(first.layout.kernel, start, motion.windows)
+    begun = common, momenta
     for count in _beginnings(motions):
         near = _iterate([replace(first, windows=first.windows[:count])], common, momenta[:1])
         if near.stays:
             common, momenta = near.common, np.concatenate((near.momenta, momenta[1:]))
-    return _iterate(motions, common, momenta)
+    result = _iterate(motions, common, momenta)
+    if result.stays or common is begun[0]:
+        return result
+    # Few windows determine little: what fits them under a wide prior may be far off.
+    again = _iterate(motions, *begun)
+    return again if again.stays else result
 
 
 def _beginnings(motions: Sequence[Motion]) -> list[int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import redirect_stdout
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.bags import BAG_TYPES, BagWriter
+from mbaid_ros.calibration import iteration
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
@@ -145,6 +147,27 @@ def test_a_tumbling_body_with_joints_at_rest_determines_the_ratios_of_its_moment
     given += ['-p', 'imu.noise_density:=1.0e-4', '-p', 'noise.joint_position:=1.0e-3']
     assert replay([str(tmp_path / 'throw'), '--model', str(tmp_path / 'drawn.urdf'), *given]) == 3
     assert 'calibrate reports them' in capsys.readouterr().out
+
+
+def test_first_windows_that_lead_astray_do_not_keep_a_throw_from_its_solution(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record(tmp_path, {'imu.rate': 2000.0, 'initial.base_angular_velocity': [1.8, -2.0, 14.7]}, 0.5)
+    iterate, counts = iteration._iterate, list[int]()
+
+    def astray(motions: Sequence[iteration.Motion], common: Array, momenta: Array) -> iteration.Converged:
+        """Settle few windows at a body that none is: negative moments, as a tenth of a second of a throw gave."""
+        found, count = iterate(motions, common, momenta), len(motions[0].windows)
+        counts.append(count)
+        if count > 20:
+            return found
+        wrong = found.common.copy()
+        wrong[4:10] *= -5.0
+        return replace(found, stays=True, common=wrong)
+
+    monkeypatch.setattr(iteration, '_iterate', astray)
+    assert np.abs(off(calibrated(tmp_path, BELIEVED))).max() < 4.0
+    assert counts[-1] == counts[-2] > counts[0]  # all windows once more, from the robot description
 
 
 # -- A torque from outside on a thrown body: declared, it is estimated along, in every throw another one.
