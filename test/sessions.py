@@ -86,6 +86,6 @@ def identify(run: SimulatedRun, into: Session) -> Estimate:
 
 
 def first_columns(result: list[Estimate]) -> Array:
-    """Return what is published, NaN as a number, for comparison to the last bit."""
+    """Return the published numbers and texts, NaN as a number, for comparison to the last bit."""
     rows = [np.concatenate((each.parameters, np.ravel(each.covariance), each.momentum)) for each in result]
     return np.nan_to_num(np.array(rows), nan=-1.0)

@@ -1,4 +1,4 @@
-"""Messages that cannot be used: what is counted, reported and derived; and clocks that jump or differ."""
+"""Messages that cannot be used: their counts, reports and derived rates; and clocks that jump or differ."""
 
 from __future__ import annotations
 

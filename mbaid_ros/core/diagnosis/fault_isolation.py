@@ -75,7 +75,7 @@ class FaultIsolation:
             self._seen += 1
 
     def follow(self, run: FilterRun, *, suspicious: bool) -> None:
-        """Begin an inquiry into a run that is suspicious, if one is due; schedule part of one that is under way."""
+        """Begin an inquiry into a run that is suspicious, if one is due."""
         self.suspicious = suspicious
         if not suspicious:
             self._over = True
