@@ -20,11 +20,13 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf_document import kept_words
 from mbaid_ros.core.sensors.base import AttachedFrame
+from mbaid_ros.core.trajectory.solution import carry_target
 from mbaid_ros.files import require_regular
 from mbaid_ros.session.known_robot import nominal_model, with_known_errors
 from mbaid_ros.session.settings import marker_frame, springs, storage
 
 _PACKAGE, _FILE = 'package://', 'file://'
+_HALF_A_PERIOD = 0.35  # half periods by which a window may differ from one
 
 
 def mesh_points(name: str) -> Array:
@@ -77,6 +79,8 @@ class Robot:
     urdf, model : the robot description
     target_link : name of the link whose inertia is identified
     kernel : its momentum, with the uncertainty of its bodies
+    window : length of windows, s: twice the declared one where that is about half a period of a passive joint that
+        carries the target, because the swing that encoder noise drives then alternates from window to window
     known : nominal model of a calibration file; None without one
     marker : frame of the odometry on the base, if the parameters place one
     """
@@ -88,6 +92,8 @@ class Robot:
         self.target_link = config.target_link or self.model.last_link
         kernel = MomentumKernel(self.model, self.target_link).storing(storage(config.wheels, self.model))
         kernel = kernel.swinging(springs(config.flexible, self.model))
+        halves = kernel.springs.rate[carry_target(kernel)] * config.window / np.pi
+        self.window = (2.0 if np.any(np.abs(halves - 1.0) < _HALF_A_PERIOD) else 1.0) * config.window
         self.kernel, self._link_covariance = with_known_errors(kernel, config.known_links)
         # Read once: a run that starts again keeps its calibration.
         self.known = nominal_model(config, self.kernel) if config.known_links.calibration else None

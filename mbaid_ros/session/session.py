@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,7 @@ class Session:
 
     Attributes
     ----------
+    config : its windows are as long as this robot needs
     robot : as it is known by now
     restarts : the latest reasons for which it has started again by itself since the last `reset`
     restarted : how often
@@ -59,10 +61,10 @@ class Session:
         make: MakeEstimator | None = None,
         before: Continuation | None = None,
     ) -> None:
-        self.config = config
+        self.robot = Robot(config, urdf)
+        self.config = replace(config, window=self.robot.window)
         self._make = make
         self._before = before or read_continuation(config, urdf)
-        self.robot = Robot(config, urdf)
         self.reset()
 
     def reset(self) -> None:

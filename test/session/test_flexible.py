@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from benchmarks.appendages import PANELS, SLOSH, with_fuel, with_panel_on_the_target, with_panels
+from benchmarks.appendages import PANELS, SLOSH, with_fuel, with_grasp, with_panel_on_the_target, with_panels
 from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
@@ -35,7 +35,9 @@ ROBOTS = {
     'soft panels': (with_panels(), PANELS, (0.1, 0.103), (0.02, -0.01)),
     'panel on the target': (with_panel_on_the_target(), PANELS[:1], (0.3,), (0.02,)),
     'propellant': (with_fuel(20.0), SLOSH, (0.1, 0.1, 0.1), (0.02, 0.0, 0.01)),
+    'compliant grasp': (with_grasp(), ('grasp',), (1.0,), (0.005,)),
 }
+TARGETS = {'compliant grasp': 'target'}
 
 
 @cache
@@ -43,7 +45,8 @@ def simulated(name: str, seed: int, seconds: float) -> tuple[SimulatedRun, tuple
     urdf, joints, frequencies, deflections = ROBOTS[name]
     values = load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator')
     start = [*(0.4, 0.7, -0.3, 0.9, 0.5, -0.6, 0.2), *deflections]
-    values |= {'joint_rate': 50.0, 'odometry_rate': 50.0, **NOISE, 'seed': seed, 'target_link': 'link7'}
+    values |= {'joint_rate': 50.0, 'odometry_rate': 50.0, **NOISE, 'seed': seed}
+    values['target_link'] = TARGETS.get(name, 'link7')
     values |= {'initial.joint_positions': start, 'flexible.joints': list(joints)}
     values |= {f'flexible.{joint}.frequency': each for joint, each in zip(joints, frequencies, strict=True)}
     run = SimulatedRun(build(SimulatorConfig, values), urdf, BAG_TYPES)
@@ -122,6 +125,19 @@ def test_the_joint_states_of_the_simulator_leave_them_out() -> None:
     run, messages = simulated('panels', 1, 8.0)
     names = {tuple(each.message.name) for each in messages if each.topic == 'joint_states'}
     assert names == {tuple(name for name in run.model.joint_names if name not in PANELS)}
+
+
+@pytest.mark.long
+def test_a_compliant_grasp_is_identified_with_windows_of_its_period() -> None:
+    run, messages = simulated('compliant grasp', 1, 40.0)
+    parameters = declared('compliant grasp', 0.04, target_link='target')
+    assert session(with_grasp(), **parameters, window=1.0).config.window == 1.0
+    own = session(with_grasp(), **parameters)
+    assert own.config.window == 1.0  # by default 0.5 s, half a period
+    last = feed(messages, own)
+    assert last.status in {'estimating', 'converged'}, last.warnings
+    error = last.parameters - run.target_inertia
+    assert error @ np.linalg.solve(last.covariance, error) < chi2.isf(1e-3, 10)
 
 
 @pytest.mark.long
