@@ -113,7 +113,7 @@ class Publications:
         self._types = types
         self._inertia, self._debris = InertiaPublication(), DebrisPublication()
 
-    def of(
+    def messages_of(
         self, estimate: Estimate, frames: Frames, alone: Debris | None = None, capture: Capture | None = None
     ) -> Iterator[tuple[str, Any]]:
         """Yield the last parts of the topics' names with their messages; parameters as of `debris_message`."""

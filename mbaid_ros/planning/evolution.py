@@ -18,7 +18,7 @@ _FIRST_STEP, _LEAST, _AGAIN, _LARGEST = 0.2, 0.02, 0.15, 1.0
 _FEW = 0.25  # of the numbers, that are varied in half of the motions
 
 
-class Evolution:
+class EvolutionStrategy:
     """Where motions of one length are drawn, each of (G, k) numbers.
 
     Parameters
@@ -33,11 +33,11 @@ class Evolution:
         self._path = np.zeros(mean.shape)  # the moves of the mean, as a walk of unit steps would have them
         self._noise = np.zeros((GENERATION, *mean.shape))
 
-    def begun_at(self, mean: Array) -> Evolution:
+    def restarted_at(self, mean: Array) -> EvolutionStrategy:
         """Return the same about another mean: of a length that is new, the step is no smaller than is worth trying."""
-        return Evolution(mean, max(self._step, _AGAIN))
+        return EvolutionStrategy(mean, max(self._step, _AGAIN))
 
-    def drawn(self, moved: Flags, generator: np.random.Generator) -> Array:
+    def sample(self, moved: Flags, generator: np.random.Generator) -> Array:
         """Return motions about the mean, (GENERATION, G, k).
 
         Parameters
@@ -51,7 +51,7 @@ class Evolution:
         self._noise = noise * moved
         return np.asarray(self._mean + self._step * self._noise)
 
-    def move(self, motions: Array, cost: Array) -> None:
+    def update(self, motions: Array, cost: Array) -> None:
         """Move the mean to the best motions of those that were drawn, and adapt the step.
 
         Parameters

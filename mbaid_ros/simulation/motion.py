@@ -25,7 +25,7 @@ class Passive:
         """Return None: nothing drives the joints."""
         return
 
-    def later(self, time: float) -> Passive:  # noqa: ARG002 - as of Driven
+    def from_time(self, time: float) -> Passive:  # noqa: ARG002 - as of Driven
         """Return itself."""
         return self
 
@@ -38,7 +38,7 @@ class Driven(ABC):
         """Return position, velocity and acceleration of the joints at a time, (n,) each."""
 
     @abstractmethod
-    def later(self, time: float) -> Driven:
+    def from_time(self, time: float) -> Driven:
         """Return the same motion, begun at a time (s) of this one."""
 
     def command(self, time: float, position: Array, velocity: Array) -> Array:
@@ -67,7 +67,7 @@ class Sinusoids(Driven):
         position = self.start + (sine - self.amplitude * np.sin(self.phase)).sum(axis=1)
         return position, (speed * np.cos(angle)).sum(axis=1), -(rate * rate * sine).sum(axis=1)
 
-    def later(self, time: float) -> Sinusoids:
+    def from_time(self, time: float) -> Sinusoids:
         """Return the same motion, begun at a time (s) of this one."""
         phase = self.phase + 2.0 * np.pi * time * self.frequency
         return Sinusoids(self.reference(time)[0], self.amplitude, self.frequency, phase)
@@ -100,7 +100,7 @@ def sinusoids(start: Array, amplitudes: Array, frequencies: Array, phases: Array
     return Sinusoids(start, amplitudes.reshape(shape), frequencies.reshape(shape), phases.reshape(shape))
 
 
-def among(driven: Flags, motion: Sinusoids, start: Array) -> Sinusoids:
+def with_resting_joints(driven: Flags, motion: Sinusoids, start: Array) -> Sinusoids:
     """Return a motion of k joints that start at (k,) and of which the driven ones move."""
     if driven.all():
         return motion
@@ -195,7 +195,7 @@ def within_limits(motion: Sinusoids, model: RobotModel, *, start_given: bool) ->
     return Sinusoids(start, motion.amplitude * scale[:, None], motion.frequency, motion.phase)
 
 
-def followed(motion: Sinusoids, transmission: Transmission) -> Sinusoids:
+def with_mimic_joints(motion: Sinusoids, transmission: Transmission) -> Sinusoids:
     """Return the motion of all n joints from that of the k independent ones."""
     if transmission.direct:
         return motion

@@ -17,7 +17,7 @@ from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.dynamics import DIVERGED, Dynamics, State
-from mbaid_ros.simulation.environment import Push, Surroundings, Wheels
+from mbaid_ros.simulation.environment import BodyWrench, Environment, Wheels
 from mbaid_ros.simulation.motion import Motion
 
 LONGEST_STEP = 0.1  # s, of the integrator, which may be ahead by so much
@@ -68,16 +68,16 @@ class Simulation:
         model: RobotModel,
         motion: Motion,
         initial: State,
-        push: Push | None = None,
-        surroundings: Surroundings | None = None,
+        push: BodyWrench | None = None,
+        surroundings: Environment | None = None,
     ) -> None:
         self.model = model
         self.motion = motion
         # Positions count from the start: far from the odometry origin their rounding would show in the velocities.
         self._origin = initial.base_position
-        around = surroundings or Surroundings()
+        around = surroundings or Environment()
         self._wheels = around.wheels
-        push = None if push is None else push.about(self._origin)
+        push = None if push is None else push.with_origin(self._origin)
         self._dynamics = Dynamics(model, push, around.effects(model, self._origin), around.springs)
         start = replace(initial, base_position=np.zeros(3)).array
         tolerances = {'rtol': _RELATIVE, 'atol': _ABSOLUTE, 'max_step': LONGEST_STEP}
@@ -139,7 +139,7 @@ class Simulation:
         )
 
 
-class ChangingSimulation:
+class PiecewiseSimulation:
     """A run in which the integrator begins anew where something changes, so that its steps stay smooth.
 
     Parameters
@@ -157,14 +157,14 @@ class ChangingSimulation:
         while self._changes and len(instants) and instants[-1] >= self._changes[0][0]:
             time, change = self._changes.pop(0)
             early = instants < time
-            part = self._now(np.append(instants[early], time))
+            part = self._advance_stage(np.append(instants[early], time))
             parts.append(part[: len(part) - 1])
             instants = instants[~early]
             self._start, self._simulation = time, change(part[len(part) - 1 :])
-        parts.append(self._now(instants))
+        parts.append(self._advance_stage(instants))
         return Truth.concatenate(parts)
 
-    def _now(self, instants: Array) -> Truth:
+    def _advance_stage(self, instants: Array) -> Truth:
         return replace(self._simulation.advance(instants - self._start), time=instants)
 
 
@@ -190,7 +190,7 @@ def total_momentum(model: RobotModel, truth: Truth, wheels: Wheels | None = None
     total: Array = momentum(bodies, twists).sum(axis=1)
     total[:, 3:] += cross(truth.base_position, total[:, :3])
     if wheels is not None:
-        total[:, 3:] += quaternions.rotate(orientation, wheels.stored(truth.wheel_speed))
+        total[:, 3:] += quaternions.rotate(orientation, wheels.momentum(truth.wheel_speed))
     return total
 
 
@@ -227,7 +227,7 @@ def seen_from_orbit(orbit: Orbit, truth: Truth, *, relative_twist: bool) -> Trut
     truth : in the falling frame
     relative_twist : whether the twist is that relative to the turning frame, or stays that to the falling one
     """
-    turn = orbit.turned(truth.time)
+    turn = orbit.rotation_to_inertial(truth.time)
     place = rotate_back(turn, truth.base_position)
     back = quaternions.conjugate(quaternion_from_rotation(turn))
     orientation = quaternions.product(back, truth.base_orientation)

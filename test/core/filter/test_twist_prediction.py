@@ -15,7 +15,7 @@ from mbaid_ros.core.geometry import Array, cross, exp, log, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import KnownErrors
-from mbaid_ros.core.robot.momentum import about, of_bodies, standard
+from mbaid_ros.core.robot.momentum import about_points, standard, summed_over_bodies
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.bodies import known_bodies, spin_inertias
 from random_robots import random_state, random_storage, random_urdf
@@ -34,7 +34,7 @@ class Case:
         model = load_model(random_urdf(rng, joints=6))
         self.kernel = MomentumKernel(model, model.last_link)
         if seed % 2:
-            self.kernel = self.kernel.storing(random_storage(rng, model))
+            self.kernel = self.kernel.with_storage(random_storage(rng, model))
         count = 3
         joints, rates, rotation, twist = random_state(rng, model.joints, count)
         none, thrust = np.zeros((count, 3)), np.zeros((count, 6))
@@ -69,8 +69,12 @@ def predicted(layout: Layout, middle: Midpoints, parameters: Array) -> tuple[Pre
 
 def brought(case: Case) -> Array:
     """Return what an orbit has brought to the momentum of all bodies."""
-    columns = about(case.middle.tide, np.zeros((len(case.middle), 3)))
-    return of_bodies(columns, case.kernel.model.body_parameters()) if columns.size else np.zeros((len(columns), 6))
+    columns = about_points(case.middle.tide, np.zeros((len(case.middle), 3)))
+    return (
+        summed_over_bodies(columns, case.kernel.model.body_parameters())
+        if columns.size
+        else np.zeros((len(columns), 6))
+    )
 
 
 def close(found: Array, expected: Array) -> None:
