@@ -107,7 +107,7 @@ def inertia_message(estimate: Estimate, types: MessageTypes, frames: Frames) -> 
 
 
 class Publications:
-    """The messages of one run's estimates in order: a form that is withdrawn follows once more, as NaN."""
+    """The messages of a run's estimates in order; a withdrawn form is published once more, as NaN."""
 
     def __init__(self, types: MessageTypes) -> None:
         self._types = types

@@ -199,7 +199,7 @@ def make_model_errors(config: SimulatorConfig, model: RobotModel) -> ModelErrors
 
 
 def steerable(motion: Motion) -> Motion:
-    """Return a motion that takes trajectories on the way, where the joints are driven at all."""
+    """Return a motion to which trajectories can be added, where the joints are driven."""
     return SteeredMotion(motion) if isinstance(motion, Driven) else motion
 
 
@@ -224,7 +224,7 @@ def make_simulation(
         return ThrustSimulation(model, motion, start, pulse, around)
     if target is not None and isinstance(motion, Driven):
         return CaptureSimulation(model, motion, start, target, around)
-    return Simulation(model, motion, start, surroundings=around)
+    return Simulation(model, motion, start, environment=around)
 
 
 def make_springs(config: SimulatorConfig, model: RobotModel) -> Springs | None:

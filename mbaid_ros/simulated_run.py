@@ -77,7 +77,7 @@ class SimulatedRun:
     pulse : of thrust, None where there is none; the momentum is then that before it
     wheels : inside the base, None where there are none; their momentum is in the total
     captured : the captured body, None if there is none
-    brought : (6,) the momentum that it had before; zero where nothing is captured
+    target_momentum : (6,) the momentum that it had before; zero where nothing is captured
     """
 
     def __init__(self, config: SimulatorConfig, urdf: str, types: MessageTypes) -> None:
@@ -96,11 +96,11 @@ class SimulatedRun:
         self.captured = simulation.target if isinstance(simulation, CaptureSimulation) else None
         self._commands = commands(self.pulse) if self.pulse is not None and config.thrust.publish else []
         if isinstance(simulation, CaptureSimulation):
-            self.momentum, self.brought = simulation.total_momentum, simulation.target_momentum
+            self.momentum, self.target_momentum = simulation.total_momentum, simulation.target_momentum
             self.target = simulation.joined_model.link(target)
         else:
             self.momentum = total_momentum(self.robot, simulation.advance(np.zeros(1)), self.wheels)[0]
-            self.brought = np.zeros(6)
+            self.target_momentum = np.zeros(6)
         view = make_view(config)
         sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed, self.errors, config.wheels.speed_noise, view)
         imu = make_imu(config, self.robot)

@@ -86,14 +86,14 @@ def run(work: tuple[Case, int]) -> Outcome:
     method = _method(own)
     samples = _seen(truth, seed)[:-1]
     _updated(method, samples)
-    knowledge = posterior_of(method)
-    if knowledge is None:
+    posterior = posterior_of(method)
+    if posterior is None:
         raise RuntimeError(f'{case}: no solution after {FIRST:g} s')
     reporting = make_reporting(EstimatorConfig(), own)
     base = BaseLimits(rotation=TURN) if case.limited else BaseLimits()
     speed = float(np.radians(case.speed))
     settings = PlanSettings(np.full(10, WANTED), joint_velocity=speed, base=base, seed=seed)
-    planner = Planner(knowledge, reporting, settings)
+    planner = Planner(posterior, reporting, settings)
     begin = time.process_time()
     plan = planner.plan()
     searched = time.process_time() - begin

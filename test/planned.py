@@ -49,7 +49,7 @@ class Begun:
     samples: Samples
 
     @property
-    def knowledge(self) -> Posterior:
+    def posterior(self) -> Posterior:
         """What the method has come to know."""
         known = posterior_of(self.method)
         assert known is not None
@@ -89,11 +89,11 @@ def begun(
     return Begun(unknown, method, last_state(truth), samples[-1:])
 
 
-def planner(robot: Begun, knowledge: Posterior | None = None, **settings: object) -> Planner:
+def planner(robot: Begun, posterior: Posterior | None = None, **settings: object) -> Planner:
     """Return what plans motions of a robot to 1 %, quickly; from what it has come to know where nothing is given."""
     given = {'relative': np.full(10, 0.01), 'joint_velocity': FASTEST, 'effort': 24, **settings}
     reporting = make_reporting(EstimatorConfig(), robot.kernel)
-    return Planner(knowledge or robot.knowledge, reporting, PlanSettings(**given))  # type: ignore[arg-type]
+    return Planner(posterior or robot.posterior, reporting, PlanSettings(**given))  # type: ignore[arg-type]
 
 
 def first_motion(name: str, seconds: float) -> JointTrajectory:

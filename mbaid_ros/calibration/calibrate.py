@@ -58,13 +58,13 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     prior = make_prior(kernel, settings.priors)
     runs = [run for run in runs if run]
     detectors, normal = _planes(kernel, runs)
-    settled, motions, normals = _solution(prior, kernel, (runs, detectors), settings)
-    gaussian = settled.iteration.gaussian
+    solution, motions, normals = _solution(prior, kernel, (runs, detectors), settings)
+    gaussian = solution.iteration.gaussian
     widened = normals.with_scaled_prior()
     values, covariance = widened.blocks()
     covariance = covariance * widening(gaussian.innovations, 1.0)
     values, corrections = _physical(values, covariance, kernel)
-    momentum, momentum_covariance = _momenta(settled.iteration, motions)
+    momentum, momentum_covariance = _momenta(solution.iteration, motions)
     return Calibration(
         prior=prior,
         values=values,
@@ -80,7 +80,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         gains=np.linalg.eigvalsh(_information_gain(normals.of_the_robot))[::-1],
         prior_scales=normals.prior_scales.sure,
         residual=float(np.sqrt(gaussian.nis / max(gaussian.measured, 1))),
-        converged=settled.converged,
+        converged=solution.converged,
         redundancy=gaussian.measured,
         located=bool(np.isfinite(runs[0][0].pose_covariance[0, 0, 0])),
         samples=sum(len(window) for run in runs for window in run),
@@ -107,11 +107,11 @@ def _solution(
     if not any(motion.windows for motion in motions):
         raise DataError(_NO_WINDOWS)
     try:
-        settled = bias_corrected(motions, converge(motions, prior.mean[:10]))
+        solution = bias_corrected(motions, converge(motions, prior.mean[:10]))
     except np.linalg.LinAlgError as error:
         raise DataError(f'the windows cannot be weighed: {error}; noise values above 0 are accepted') from error
     before = StandardNormals.from_prior(prior, robot, uncertainty)
-    return settled, motions, before.conditioned_on(settled.iteration, motions[0].variables, detectors[0])
+    return solution, motions, before.conditioned(solution.iteration, motions[0].variables, detectors[0])
 
 
 def _planes(kernel: MomentumKernel, runs: Sequence[list[Samples]]) -> tuple[list[PlaneDetector], Array | None]:
@@ -171,13 +171,13 @@ def _information_gain(known: UnknownsPrior) -> Array:
     return np.asarray((left * (np.maximum(values, _SMALLEST) ** -2 - 1.0)) @ left.T)
 
 
-def _momenta(passed: CalibrationIteration, motions: Sequence[Motion]) -> tuple[Array, Array]:
+def _momenta(iteration: CalibrationIteration, motions: Sequence[Motion]) -> tuple[Array, Array]:
     """Return (P, L) of each motion, (R, 6), about the odometry origin, and their covariances, (R, 6, 6)."""
     values, covariances = np.zeros((len(motions), 6)), np.zeros((len(motions), 6, 6))
-    for index, (motion, factor) in enumerate(zip(motions, passed.momentum_factors, strict=True)):
+    for index, (motion, factor) in enumerate(zip(motions, iteration.momentum_factors, strict=True)):
         shift = np.eye(6)
         shift[3:, :3] = skew(motion.origin)
-        values[index] = shift @ passed.momenta[index]
+        values[index] = shift @ iteration.momenta[index]
         own = factor @ factor.T + motion.variables.outside[MOMENTUM, MOMENTUM]
         covariances[index] = shift @ own @ shift.T
     return values, covariances

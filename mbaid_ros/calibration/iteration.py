@@ -46,7 +46,7 @@ class Motion:
 
     @property
     def has_disturbance(self) -> bool:
-        """Whether a torque or force is declared that varies."""
+        """Whether a varying torque or force is declared."""
         return any(each.pushes and np.isfinite(each.times).any() for each in self.layout.unknowns)
 
     @staticmethod
@@ -103,7 +103,7 @@ class CalibrationSolution:
 
 
 def converge(motions: Sequence[Motion], start: Array) -> CalibrationSolution:
-    """Iterate over all motions until their solution is where they were linearised.
+    """Iterate over all motions until their solution converges.
 
     Raises LinAlgError: The windows cannot be linearised at the start.
 
@@ -153,36 +153,36 @@ def _iterate(motions: Sequence[Motion], common: Array, momenta: Array) -> Calibr
     for _ in range(_ITERATIONS):
         points = [point_of(layout, common, momentum, deviation) for momentum in momenta]
         try:
-            passed = filter_motions(motions, points)
+            iteration = filter_motions(motions, points)
         except np.linalg.LinAlgError:
             if result is None:
                 raise
             return result  # the step has led to where nothing can be linearised
-        step, deviation = _step(motions[0].variables, passed, common)
+        step, deviation = _step(motions[0].variables, iteration, common)
         near = near_part(*(np.concatenate((np.zeros(6), each)) for each in (common, step)))
         part = min(_part_with_mass(layout, common, step), near)
-        sizes = np.array([np.sqrt(np.sum(factor**2, axis=1)) for factor in passed.momentum_factors])
-        stays = is_converged(step, deviation) and is_converged(passed.momenta - momenta, sizes) and part == 1.0
+        sizes = np.array([np.sqrt(np.sum(factor**2, axis=1)) for factor in iteration.momentum_factors])
+        converged = is_converged(step, deviation) and is_converged(iteration.momenta - momenta, sizes) and part == 1.0
         pace = 0.5 * pace if turns_back(step, before, deviation) else min(1.0, 1.5 * pace)
         part *= pace
-        common, momenta, before = common + part * step, momenta + part * (passed.momenta - momenta), step
-        result = CalibrationSolution(passed, stays, common, momenta)
+        common, momenta, before = common + part * step, momenta + part * (iteration.momenta - momenta), step
+        result = CalibrationSolution(iteration, converged, common, momenta)
         if result.converged:
             break
-    assert result is not None, 'there was a pass'
+    assert result is not None, 'there was an iteration'
     return result
 
 
-def _step(shared: Variables, passed: CalibrationIteration, common: Array) -> tuple[Array, Array]:
+def _step(shared: Variables, iteration: CalibrationIteration, common: Array) -> tuple[Array, Array]:
     """Return the Gauss-Newton step of an iteration, and the standard deviations."""
     spread = shared.spread[BODY.start :, shared.head :]
     # Numbers of a planar target link that the variables leave out do not move.
-    step = spread @ (passed.mean - np.linalg.pinv(spread) @ common)
-    return step, np.sqrt(np.sum((spread @ passed.factor) ** 2, axis=1))
+    step = spread @ (iteration.mean - np.linalg.pinv(spread) @ common)
+    return step, np.sqrt(np.sum((spread @ iteration.factor) ** 2, axis=1))
 
 
 def point_of(layout: Layout, common: Array, momentum: Array, deviation: Array) -> Point:
-    """Return the linearisation point of a motion: what all share (s - 12,), its momentum (6,), deviations (s - 12,)."""
+    """Return the linearisation point of a motion: shared state (s - 12,), momentum (6,), deviations (s - 12,)."""
     state, deviations = np.zeros((2, layout.size))
     state[MOMENTUM], state[BODY.start :], deviations[BODY.start :] = momentum, common, deviation
     return layout.point(state, deviations)

@@ -23,22 +23,22 @@ _STEP = 0.1  # standard deviations, of the differences: the misfit is nearly qua
 _SEEN = 0.05  # part of a direction's prior variance, from which data determine it
 
 
-def bias_corrected(motions: Sequence[Motion], settled: CalibrationSolution) -> CalibrationSolution:
+def bias_corrected(motions: Sequence[Motion], solution: CalibrationSolution) -> CalibrationSolution:
     """Return a solution at which the misfit, not least squares over noisy rows, has no gradient.
 
     Parameters
     ----------
     motions : of the solution
-    settled : of iterations that have converged; others are returned as they are
+    solution : of iterations that have converged; others are returned as they are
     """
-    if not settled.converged or not any(motion.has_disturbance for motion in motions):
-        return settled
+    if not solution.converged or not any(motion.has_disturbance for motion in motions):
+        return solution
     own = motions[0].variables
-    deviation = np.linalg.norm(own.spread[BODY.start :, own.head :] @ settled.iteration.factor, axis=1)
-    misfit = Misfit(motions, settled.common, deviation, settled.momenta)
-    passed = filter_motions(motions, misfit.points(settled.common))
-    score = misfit.score(passed.gaussian.root[own.head :, own.head :])
-    return replace(settled, iteration=filter_motions(motions, misfit.points(settled.common), score))
+    deviation = np.linalg.norm(own.spread[BODY.start :, own.head :] @ solution.iteration.factor, axis=1)
+    misfit = Misfit(motions, solution.common, deviation, solution.momenta)
+    iteration = filter_motions(motions, misfit.points(solution.common))
+    score = misfit.score(iteration.gaussian.root[own.head :, own.head :])
+    return replace(solution, iteration=filter_motions(motions, misfit.points(solution.common), score))
 
 
 @dataclass(frozen=True)

@@ -60,12 +60,12 @@ class StandardNormals:
         numbers = 10 + sum(unknown.count for unknown in unknowns)
         return StandardNormals(prior, kernel.model.joints, unknowns, UnknownsPrior.nothing(numbers))
 
-    def conditioned_on(self, passed: CalibrationIteration, own: Variables, detector: PlaneDetector) -> StandardNormals:
-        """Return the posterior after a pass over all data.
+    def conditioned(self, iteration: CalibrationIteration, own: Variables, detector: PlaneDetector) -> StandardNormals:
+        """Return the posterior after an iteration over all data.
 
         Parameters
         ----------
-        passed : with the mean and factor of the numbers that the motions share
+        iteration : with the mean and factor of the numbers that the motions share
         own : variables of a motion
         """
         body = own.gather[own.head : own.own, BODY]
@@ -77,12 +77,12 @@ class StandardNormals:
         back = np.linalg.pinv(combined, rcond=1e-12)
         before = np.concatenate((body @ self.prior.mean[:10], np.zeros(len(combined) - len(body))))
         rest = np.eye(combined.shape[1]) - back @ combined if detector.planar else np.zeros((combined.shape[1],) * 2)
-        factor = np.concatenate((rest, back @ passed.factor), axis=1)
-        return replace(self, gaussian=UnknownsPrior(back @ (passed.mean - before), factor))
+        factor = np.concatenate((rest, back @ iteration.factor), axis=1)
+        return replace(self, gaussian=UnknownsPrior(back @ (iteration.mean - before), factor))
 
     @cached_property
     def prior_scales(self) -> PriorScaleFactors:
-        """How many times as far off as declared the numbers look, kind by kind."""
+        """Prior scale factors of the numbers, kind by kind."""
         first = self.prior.links[0].name
         causes = [f'link:{first}'] * 10
         causes += [cause for unknown in self.unknowns for cause in unknown.causes]
@@ -91,7 +91,7 @@ class StandardNormals:
         return PriorScaleFactors.of(self.gaussian.mean, factor @ factor.T, causes, parts)
 
     def with_scaled_prior(self) -> StandardNormals:
-        """Return the state with a wider prior (trajectory.md, eq. 7); unobserved directions stay."""
+        """Return the Gaussian with a scaled prior (trajectory.md, eq. 7); unobserved directions stay."""
         mean, factor = self.gaussian.mean, self.gaussian.factor
         seen = factor[:, len(mean) :]
         return replace(

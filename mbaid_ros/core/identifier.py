@@ -52,15 +52,15 @@ class Estimator(Protocol):
 
 @runtime_checkable
 class HasBackgroundTask(Protocol):
-    """A method that defers work; the next `update` does the rest, and when it is done does not change the numbers."""
+    """A method with a background task, which the next `update` completes; its timing does not change the numbers."""
 
     def run_slice(self) -> bool:
-        """Do a part of it, a few milliseconds' worth, if there is any; return whether some is left."""
+        """Run a few milliseconds of the background task, if there is any; return whether work is left."""
 
 
 @runtime_checkable
 class HasPosterior(Protocol):
-    """A method that has a posterior, from which a planned motion starts."""
+    """A method with a posterior, from which a motion is planned."""
 
     def posterior(self) -> Posterior | None:
         """Return it; None while the method has not converged."""
@@ -117,7 +117,7 @@ class Identifier:
         self._dropped: Counter[str] = Counter()
 
     def add_note(self, text: str) -> None:
-        """Let every estimate carry a warning."""
+        """Add a warning to every estimate."""
         self._notes[text] = -np.inf
 
     def posterior(self) -> Posterior | None:
@@ -158,7 +158,7 @@ class Identifier:
         return [with_reasons(each, self._reasons(each.time)) for each in estimates]
 
     def run_slice(self) -> bool:
-        """Let the method do a part of its deferred work; return whether some is left."""
+        """Run a time slice of the method's background task; return whether work is left."""
         return isinstance(self._estimator, HasBackgroundTask) and self._estimator.run_slice()
 
     def _prepared(self, windows: list[Samples], *, last: bool) -> list[Samples]:

@@ -129,13 +129,13 @@ class TwoStageEstimator:
         return self._second.posterior()
 
     def run_slice(self) -> bool:
-        """Take the window that waits for stage 1, or run a slice of stage 2; return whether more is due."""
+        """Update stage 1 with the window that waits, or run a slice of stage 2; return whether work is left."""
         waited = self._waiting is not None
         self._update_first_stage()
         return waited or self._second.run_slice()
 
     def _update_both(self, first: Estimator, window: Samples, origin: int) -> Estimate:
-        """Take one window into both stages; into the first one later, where the second leads and has just agreed."""
+        """Update both stages with a window; the first one later, where the second leads and has just agreed."""
         self._windows += 1
         if not self._agreed:
             early = self._first_stage_estimate(first, window, origin)
@@ -148,14 +148,14 @@ class TwoStageEstimator:
         return self._chosen(first, self._first_stage_estimate(first, window, origin), late)
 
     def _update_first_stage(self) -> None:
-        """Take the window that waits into stage 1, and compare the two stages by then."""
+        """Update stage 1 with the window that waits, and compare the two stages."""
         if self._waiting is not None and self._first is not None:
             window, origin, late = self._waiting
             self._chosen(self._first, self._first_stage_estimate(self._first, window, origin), late)
         self._waiting = None
 
     def _chosen(self, first: Estimator, early: Estimate | None, late: Estimate) -> Estimate:
-        """Return the estimate to publish of those of both stages after the same window."""
+        """Return the estimate to publish after a window, of one of the stages."""
         if self._second.changed:
             self._first = None
             return late
@@ -250,7 +250,7 @@ class TwoStageEstimator:
 
 
 def _agree(first: Estimate, second: Estimate) -> bool:
-    """Return whether two estimates of the same data may both be right.
+    """Return whether two estimates of the same data are consistent.
 
     The covariance of their difference is at most the sum of theirs, even if they share data.
     """

@@ -152,7 +152,7 @@ class JointRates:
         return window
 
     def reason(self) -> Reason | None:
-        """Return which velocities are no rates of the positions; None where none is known to be."""
+        """Return which velocities contradict the positions; None where none do."""
         wrong = self._left_out
         if not wrong.any():
             return None
@@ -173,7 +173,7 @@ class Check(Protocol):
     """Something that windows may show to be wrong."""
 
     def update(self, window: Samples) -> Reason | None:
-        """Add the next window; return what the windows until then show."""
+        """Add the next window; return the findings until then."""
 
 
 class WindowChecks:

@@ -1,4 +1,4 @@
-"""What keeps a motion within limits and out of the robot's own way, however the robot is; and what would help most."""
+"""Robust limits of a motion over the posterior of the robot, and the most informative single joint."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _PARTS = (1.0, 0.85, 0.7, 0.5, 0.35, 0.2, 0.1, 0.05)  # to which motions are mad
 
 
 class RobustLimits:
-    """Makes motions as much smaller as it takes.
+    """Scales motions down to their limits for all likely robots.
 
     Parameters
     ----------
@@ -61,14 +61,14 @@ class RobustLimits:
         )
 
     def bounds(self, candidate: Candidate, draws: int = _MORE_DRAWS) -> Bounds:
-        """Return the largest motion of the base, for the best estimate of the robot, and for all that may be."""
+        """Return the largest motion of the base, of the best estimate of the robot and of samples of its posterior."""
         nominal = candidate.motions.excursions(candidate.speeds[None])[0]
         every = candidate.motions.excursions_of(self._draws[:draws], candidate.speeds)
         spread = np.sqrt(np.mean((every - nominal) ** 2, axis=0))
         return Bounds(nominal, np.maximum(every.max(axis=0), nominal + _SURE * spread))
 
     def tightened_limits(self, candidate: Candidate) -> BaseLimits:
-        """Return limits for the robot as it is known best that keep it within its own however it is."""
+        """Return limits of the nominal robot that keep all samples within their own."""
         limits = self._base.array
         if not np.isfinite(limits).any():
             return self._base
@@ -77,7 +77,7 @@ class RobustLimits:
         return BaseLimits(*(limits * part).tolist())
 
     def scaled_to_bounds(self, candidate: Candidate) -> Candidate:
-        """Return a motion made as much smaller as efforts, collision shapes and the base's limits ask for."""
+        """Return a motion scaled down to the limits of efforts, collision shapes and the base."""
         for _ in range(4):
             use = float((self.bounds(candidate).robust / self._base.array).max())
             effort = candidate.motions.effort(candidate.speeds[None])
@@ -95,7 +95,7 @@ class RobustLimits:
         return replace(candidate, speeds=speeds, cost=cost, ratio=ratio)
 
     def std_ratios(self, motions: Motions, trajectory: JointTrajectory) -> Array:
-        """Return standard deviations after a motion over those of the body as known best, (_COMPARED, 10)."""
+        """Return standard deviations after a motion relative to the nominal body's, (_COMPARED, 10)."""
         points = (motions.posterior.point, *self._points[:_COMPARED])
         # For a ratio the search's few windows are as good as the estimator's.
         known, *others = (motions.relative_along(trajectory, motions.coarse, point) for point in points)

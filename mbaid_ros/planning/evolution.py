@@ -19,7 +19,7 @@ _FEW = 0.25  # of the numbers, that are varied in half of the motions
 
 
 class EvolutionStrategy:
-    """Where motions of one length are drawn, each of (G, k) numbers.
+    """The distribution of motions of one duration, each of (G, k) numbers.
 
     Parameters
     ----------
@@ -34,11 +34,11 @@ class EvolutionStrategy:
         self._noise = np.zeros((GENERATION, *mean.shape))
 
     def restarted_at(self, mean: Array) -> EvolutionStrategy:
-        """Return the same about another mean: of a length that is new, the step is no smaller than is worth trying."""
+        """Return the strategy about another mean, for a new duration; its step has a lower limit."""
         return EvolutionStrategy(mean, max(self._step, _AGAIN))
 
     def sample(self, moved: Flags, generator: np.random.Generator) -> Array:
-        """Return motions about the mean, (GENERATION, G, k).
+        """Return a sample of motions about the mean, (GENERATION, G, k).
 
         Parameters
         ----------
@@ -52,7 +52,7 @@ class EvolutionStrategy:
         return np.asarray(self._mean + self._step * self._noise)
 
     def update(self, motions: Array, cost: Array) -> None:
-        """Move the mean to the best motions of those that were drawn, and adapt the step.
+        """Move the mean to the best motions of the sample, and adapt the step.
 
         Parameters
         ----------

@@ -53,7 +53,7 @@ class FloatingRobot:
     plane: Array | None  # (3, 6) the equations that hold for a planar motion, odometry axes; None in space
 
     def base_motion(self, joint_position: Array, joint_velocity: Array, step: float) -> BaseMotion:
-        """Return how the base moves.
+        """Return the motion of the base.
 
         Parameters
         ----------
@@ -113,12 +113,12 @@ class FloatingRobot:
 def base_motions(
     robots: Sequence[FloatingRobot], joint_position: Array, joint_velocity: Array, step: float
 ) -> BaseMotion:
-    """Return how the bases of R robots that begin at one place move when their joints do the same.
+    """Return the base motions of R robots with the same start and the same joint motion.
 
     Parameters
     ----------
     robots : R of them
-    joint_position, joint_velocity : (2 T - 1, n) as in `Floating.moved`
+    joint_position, joint_velocity : (2 T - 1, n) as in `FloatingRobot.base_motion`
     step : s
     """
     parts = [robot.mobility_and_momentum(joint_position[:, None], joint_velocity[:, None]) for robot in robots]

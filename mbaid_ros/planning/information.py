@@ -58,14 +58,14 @@ class Information:
 
     Parameters
     ----------
-    knowledge : the posterior of a run
+    posterior : of the run
     reporting : has the sizes that standard deviations are relative to
     point : of the robot as it may be; as it is known best where not given
     """
 
-    def __init__(self, knowledge: Posterior, reporting: Reporting, point: Point | None = None) -> None:
-        self._known, self._reporting = knowledge, reporting
-        self._point = point or knowledge.point
+    def __init__(self, posterior: Posterior, reporting: Reporting, point: Point | None = None) -> None:
+        self._known, self._reporting = posterior, reporting
+        self._point = point or posterior.point
         body = self._point.body
         self.parameters = physical(body)
         self._jacobian = physical_jacobian(body)
@@ -116,7 +116,7 @@ class Information:
 
         Parameters
         ----------
-        grid, joints, base : as for `after`, of one motion
+        grid, joints, base : as for `std_after`, of one motion
 
         Returns
         -------
@@ -134,7 +134,7 @@ class Information:
     def _posteriors(
         self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion
     ) -> Iterator[list[SquareRootInformation]]:
-        """Give the posterior of B motions after each window."""
+        """Yield the posteriors of B motions after each window."""
         whitened = self._windows(grid, joints, base)
         batch = joints[0].shape[1]
         gaussians = [self._start] * batch

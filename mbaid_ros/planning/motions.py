@@ -107,7 +107,7 @@ class Motions:
         Parameters
         ----------
         speeds : (B, K, k)
-        course : their first result of `course`
+        course : their first results of `base_course`
         """
         times, base = course or self.base_course(speeds)[:2]
         position, rate = self.joints(speeds, times)
@@ -117,13 +117,13 @@ class Motions:
         return np.where(self.limits.moved, self.efforts.limit_use(position, rate, moved.rates(bend), twist), 0.0)
 
     def relative(self, speeds: Array, grid: Grid, every: int = 0) -> Array:
-        """Return relative standard deviations of the body after motions (B, K, k), as `Information.after` does."""
+        """Return relative standard deviations of the body after motions (B, K, k), as `Information.std_after`."""
         position, rate = self.joints(speeds, grid.half_steps)
         base = self.floating.base_motion(position, rate, grid.spacing)
         return self.information.std_after(grid, (position[::2], rate[::2]), base, every)
 
     def excursions(self, speeds: Array) -> Array:
-        """Return how far motions move the robot from coasting at most, (B, 4) as of `BaseMotion.away_from`."""
+        """Return how far motions move the robot from coasting at most, (B, 4) as of `BaseMotion.deviation_from`."""
         return np.asarray(self.base_course(speeds)[2].max(axis=0))
 
     def beside_holding(self, effort: Array) -> Array:
@@ -179,7 +179,7 @@ class Motions:
         return self._base_motion(*self.joints_at_rest(times), step)
 
     def _base_motion(self, position: Array, rate: Array, step: float) -> BaseMotion:
-        """Return how base and passive joints move, as of `Floating.moved`."""
+        """Return how base and passive joints move, as of `FloatingRobot.base_motion`."""
         base = self.floating.base_motion(position, rate, step)
         return self.floating.deflected(base, position[::2], rate[::2], step)
 

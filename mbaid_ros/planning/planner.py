@@ -59,7 +59,7 @@ class Planner:
 
     Parameters
     ----------
-    knowledge : the posterior of the run
+    posterior : of the run
     reporting : has the sizes that standard deviations are relative to
     mesh : reads collision meshes, as `Collisions` has it
 
@@ -69,37 +69,37 @@ class Planner:
     """
 
     def __init__(
-        self, knowledge: Posterior, reporting: Reporting, settings: PlanSettings, mesh: ReadMesh = no_mesh
+        self, posterior: Posterior, reporting: Reporting, settings: PlanSettings, mesh: ReadMesh = no_mesh
     ) -> None:
         self._settings, self._mesh = settings, mesh
-        self.information = Information(knowledge, reporting)
+        self.information = Information(posterior, reporting)
         self._wanted = Goal(settings.relative, self.information.determinable)
-        model = knowledge.layout.kernel.model
+        model = posterior.layout.kernel.model
         independent = model.transmission.independent
-        passive = (model.joint_names[joint] for joint in knowledge.layout.kernel.springs.joints)
+        passive = (model.joint_names[joint] for joint in posterior.layout.kernel.springs.joints)
         limits = joint_limits(
             model,
-            knowledge.end.joint_position[independent],
+            posterior.end.joint_position[independent],
             settings.joint_velocity,
             settings.joint_acceleration,
             (*settings.stuck, *passive),
-            speed_held(model, knowledge.end.joint_velocity[independent], settings.joint_velocity, settings.held),
+            speed_held(model, posterior.end.joint_velocity[independent], settings.joint_velocity, settings.held),
         )
         length = settings.duration or min(_FIRST, settings.longest)
         self.motions = Motions(
-            posterior=knowledge,
+            posterior=posterior,
             information=self.information,
             splines=Splines(settings.speeds, length),
             limits=limits,
-            efforts=_efforts(knowledge),
+            efforts=_efforts(posterior),
         )
         self.motions.require_hold()
 
     @cached_property
     def _collisions(self) -> Collisions:
-        knowledge = self.motions.posterior
+        posterior = self.motions.posterior
         return Collisions(
-            knowledge.layout.kernel.model, self._settings.clearance, knowledge.end.joint_position, self._mesh
+            posterior.layout.kernel.model, self._settings.clearance, posterior.end.joint_position, self._mesh
         )
 
     @cached_property
@@ -159,17 +159,17 @@ class Planner:
 
     def _notes(self) -> list[str]:
         """Return notes on the start of the motion."""
-        notes, knowledge = [], self.motions.posterior
-        model = knowledge.layout.kernel.model
+        notes, posterior = [], self.motions.posterior
+        model = posterior.layout.kernel.model
         names, held = model.independent_joints, self.motions.limits.held
-        rate = np.abs(knowledge.end.joint_velocity[model.transmission.independent])
+        rate = np.abs(posterior.end.joint_velocity[model.transmission.independent])
         moving, kept = ([names[each] for each in np.flatnonzero(which & (rate > _MOVING))] for which in (~held, held))
         if kept:
             notes.append(f'keep their speed: {listing(kept)}')
         if moving:
             notes.append(f'moved at the end of the run, and must rest before the motion begins: {listing(moving)}')
-        if knowledge.hypothesis.disturbed:
-            notes.append(f'{knowledge.hypothesis.name}: the motion is planned as if that went on')
+        if posterior.hypothesis.disturbed:
+            notes.append(f'{posterior.hypothesis.name}: the motion is planned as if that went on')
         return notes
 
     def _lengthened(self, candidate: Candidate) -> Candidate:
@@ -234,7 +234,7 @@ class Planner:
         )
 
 
-def _efforts(knowledge: Posterior) -> JointEfforts:
+def _efforts(posterior: Posterior) -> JointEfforts:
     """Return the efforts of the robot as it is known best."""
-    point, model = knowledge.point, knowledge.layout.kernel.model
+    point, model = posterior.point, posterior.layout.kernel.model
     return JointEfforts(model, point.side.kernel.body_parameters(point.body))

@@ -1,4 +1,4 @@
-"""What a planned motion has to determine, how well, and what it may not exceed; `search.py` minimises its duration."""
+"""Goal and limits of a planned motion; `search.py` minimises its duration."""
 
 from __future__ import annotations
 

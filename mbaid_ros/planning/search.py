@@ -74,8 +74,8 @@ class Candidate:
     motions: Motions  # those of its length
     legs: Array  # (NUMBERS, k) that the search has it of
     speeds: Array  # (K, k) within the limits
-    cost: float  # as `Wanted` has them
-    ratio: float  # as `Wanted` has them
+    cost: float  # as `Goal` has them
+    ratio: float  # as `Goal` has them
     part: float = 1.0  # of the size that it would have if nothing of the robot were in its own way
 
     @property
@@ -173,7 +173,7 @@ class Search:
             self.reached = self.best
 
     def _change_duration(self, duration: float) -> None:
-        """Go on with motions of another length, from the legs of the best one and of the shortest that does."""
+        """Continue with motions of another duration, from the legs of the best and of the shortest that suffices."""
         self._motions = self._motions.with_duration(duration)
         legs = [each.legs for each in (self.best, self.reached) if each is not None]
         self.best = self._best_of(np.stack(legs))
@@ -213,7 +213,7 @@ class Search:
         return np.where(np.isfinite(cost), cost, np.inf), ratio
 
     def _collision_free(self, found: _Compared) -> _Compared:
-        """Return motions of which the best, that count, are as small as keeps the robot out of its own way."""
+        """Return motions, the best of them scaled down until the robot is clear of itself."""
         legs, speeds, cost, ratio, part = (each.copy() for each in found)
         looked_at: set[int] = set()
         while due := [place for place in np.argsort(cost)[:CHOSEN].tolist() if place not in looked_at]:

@@ -33,7 +33,7 @@ _PITCH, _BLOCK_HEIGHT = 18e-3, -22e-3
 
 @dataclass(frozen=True)
 class Thrown:
-    """The body that the device is bolted to; both move as one."""
+    """The body that is bolted to the device and thrown with it."""
 
     BASE: ClassVar[str] = 'device'
     JOINT: ClassVar[str] = 'flywheel'

@@ -248,7 +248,7 @@ def _scatter(values: Array) -> float:
 
 
 def _is_not_white(time: Array, values: Array) -> bool:
-    """Return whether the residuals of (n, k) about a cubic are no noise alone: a push, lasting errors."""
+    """Return whether the residuals of (n, k) about a cubic are not white: a disturbance, correlated errors."""
     if values.size == 0 or not np.all(np.isfinite(values)):
         return False
     blocks = _blocks(time)

@@ -111,8 +111,8 @@ def _capture(run: SimulatedRun) -> dict[str, object] | None:
     return {
         't': target.time,
         **shaped(target.body),
-        'target_linear_momentum': run.brought[:3].tolist(),
-        'target_angular_momentum': run.brought[3:].tolist(),
+        'target_linear_momentum': run.target_momentum[:3].tolist(),
+        'target_angular_momentum': run.target_momentum[3:].tolist(),
         'target_linear_velocity': target.velocity.tolist(),
         'target_angular_velocity': target.spin.tolist(),
     }

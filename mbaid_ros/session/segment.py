@@ -120,7 +120,7 @@ class Segment:
         return end
 
     def captured(self, newest: int | None) -> str:
-        """Take the body for captured at a stamp (ns, None before the first), as `Session.capture` does."""
+        """Set the capture at a stamp (ns, None before the first), as `Session.capture` does."""
         capture = self._capture
         if capture is None:
             raise DataError(

@@ -211,7 +211,7 @@ class Session:
 
     @property
     def replaced(self) -> Counter[str]:
-        """Messages of which a part was unusable and replaced by parameters, by cause."""
+        """Messages with an unusable part, which parameters replace, by cause."""
         return self._replaced_earlier + self.intake.odometry_reader.replaced
 
     def _add(self, name: str, message: Any) -> bool:

@@ -44,16 +44,16 @@ class ThrustSimulation(PiecewiseSimulation):
     """A run of the free-floating robot with a pulse of thrust, which stays in `pulse`; parameters as of Simulation."""
 
     def __init__(
-        self, model: RobotModel, motion: Motion, initial: State, pulse: Pulse, surroundings: Environment | None = None
+        self, model: RobotModel, motion: Motion, initial: State, pulse: Pulse, environment: Environment | None = None
     ) -> None:
         self.pulse = pulse
-        around = surroundings or Environment()
+        around = environment or Environment()
 
         def change(time: float, push: BodyWrench | None) -> tuple[float, Callable[[Truth], Simulation]]:
             return time, lambda at: Simulation(model, motion.from_time(time), _state(at), push, around.from_time(time))
 
         super().__init__(
-            Simulation(model, motion, initial, surroundings=around),
+            Simulation(model, motion, initial, environment=around),
             [
                 change(pulse.begin + pulse.delay, BodyWrench.on_link(pulse.link, pulse.actual)),
                 change(pulse.end + pulse.delay, None),
@@ -92,9 +92,9 @@ class CaptureSimulation(PiecewiseSimulation):
     Attributes
     ----------
     target : as given
-    joined : the robot after the capture
-    brought : (6,) momentum (P, L) of the target before it, odometry frame, L about its origin
-    momentum : (6,) that of the whole after it
+    joined_model : the robot after the capture
+    target_momentum : (6,) momentum (P, L) of the target before it, odometry frame, L about its origin
+    total_momentum : (6,) that of the whole after it
     """
 
     def __init__(
@@ -103,17 +103,17 @@ class CaptureSimulation(PiecewiseSimulation):
         motion: Driven,
         initial: State,
         target: Target,
-        surroundings: Environment | None = None,
+        environment: Environment | None = None,
     ) -> None:
-        around, time = surroundings or Environment(), target.time
+        around, time = environment or Environment(), target.time
         self.target, self.joined_model = target, with_target(model, target)
         # Where the capture happens follows from the motion alone: a run of its own finds it.
-        at = Simulation(model, motion, initial, surroundings=around).advance(np.array([time]))
+        at = Simulation(model, motion, initial, environment=around).advance(np.array([time]))
         self.target_momentum = _target_momentum(model, at, target)
         self.total_momentum: Array = total_momentum(model, at, around.wheels)[0] + self.target_momentum
         start = _joined_state(self.joined_model, at, self.total_momentum, around.wheels)
-        after = Simulation(self.joined_model, motion.from_time(time), start, surroundings=around.from_time(time))
-        super().__init__(Simulation(model, motion, initial, surroundings=around), [(time, lambda _: after)])
+        after = Simulation(self.joined_model, motion.from_time(time), start, environment=around.from_time(time))
+        super().__init__(Simulation(model, motion, initial, environment=around), [(time, lambda _: after)])
 
 
 def _target_momentum(model: RobotModel, at: Truth, target: Target) -> Array:

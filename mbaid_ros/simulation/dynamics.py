@@ -148,7 +148,7 @@ class Dynamics:
         return torque
 
     def _apply_wrenches(self, time: float, state: State, configuration: Array) -> None:
-        """Give pinocchio everything that acts and depends on time or state."""
+        """Apply the external wrenches that depend on time or state in pinocchio."""
         inertial = None
         if self._inertial is not None:
             inertial = self._inertial.on_base(state.base_position, state.base_orientation)
@@ -166,7 +166,7 @@ class Dynamics:
             self._apply_wrench(0, *inertial)
 
     def _apply_wrench(self, body: int, force: Array, torque: Array) -> None:
-        """Give pinocchio the external wrench on a body, in its axes."""
+        """Apply an external wrench on a body, in its axes, in pinocchio."""
         # Its universe comes before the bodies.
         self._forces[body + 1] = pinocchio.Force(force, torque)
 

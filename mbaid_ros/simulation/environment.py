@@ -1,4 +1,4 @@
-"""What acts on the bodies of a simulated robot beside the torques of its joints: pushes, tides, wheels, springs."""
+"""External wrenches, gravity gradient, wheels and springs of a simulated robot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mbaid_ros.simulation import quaternions
 
 @dataclass(frozen=True)
 class Springs:
-    """f joints that a spring draws to zero and a damper slows."""
+    """Springs and dampers of f joints."""
 
     joints: Integers  # (f,) indices
     # stiffness, damping: (f,) N m/rad, N m s/rad; N/m, N s/m for a prismatic joint
@@ -28,7 +28,7 @@ class Springs:
     def from_frequencies(
         model: RobotModel, names: Sequence[str], frequencies: Sequence[float], ratios: Sequence[float]
     ) -> Springs:
-        """Return those of joints with natural frequencies, Hz, all else held, and damping ratios."""
+        """Return the springs of joints with natural frequencies, Hz, all else held, and damping ratios."""
         joints = np.array([model.joint_names.index(name) for name in names], dtype=np.intp)
         inertia = np.sum(Kinematics(model).cantilever[joints] * model.body_parameters(), axis=(1, 2))
         rate = 2.0 * np.pi * np.array(frequencies)
@@ -67,7 +67,7 @@ class BodyWrench:
         return BodyWrench(link.body, force, np.cross(link.position, force) + link.rotation @ wrench[3:])
 
     def with_origin(self, origin: Array) -> BodyWrench:
-        """Return the same where positions count from another place (3,) of the odometry frame."""
+        """Return the wrench with positions relative to another origin (3,) in the odometry frame."""
         return self if self.body is not None else replace(self, torque=self.torque - np.cross(origin, self.force))
 
     def on_base(self, position: Array, orientation: Array) -> tuple[Array, Array]:
@@ -138,7 +138,7 @@ class Wheels:
         return wrenches
 
     def from_time(self, time: float) -> Wheels:
-        """Return the same wheels, begun at a time (s) of this one."""
+        """Return the wheels with time 0 at a time (s) of these."""
         return replace(self, start=self.speeds(np.array([time]))[0])
 
 
@@ -159,7 +159,7 @@ class Environment:
         return (*tide, *(() if self.wheels is None else (self.wheels,)))
 
     def from_time(self, time: float) -> Environment:
-        """Return the same, begun at a time (s) of this one."""
+        """Return the environment with time 0 at a time (s) of this one."""
         return Environment(
             None if self.wheels is None else self.wheels.from_time(time),
             None if self.orbit is None else self.orbit.with_epoch(time),

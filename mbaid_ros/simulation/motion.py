@@ -39,7 +39,7 @@ class Driven(ABC):
 
     @abstractmethod
     def from_time(self, time: float) -> Driven:
-        """Return the same motion, begun at a time (s) of this one."""
+        """Return the motion with time 0 at a time (s) of this one."""
 
     def command(self, time: float, position: Array, velocity: Array) -> Array:
         """Return the joint accelerations to give (n,): the reference's, corrected by the tracking error."""
@@ -68,7 +68,7 @@ class Sinusoids(Driven):
         return position, (speed * np.cos(angle)).sum(axis=1), -(rate * rate * sine).sum(axis=1)
 
     def from_time(self, time: float) -> Sinusoids:
-        """Return the same motion, begun at a time (s) of this one."""
+        """Return the motion with time 0 at a time (s) of this one."""
         phase = self.phase + 2.0 * np.pi * time * self.frequency
         return Sinusoids(self.reference(time)[0], self.amplitude, self.frequency, phase)
 
@@ -101,7 +101,7 @@ def sinusoids(start: Array, amplitudes: Array, frequencies: Array, phases: Array
 
 
 def with_resting_joints(driven: Flags, motion: Sinusoids, start: Array) -> Sinusoids:
-    """Return a motion of k joints that start at (k,) and of which the driven ones move."""
+    """Return a motion of k joints from their start (k,), whose driven joints move."""
     if driven.all():
         return motion
     parts = []
@@ -164,7 +164,7 @@ def independent_limits(model: RobotModel) -> tuple[Array, Array, Array]:
 
 
 def within_limits(motion: Sinusoids, model: RobotModel, *, start_given: bool) -> Sinusoids:
-    """Return a motion of the k independent joints made as much smaller as their limits ask for, and else as it is.
+    """Return a motion of the k independent joints, scaled down to their limits.
 
     Where the start is not given, it moves to where the motion fits.
 

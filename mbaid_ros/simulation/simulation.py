@@ -43,7 +43,7 @@ class Truth(ArrayRecord):
     wheel_speed: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        """Take it that there are no wheels where nothing is said."""
+        """Default to no wheels."""
         if self.wheel_speed.shape[:-1] != self.time.shape:
             object.__setattr__(self, 'wheel_speed', np.zeros((*self.time.shape, 0)))
 
@@ -60,7 +60,7 @@ class Simulation:
     motion : of the joints
     initial : state at time 0
     push : constant external wrench on the robot
-    surroundings : further effects on its bodies
+    environment : further effects on its bodies
     """
 
     def __init__(
@@ -69,13 +69,13 @@ class Simulation:
         motion: Motion,
         initial: State,
         push: BodyWrench | None = None,
-        surroundings: Environment | None = None,
+        environment: Environment | None = None,
     ) -> None:
         self.model = model
         self.motion = motion
         # Positions count from the start: far from the odometry origin their rounding would show in the velocities.
         self._origin = initial.base_position
-        around = surroundings or Environment()
+        around = environment or Environment()
         self._wheels = around.wheels
         push = None if push is None else push.with_origin(self._origin)
         self._dynamics = Dynamics(model, push, around.effects(model, self._origin), around.springs)
@@ -140,7 +140,7 @@ class Simulation:
 
 
 class PiecewiseSimulation:
-    """A run in which the integrator begins anew where something changes, so that its steps stay smooth.
+    """A run whose integrator restarts at each change of the dynamics.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def total_momentum(model: RobotModel, truth: Truth, wheels: Wheels | None = None
 
 
 def without_linear_momentum(model: RobotModel, state: State) -> State:
-    """Return the state with the base's linear velocity replaced by the one that brings the robot's momentum P to zero.
+    """Return the state with a linear velocity of the base for which the robot's momentum P is zero.
 
     In orbit: the odometry frame then moves with the system's centre of mass.
     """
@@ -219,7 +219,7 @@ def without_linear_momentum(model: RobotModel, state: State) -> State:
 
 
 def seen_from_orbit(orbit: Orbit, truth: Truth, *, relative_twist: bool) -> Truth:
-    """Return a motion in the falling frame as the frame sees it that turns with the orbit.
+    """Return a motion in the falling frame as seen from the frame that turns with the orbit.
 
     Parameters
     ----------

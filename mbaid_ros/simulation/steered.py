@@ -35,12 +35,12 @@ class TrajectoryMotion(Driven):
         return position, velocity, acceleration
 
     def from_time(self, time: float) -> TrajectoryMotion:
-        """Return the same motion, begun at a time (s) of this one."""
+        """Return the motion with time 0 at a time (s) of this one."""
         return TrajectoryMotion(self.trajectory, self.start, self.places, self.begin - time)
 
 
 class SteeredMotion(Driven):
-    """A motion, and trajectories that are given on the way, each of which takes over when its time has come.
+    """A motion, and trajectories added during the run, each of which replaces it from its time on.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class SteeredMotion(Driven):
         self._offset = 0.0
 
     def add_trajectory(self, trajectory: JointTrajectory, model: RobotModel, begin: float) -> None:
-        """Follow a trajectory from a time (s) on that is still to come; joints that it does not name rest from there.
+        """Follow a trajectory from a future time (s) on; joints that it does not name rest from there.
 
         Raises DataError: It names joints that the robot does not have, or begins where the joints are not.
         """
@@ -72,14 +72,14 @@ class SteeredMotion(Driven):
         return self._first.reference(now)
 
     def from_time(self, time: float) -> SteeredMotion:
-        """Return the same motion, begun at a time (s) of this one; changes of either apply to both."""
+        """Return the motion with time 0 at a time (s) of this one; trajectories added to either apply to both."""
         other = SteeredMotion(self._first)
         other._orders, other._offset = self._orders, self._offset + time
         return other
 
 
 def with_mimic_joints(trajectory: JointTrajectory, model: RobotModel) -> JointTrajectory:
-    """Return a trajectory with those joints, too, that follow the ones it moves.
+    """Return a trajectory extended to the joints that mimic its own.
 
     Raises DataError: It names a joint that the robot does not have, or that follows another.
     """

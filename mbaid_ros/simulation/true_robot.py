@@ -18,7 +18,7 @@ from mbaid_ros.simulation.simulation import Truth
 
 
 def true_robot(model: RobotModel, errors: ModelErrors, fixed: Sequence[str] = ()) -> RobotModel:
-    """Return the robot that has these errors: its bodies and its joints' frames, as by `with_bodies` and `displaced`.
+    """Return the robot that has these errors: its bodies and its joints' frames, by `with_bodies` and `displaced`.
 
     Zeros and mount are no part of it: they are in its sensors' readings. Without errors it is the same object.
 
@@ -116,7 +116,7 @@ def _body(model: RobotModel, target: str, body: int, factor: Array, rng: np.rand
 
 
 def as_measured(truth: Truth, errors: ModelErrors) -> Truth:
-    """Return a motion as read by encoders with wrong zeros and an odometry that is mounted elsewhere.
+    """Return a motion as measured by encoders with wrong zeros and an odometry with a mount error.
 
     Parameters
     ----------

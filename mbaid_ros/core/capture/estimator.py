@@ -164,7 +164,7 @@ class CaptureEstimator:
         return with_reasons(measured, [*(Reason(text, 'conflict') for text in self._doubts()), Reason(BEFORE)])
 
     def _detect_capture(self, window: Samples) -> None:
-        """Take it for the capture when this window shows, as did the one before, that the momentum has jumped."""
+        """Detect the capture: the momentum has jumped in this window and in the one before."""
         if self._known.innovation_squared(window) < _JUMP:
             self._suspect = None
         elif self._suspect is None:
@@ -174,13 +174,13 @@ class CaptureEstimator:
             self._note_target_pose(self._suspect, self.time)
 
     def _add_known_windows(self, end: float) -> None:
-        """Let the known model have the windows that end before a time, s."""
+        """Add the windows that end before a time, s, to the momentum of the known model."""
         while self._waiting and self._waiting[0].time[-1] < end - _SLACK:
             window = self._waiting.popleft()
             self._known.add(window)
 
     def _doubts(self) -> tuple[str, ...]:
-        """Return why the known model is not to be trusted."""
+        """Return the reasons to distrust the known model."""
         chaser = self._known.chaser()
         if chaser is None or self._known.redundancy <= ENOUGH or not chaser.residual > self._largest_residual:
             return ()
@@ -191,7 +191,7 @@ class CaptureEstimator:
         return (doubt,)
 
     def _undisturbed_estimate(self) -> Estimate | None:
-        """Return the last estimate whose momentum nothing but the capture has changed."""
+        """Return the last estimate whose momentum only the capture has changed."""
         if not self._estimates:
             return None
         times = [event.time for event in self._estimates[-1].events]
@@ -199,7 +199,7 @@ class CaptureEstimator:
         return undisturbed[-1] if undisturbed else self._estimates[0]
 
     def _note_target_pose(self, window: Samples, time: float) -> None:
-        """Remember where the target link is in the sample nearest to the capture."""
+        """Note the pose of the target link in the sample nearest to the capture."""
         nearest = int(np.argmin(np.abs(window.time - time)))
         apart = abs(float(window.time[nearest]) - time)
         if self._target_pose is None or apart < self._target_pose[0]:

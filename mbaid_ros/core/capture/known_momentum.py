@@ -26,7 +26,7 @@ class Chaser:
 
 
 class KnownMomentum:
-    """The total momentum of a robot of which every body is known, from window after window.
+    """The total momentum of a robot whose bodies are all known, updated window by window.
 
     Parameters
     ----------

@@ -110,7 +110,7 @@ class _View:
 
     @cached_property
     def steps(self) -> tuple[Array, Array, Array]:
-        """As of `steps_of`, (N - 1, k)."""
+        """As of `position_steps`, (N - 1, k)."""
         return position_steps(JointStream(self.stamp, self.position, self.velocity))
 
     @cached_property

@@ -131,7 +131,7 @@ class DifferenceRun:
         return (Event(jump.time, 'step', change[:3], change[3:] + cross(self.origin, change[:3]), _CAUSE),)
 
     def _reasons(self, share: float) -> Iterator[Reason]:
-        """Yield why the momentum is not constant, or its noise not as declared, and whether the model limits it.
+        """Yield the reasons to distrust the run: a jump of the momentum, excess innovations, a dominant model error.
 
         `share` is that of the consider parameters in the variance of the body.
         """

@@ -1,4 +1,4 @@
-"""The windows that have left the sliding window, as a prior, and what all windows imply for the consider parameters."""
+"""The prior of the windows that have left the sliding window, and the cross-information of consider parameters."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ class LinearisedWindows:
 
     @property
     def noise_information(self) -> Array:
-        """The information that noise alone brings to each window at the linearisation point, (K, u, u)."""
+        """The information of noise alone in each window at the linearisation point, (K, u, u)."""
         done = len(self._own)
         if done < len(self):
             own = eiv.row_noise_information(self.equations[done:], self.white[done:])

@@ -56,7 +56,7 @@ class Subspace:
 
 
 def subspace(detector: PlaneDetector, kernel: MomentumKernel) -> Subspace:
-    """Return the subspace that the motion so far allows.
+    """Return the subspace that the motion has excited.
 
     In a plane: mass, first moment in the plane, moment of inertia about its normal, linear momentum in the plane and
     angular momentum about its normal.

@@ -59,7 +59,7 @@ class Layout:
     kernel: MomentumKernel  # of the robot as its URDF has it
     unknowns: tuple[Unknown, ...]  # those of the readings last
     known: UnknownsPrior  # their prior
-    # (3, 6) the equations that hold for a planar motion, as `PlaneDetector.rows`; None in space
+    # (3, 6) the equations that hold for a planar motion, as `PlaneDetector.equation_selection`; None in space
     plane: Array | None = None
     imu: Link | None = None  # the link that an IMU is on, where joints move it
 

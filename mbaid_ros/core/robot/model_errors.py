@@ -43,7 +43,7 @@ class ModelErrors:
 def with_bodies(model: RobotModel, change: Array, fixed: Sequence[str]) -> RobotModel:
     """Return a robot whose moving bodies differ by (n + 1, 10) standard parameters, each in its own frame.
 
-    The `changing_link` of each body takes the change; a body without one stays.
+    The `heaviest_link` of each body takes the change; a body without one stays.
     """
     changed = {}
     for body in np.flatnonzero(np.any(change, axis=1)).tolist():

@@ -222,7 +222,7 @@ class Storage:
         return Storage((link.body,) * 3, link.rotation.T.copy(), np.ones(3), np.full(3, noise), ('x', 'y', 'z'))
 
     def __add__(self, other: Storage) -> Storage:
-        """Return both, one after the other."""
+        """Return the storage of both, concatenated."""
         axes, inertias, noises = (
             np.concatenate((getattr(self, name), getattr(other, name))) for name in ('axes', 'inertias', 'noises')
         )
@@ -234,7 +234,7 @@ class Storage:
         return len(self.bodies)
 
     def with_inertia_changes(self, inertias: Array) -> Storage:
-        """Return the same with spin inertias that differ by (c,)."""
+        """Return the storage with spin inertias changed by (c,)."""
         return replace(self, inertias=self.inertias + inertias)
 
     def axes_in_odometry(self, rotation: Array) -> Array:
@@ -257,7 +257,7 @@ class Storage:
 
 
 def about_points(changes: Array, position: Array, numbers: int = 10) -> Array:
-    """Return (N, 6 numbers b) columns of (P, L) about the origin as (N, b, 6, numbers) ones about (N, 3) points."""
+    """Return changes (N, 6 numbers b) of (P, L) about the origin as (N, b, 6, numbers) about (N, 3) points."""
     columns = changes.reshape(len(changes), changes.shape[1] // (6 * numbers), 6, numbers).copy()
     if not columns.size:
         return columns

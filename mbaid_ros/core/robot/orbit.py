@@ -1,4 +1,4 @@
-"""An orbit, odometry of frames that turn with it, and its effect on the momentum: the tide.
+"""An orbit, odometry in frames that turn with it, and the momentum change by its gravity gradient: the tide.
 
 The falling frame does not turn, and has the axes of the odometry's frame at the epoch. Up is away from the centre; the
 orbit turns about its normal, at the mean motion if it is circular.
@@ -57,7 +57,7 @@ class Orbit:
         return replace(self, eccentricity=eccentricity, anomaly=anomaly)
 
     def swept_angle(self, time: Array) -> Array:
-        """Return the (N,) angles by which the direction to the centre has turned, rad, (N,) s after the epoch."""
+        """Return the (N,) changes of the true anomaly, rad, (N,) s after the epoch."""
         passed, e = self.mean_motion * np.asarray(time), self.eccentricity
         if e == 0.0:
             return passed
@@ -85,7 +85,7 @@ class Orbit:
         return np.asarray((1.0 + self.eccentricity * np.cos(anomaly)) / (1.0 - self.eccentricity**2))
 
     def with_epoch(self, time: float) -> Orbit:
-        """Return the same orbit with the epoch at a time (s) of this one; for a frame that does not turn."""
+        """Return the orbit with its epoch a time (s) later; for a frame that does not turn."""
         begin = np.array([time])
         return replace(self, zenith=self.zenith_at(begin)[0], anomaly=self.anomaly + float(self.swept_angle(begin)[0]))
 

@@ -26,7 +26,7 @@ def spring_constants(kernel: MomentumKernel, known: Array) -> tuple[Array, Array
 
 
 def moves(kernel: MomentumKernel) -> Array:
-    """Return which passive joint moves which other, or is it, (f, f) True or False."""
+    """Return whether each passive joint moves each other one, or is it, (f, f)."""
     joints = list(kernel.springs.joints)
     return np.asarray(kernel.kinematics.ancestors[np.array(joints) + 1][:, joints].T > 0.0)
 
@@ -44,7 +44,7 @@ class PassiveInertias(ArrayRecord):
 
     @staticmethod
     def from_bodies(kernel: MomentumKernel, known: Array, placed: Configuration, mobility: Array) -> PassiveInertias:
-        """Return them; `known` (N, n + 1, 10) are all bodies at the base's origin, odometry axes."""
+        """Return the inertias by all bodies `known` (N, n + 1, 10) at the base's origin, odometry axes."""
         joints, up = list(kernel.springs.joints), moves(kernel)
         axes = placed.joint_twist[:, joints]
         inertia = inertia_matrix(kernel.kinematics.ancestors.T[joints] @ known)
@@ -93,7 +93,7 @@ class PassiveMotion:
         state: tuple[Array, Array],
         constants: tuple[Array, Array],
     ) -> PassiveMotion:
-        """Return it for a robot with bodies (N, n + 1, 10), so expressed.
+        """Return the motion of a robot with bodies (N, n + 1, 10) at the base's origin, odometry axes.
 
         Parameters
         ----------

@@ -52,13 +52,13 @@ class Variances:
 
 @dataclass(frozen=True)
 class Candidates(ArrayRecord):
-    """What the errors of a sensor may be: correlation times (c,) in s, and for each twice the negative log-likelihood.
+    """Possible error models of a sensor: correlation times (c,) in s, and for each twice the negative log-likelihood.
 
     Attributes
     ----------
     time, cost : (c,)
-    level, found : (c, 2) logarithms of the variances of a reading over the declared ones: in use, and of the data
-    wrong : (c, 2) whether the latter are far from the declared ones
+    level, estimated : (c, 2) logarithms of the variances of a reading over the declared ones: in use, and of the data
+    contradicted : (c, 2) whether the latter are far from the declared ones
     """
 
     time: Array
@@ -80,7 +80,7 @@ class Correlation(ArrayRecord):
 
 
 def candidates(seen: Variances, time: float, declared: str) -> Candidates:
-    """Return what explains the variances of sixth differences.
+    """Return the error models that explain the variances of sixth differences.
 
     Parameters
     ----------
@@ -127,11 +127,11 @@ def candidates(seen: Variances, time: float, declared: str) -> Candidates:
 
 
 def likeliest(pose: Candidates, twist: Candidates, drift: Variances, ratio: Array) -> Correlation:
-    """Return the errors of poses and twists; of correlation times that explain the data as well, the longest.
+    """Return the likeliest errors of poses and twists; of equally likely correlation times, the longest.
 
     Parameters
     ----------
-    pose, twist : what they may be
+    pose, twist : their possible models
     drift : first differences of poses less the integrated twist, over the variance declared of poses
     ratio : (2,) 1/s, standard deviations declared of twists over those of poses
     """
@@ -174,7 +174,7 @@ class Levels:
     factor : (6,) of CHANNELS, standard deviation over the declared one; NaN for too few readings
     used, contradicted : (6,) whether it takes the declared one's place; whether the latter cannot be right
     times : (2,) s, over which the errors of poses and of twists are correlated; 0 for white noise
-    clear : whether neither motion nor too few readings hide what the errors are
+    clear : whether neither motion nor too few readings hide the errors
     """
 
     factor: Array

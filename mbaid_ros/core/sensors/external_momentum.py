@@ -65,7 +65,7 @@ class Thrust:
     Attributes
     ----------
     odometry_frame : name of the frame with the inertial axes; empty while unknown
-    brought : (6,) change of (P, L) since the first sample, odometry frame, L about its origin
+    impulse : (6,) change of (P, L) since the first sample, odometry frame, L about its origin
     commands : number of those used
     late : whether one came after samples that it acts on
     exact : whether one counted as exactly as commanded
@@ -77,7 +77,7 @@ class Thrust:
         self._kinematics = Kinematics(model)
         self._links = {link.name: link for link in model.links}
         self._uncertain = {frame: index for index, frame in enumerate(uncertain)}
-        self._columns: Array = np.zeros((len(uncertain), 6, THRUSTER_ERRORS))  # derivatives of `brought` by the errors
+        self._columns: Array = np.zeros((len(uncertain), 6, THRUSTER_ERRORS))  # derivatives of `impulse` by the errors
         self._commands: dict[str, list[_Command]] = {}
         self._origin = 0
         self._past: deque[Samples] = deque()  # windows that were used, of the last seconds and the one before
@@ -119,7 +119,7 @@ class Thrust:
             self._insert(frame, _Command(stamp, wrench))
 
     def _detect_shared_frame(self, frame: str, wrench: Array) -> None:
-        """Look whether forces and torques of a frame come by turns, without any command of both."""
+        """Detect a frame with alternating forces and torques, without any command of both."""
         before, between = self._components.get(frame, (set(), set()))
         after = set(np.flatnonzero(wrench).tolist())
         self._components[frame] = between, after
@@ -153,7 +153,7 @@ class Thrust:
         return replace(window, impulse=total, thrust=columns.reshape(len(window), -1))
 
     def _insert(self, frame: str, command: _Command) -> None:
-        """Add a command, and the difference that it makes to windows that were used already."""
+        """Add a command, and correct the impulse of windows that were used already."""
         time = (command.stamp - self._origin) * 1e-9
         missed = [self._joined(before, window) for before, window in pairwise(self._past) if window.time[-1] > time]
 
@@ -181,7 +181,9 @@ class Thrust:
         Scale, turn and delay: the change by the scale is that by the commands themselves.
         """
         impulses = np.diff(self._impulse(frame, samples.time), axis=0)
-        delayed = -np.diff(self._wrench(frame, samples.time), axis=0)  # what begins or ends is missing or left over
+        delayed = -np.diff(
+            self._wrench(frame, samples.time), axis=0
+        )  # lacking at a late begin, in excess at a late end
         columns = np.concatenate((np.einsum('kij,nj->nik', _BY_ERROR, impulses), delayed[..., None]), axis=2)
         return self._mean_gain(frame, samples) @ columns if np.any(columns) else columns
 
@@ -226,7 +228,7 @@ class StoredMomentum:
 
     Attributes
     ----------
-    taken : number of messages used
+    used : number of messages used
     dropped : those not used, by cause
     other_frame : frame of the last one in another
     """

@@ -1,7 +1,7 @@
-"""The angular velocity that an IMU measures, preintegrated: how far it has turned between any two instants.
+"""The preintegrated angular velocity of an IMU: its mean between any two instants.
 
-The integral of a rate in axes that turn along is no rotation; but it is linear in the reading of the gyro, so that bias
-and scale stay bias and scale in it, and its differences are exact means of the rate at any rates of gyro and joints.
+The integral of a rate in body axes is no rotation, but it is linear in the reading of the gyro: bias and scale stay
+bias and scale. Its differences are exact means of the rate at any rates of gyro and joints.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class _Integrated(ArrayRecord):
     stamp: Stamps  # ns
     rate: Array  # (N, 3) rad/s
     angle: Array  # (N, 3) rad
-    segment: Stamps  # number of the part without a gap
+    segment: Stamps  # number of the gap-free segment
 
 
 class Gyro:
@@ -83,7 +83,7 @@ class Gyro:
         return np.where(across[:, None], np.nan, turned)
 
     def integral_at(self, stamps: Stamps) -> tuple[Array, Stamps]:
-        """Return the integral at instants (N, 3), rad, and the number of their part without a gap; NaN, -1 in a gap."""
+        """Return the integral at instants (N, 3), rad, and the number of their gap-free segment; NaN, -1 in a gap."""
         known, rate, turned, parts = vars(self._kept).values()
         if not len(known):
             return np.full((len(stamps), 3), np.nan), np.full(len(stamps), _NOWHERE)
@@ -96,7 +96,7 @@ class Gyro:
         return np.where(inside[:, None], value, np.nan), np.where(inside, parts[left], _NOWHERE)
 
     def forget_before(self, stamp: int) -> None:
-        """Drop readings that no instant from a stamp on needs."""
+        """Drop readings that no instant after a stamp needs."""
         count, surplus = len(self._kept), int(np.searchsorted(self._kept.stamp, stamp, side='right')) - 1
         surplus = min(max(surplus, count - LARGEST_BACKLOG), count - 1)  # new readings are added to the last
         if surplus > 0:

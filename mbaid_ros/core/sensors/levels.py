@@ -34,7 +34,7 @@ class SensorLevels:
 
     Attributes
     ----------
-    declared, found : (6,) of CHANNELS, SI; NaN if undeclared, if not estimated
+    declared, estimated : (6,) of CHANNELS, SI; NaN if undeclared, if not estimated
     assumed : (6,) used for readings that have neither
     correlation_time, twist_correlation_time : s, of the errors of the base's poses and twists; 0 for independent ones
     used : (6,) whether the estimated level is used instead of the declared one
@@ -90,7 +90,7 @@ class SensorLevels:
         return rows
 
     def differences(self) -> list[str]:
-        """Return a line for each sensor that is not as declared."""
+        """Return a line for each sensor whose noise is not as declared."""
         lines = []
         each = zip(CHANNELS, UNITS, self.declared, self.estimated, self.used, strict=True)
         for name, unit, declared, found, used in each:
@@ -200,7 +200,7 @@ class NoiseEstimator:
         return released
 
     def with_noise(self, window: Samples, origin: int, until: float | None = None) -> tuple[Samples, SensorLevels]:
-        """Return a window with the noise found until a time (s), its end by default, and the levels then."""
+        """Return a window with the noise estimated until a time (s), its end by default, and the levels then."""
         until = float(window.time[-1]) if until is None else until
         end = origin + round(until * 1e9)
         undeclared = self._undeclared & (self._declared_from > end)

@@ -46,7 +46,7 @@ class Gate:
     def add(self, stamp: int, message: Any) -> int:
         """Add a message; return the size (ns) of a jump back in time before it, else 0.
 
-        After a jump back, `messages` holds those before it; `settle` adds those after it.
+        After a jump back, `messages` holds those before it; `confirm_jump` adds those after it.
         """
         newest = self.newest
         if newest is not None and not -self._threshold <= stamp - newest <= self._threshold:
@@ -71,7 +71,7 @@ class Gate:
         return bool(np.all(np.abs(steps) <= self._threshold) and np.all(stamp != 0))
 
     def add_regular(self, stamp: Stamps, messages: Sequence[Any]) -> None:
-        """Add messages that all pass according to `passes`, with their stamps (N,); some may be together."""
+        """Add messages that all pass according to `all_pass`, with their stamps (N,); some may be together."""
         if len(stamp):
             self.messages += messages
             self.newest = max(int(self._newest_before(stamp)[-1]), int(stamp[-1]))

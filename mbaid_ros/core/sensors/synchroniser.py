@@ -1,4 +1,4 @@
-"""Joint and base measurements brought to common stamps: the base interpolated to the joints' stamps, never held."""
+"""Joint and base measurements at common stamps: the base is interpolated to the joints' stamps, never held."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whole turns that wrapped angles leave out, also of wheels that turn by more than a half between two readings."""
+"""Unwrapping of angles, also of wheels that turn by more than a half between two readings."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class TurnCounter:
         self._agreed, self._compared = np.zeros((2, joints))  # steps so far
 
     def turn_counts(self, stream: JointStream) -> Array:
-        """Return the turns (N, n) that the next readings are too far on by."""
+        """Return the whole turns (N, n) to subtract from the next readings."""
         joined = stream if self._last is None else stream.concatenate((self._last, stream))
         new = len(stream.stamp) - (self._last is None)  # steps
         self._last = joined[-2:]

@@ -121,7 +121,7 @@ def swing(world: World) -> Truth:
     twist = _start_twist(matrix[:6, :6], matrix[:6, 6:] @ rate, world.spin)
     start = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), position, np.concatenate((twist, rate)))
     following: Any = _Following(world.path, driven)  # without a reference, which springs have not
-    run = Simulation(robot, following, start, surroundings=around)
+    run = Simulation(robot, following, start, environment=around)
     return run.advance(np.arange(round(world.seconds * world.rate) + 1) / world.rate)
 
 

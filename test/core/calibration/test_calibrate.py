@@ -244,20 +244,20 @@ def test_where_a_torque_varies_the_misfit_is_least_at_the_solution() -> None:
     motion = Motion.from_windows(
         run, robot_kernel, PlaneDetector(robot_kernel.model), uncertainty, (HIGH, 0.5, 0.0, True)
     )
-    settled = converge([motion], prior)
+    solution = converge([motion], prior)
     assert motion.has_disturbance
-    assert settled.converged
+    assert solution.converged
     body = motion.variables.spread[BODY.start :, motion.variables.head :]
-    deviation = np.linalg.norm(body @ settled.iteration.factor, axis=1)
-    misfit = Misfit([motion], settled.common, deviation, settled.momenta)
+    deviation = np.linalg.norm(body @ solution.iteration.factor, axis=1)
+    misfit = Misfit([motion], solution.common, deviation, solution.momenta)
 
     def lost(mean: Array) -> float:
         common = body @ mean
         distance = (common[:10] - prior) / scale
         return misfit.value_at(common) + float(distance @ distance)
 
-    before, after = settled.iteration.mean, bias_corrected([motion], settled).iteration.mean
-    step = (after - before) @ np.linalg.pinv(settled.iteration.factor @ settled.iteration.factor.T) @ (after - before)
+    before, after = solution.iteration.mean, bias_corrected([motion], solution).iteration.mean
+    step = (after - before) @ np.linalg.pinv(solution.iteration.factor @ solution.iteration.factor.T) @ (after - before)
     assert 0.01 < step < 9.0  # it matters
     least = lost(after)
     assert least < lost(before) - 0.5 * step

@@ -38,7 +38,7 @@ class Swinging:
     def ours(self) -> Truth:
         """Return the motion by our simulator."""
         around = Environment(springs=self.springs)
-        return Simulation(self.model, Passive(), self.start, surroundings=around).advance(self.instants)
+        return Simulation(self.model, Passive(), self.start, environment=around).advance(self.instants)
 
     def theirs(self) -> Truth:
         """Return the motion by MuJoCo."""

@@ -53,7 +53,7 @@ class Case:
         around = Environment(
             springs=SimulatedSprings.from_frequencies(self.model, joints, frequencies, [0.01] * len(joints))
         )
-        truth = Simulation(self.model, Passive(), begin, surroundings=around).advance(
+        truth = Simulation(self.model, Passive(), begin, environment=around).advance(
             np.arange(round(100.0 * SECONDS)) / 100.0
         )
         self.deflection = CubicSpline(truth.time, truth.joint_position[:, list(places)])

@@ -65,7 +65,7 @@ def test_a_motion_is_planned_with_the_noise_that_was_found(identified: Begun) ->
 
 def test_the_prediction_covers_bodies_that_the_target_may_be(identified: Begun) -> None:
     planning = planner(identified, duration=10.0)
-    plan, motions, known = planning.plan(), planning.motions, identified.knowledge
+    plan, motions, known = planning.plan(), planning.motions, identified.posterior
     grid = Grid.over(plan.trajectory.duration, 0.5, 10)
     assert motions.relative_along(plan.trajectory, grid, known.point) == pytest.approx(plan.std_after, rel=1e-6)
     assert len(plan.sampled_stds) == 8
@@ -101,9 +101,9 @@ def still(robot: Begun) -> JointTrajectory:
 def test_the_base_of_a_known_robot_moves_as_the_simulated_one_does(identified: Begun, wheels: float) -> None:
     robot = begun(unknown=wheeled()) if wheels else identified
     rates = np.where([name.startswith('wheel') for name in robot.kernel.model.joint_names], wheels, 0.0)
-    end = replace(robot.knowledge.end, joint_velocity=rates)
+    end = replace(robot.posterior.end, joint_velocity=rates)
     begin = state(end.joint_position, rates, (0.01, -0.02, 0.015), 0.03)
-    motions = planner(robot, replace(robot.knowledge, end=end), joint_velocity=np.inf).motions
+    motions = planner(robot, replace(robot.posterior, end=end), joint_velocity=np.inf).motions
     assert np.array_equal(motions.limits.held, rates > 0.0)
     legs = drawn_legs(1, len(rates), np.random.default_rng(2))
     drawn = motions.limited(FASTEST * speeds_of(legs, motions.splines.count))
@@ -118,9 +118,9 @@ def test_the_base_of_a_known_robot_moves_as_the_simulated_one_does(identified: B
         acceleration=np.hstack((trajectory.acceleration, 0.0 * turned)),
     )
     truth = follow(robot.kernel, begin, spun, trajectory.duration)
-    known = robot.knowledge.state
+    known = robot.posterior.state
     known[6:12], known[BODY] = total_momentum(robot.kernel.model, truth)[0], robot.kernel.target.parameters
-    floating = replace(motions.at_point(robot.knowledge.layout.point(known)), rotation=np.eye(3), position=np.zeros(3))
+    floating = replace(motions.at_point(robot.posterior.layout.point(known)), rotation=np.eye(3), position=np.zeros(3))
     half_steps = np.linspace(0.0, trajectory.duration, 481)
     base = floating.base_motion(*motions.joints_along(trajectory, half_steps), half_steps[2])
     assert motions.excursions(np.zeros_like(drawn))[0] == pytest.approx(0.0, abs=1e-12)
@@ -160,7 +160,7 @@ def test_passive_joints_swing_as_predicted_and_no_further_than_is_allowed(with_s
     trajectory, model = motions.trajectory(gentle[0]), robot.kernel.model
     springs = SimulatedSprings.from_frequencies(model, PANELS, [1.0 / np.pi] * 2, [0.01] * 2)
     motion = TrajectoryMotion(trajectory, robot.state.joint_position, np.arange(7))
-    simulation = Simulation(model, motion, robot.state, surroundings=Environment(springs=springs))
+    simulation = Simulation(model, motion, robot.state, environment=Environment(springs=springs))
     truth = simulation.advance(np.linspace(0.0, trajectory.duration, 300))
     swung = float(np.abs(truth.joint_position[:, 7:]).max())
     assert swung <= most
@@ -228,7 +228,7 @@ def test_a_robot_that_is_in_its_own_way_moves_as_far_as_it_can(
 ) -> None:
     """A long motion takes joints far: it is made smaller, never given up, and determines no less than a short one."""
     model = identified.kernel.model
-    start = identified.knowledge.end.joint_position
+    start = identified.posterior.end.joint_position
     shapes = next(
         made
         for radius in np.arange(2.0, 0.2, -0.05).tolist()

@@ -109,7 +109,7 @@ def test_momenta_along_the_joints_change_as_in_the_simulator(seed: int) -> None:
 
     def after(length: float) -> Array:
         around = Environment(springs=ours)
-        truth = Simulation(case.model, Passive(), start, surroundings=around).advance(np.array([length]))
+        truth = Simulation(case.model, Passive(), start, environment=around).advance(np.array([length]))
         velocity = np.concatenate(
             (truth.base_linear_velocity, truth.base_angular_velocity, truth.joint_velocity), axis=1
         )

@@ -227,7 +227,7 @@ def ramped() -> Wheels:
 def test_simulated_wheels_exchange_momentum(joints: Sinusoids) -> None:
     wheels, model = ramped(), bare().model
     start = state(joints.start, joints.reference(0.0)[1], (0.02, -0.03, 0.04), 0.1)
-    truth = Simulation(model, joints, start, surroundings=Environment(wheels)).advance(np.arange(200) * 0.1)
+    truth = Simulation(model, joints, start, environment=Environment(wheels)).advance(np.arange(200) * 0.1)
     total = total_momentum(model, truth, wheels)
     assert total == pytest.approx(np.broadcast_to(total[0], total.shape), abs=1e-8)
     assert np.ptp(total_momentum(model, truth)[:, 3:], axis=0).max() > 1.0

@@ -71,7 +71,7 @@ def test_a_robot_in_orbit_moves_as_in_mujoco(name: str) -> None:
     start = state(np.full(model.joints, 0.4), 0.01 * np.cos(np.arange(model.joints)), (0.01, -0.01, 0.02), 0.02)
     start = State(np.array([2.0, -1.0, 3.0]), np.array([0.5, 0.5, -0.5, 0.5]), start.joint_position, start.velocity)
     instants = np.arange(0.0, 21.0, 2.0)
-    truth = Simulation(model, Passive(), start, surroundings=Environment(orbit=around)).advance(instants)
+    truth = Simulation(model, Passive(), start, environment=Environment(orbit=around)).advance(instants)
     free = Simulation(model, Passive(), start).advance(instants)
     other = InMuJoCo(model, 0.005, around=around).measured(start, instants)
     moved = far(truth.base_position, free.base_position)
