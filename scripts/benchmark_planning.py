@@ -91,15 +91,13 @@ def run(work: tuple[Case, int]) -> Outcome:
         raise RuntimeError(f'{case}: no solution after {FIRST:g} s')
     reporting = make_reporting(EstimatorConfig(), own)
     base = BaseLimits(rotation=TURN) if case.limited else BaseLimits()
-    speed = float(np.radians(case.speed))
-    settings = PlanSettings(np.full(10, WANTED), joint_velocity=speed, base=base, seed=seed)
+    settings = PlanSettings(np.full(10, WANTED), joint_velocity=float(np.radians(case.speed)), base=base, seed=seed)
     planner = Planner(posterior, reporting, settings)
     begin = time.process_time()
     plan = planner.plan()
     searched = time.process_time() - begin
-    best = best_of_sinusoids(
-        planner.motions, Goal(settings.relative, planner.information.determinable), base, generator
-    )
+    goal = Goal(settings.relative, planner.information.determinable)
+    best = best_of_sinusoids(planner.motions, goal, base, generator)
     moved = _follow(model, last_state(truth), plan.trajectory, plan.trajectory.duration + REST)
     seen = _seen(moved, seed + 1000)
     final = _updated(method, replace(seen, time=seen.time + samples.time[-1] + 1.0 / RATE))
@@ -156,11 +154,9 @@ def _turned(model: RobotModel, begin: State, moved: Truth, seconds: float) -> fl
 
 def _compared(final: Estimate, plan: Plan, sizes: Array, kernel: MomentumKernel) -> tuple[Array, Array]:
     """Return reached over predicted standard deviations, and normalised errors, (10,) each; NaN for none."""
-    determined = plan.determinable & final.identifiable
-    error = final.parameters - physical(kernel.target.parameters)
-    return np.where(determined, final.std / sizes / plan.std_after, np.nan), np.where(
-        determined, error / final.std, np.nan
-    )
+    determined, error = plan.determinable & final.identifiable, final.parameters - physical(kernel.target.parameters)
+    ratio = np.where(determined, final.std / sizes / plan.std_after, np.nan)
+    return ratio, np.where(determined, error / final.std, np.nan)
 
 
 def best_of_sinusoids(motions: Motions, wanted: Goal, base: BaseLimits, generator: np.random.Generator) -> float:

@@ -95,15 +95,13 @@ def _solution(
     settings: CalibrationSettings,
 ) -> tuple[CalibrationSolution, list[Motion], StandardNormals]:
     """Return the result of the filter over all motions."""
-    runs, detectors = seen
+    detectors = seen[1]
     # The first of the unknown links has the place of the filter's target, the others are known bodies with errors.
     robot = MomentumKernel(detectors[0].model, prior.links[0].name).with_errors(prior.errors(1))
     robot = robot.with_storage(kernel.storage).with_springs(kernel.springs)
     uncertainty = replace(settings.uncertainty, target=KnownTarget(prior.mean[:10], prior.roots[0]))
     sensing = (settings.noise, settings.window, settings.gyro, settings.orientation_measured)
-    motions = [
-        Motion.from_windows(run, robot, each, uncertainty, sensing) for run, each in zip(runs, detectors, strict=True)
-    ]
+    motions = [Motion.from_windows(run, robot, each, uncertainty, sensing) for run, each in zip(*seen, strict=True)]
     if not any(motion.windows for motion in motions):
         raise DataError(_NO_WINDOWS)
     try:

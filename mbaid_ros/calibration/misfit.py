@@ -1,8 +1,8 @@
 """Correction of a calibration for noise that rows share with values, where a torque or force from outside varies.
 
-The rows of the bodies hold the predicted motion, and its momentum lacks what the torque has brought. The values lack
-the same, so least squares prefers other bodies (errors in variables): by a standard deviation in the space station's
-telemetry. Rows at the measured motion have the noise of the gyro, and at a filtered momentum part of both.
+The rows of the bodies hold the predicted motion, whose momentum lacks that of the torque, as the values do. So least
+squares prefers other bodies (errors in variables): by a standard deviation in the space station's telemetry. Rows at
+the measured motion have the noise of the gyro, and at a filtered momentum part of both.
 
 The least misfit of the windows, with the bodies given and all else eliminated, has no such error: its gradient holds
 the smoothed motion (total least squares; Van Huffel and Vandewalle 1991). It is taken by differences.

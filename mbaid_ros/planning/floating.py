@@ -53,16 +53,12 @@ class FloatingRobot:
     plane: Array | None  # (3, 6) the equations that hold for a planar motion, odometry axes; None in space
 
     def base_motion(self, joint_position: Array, joint_velocity: Array, step: float) -> BaseMotion:
-        """Return the motion of the base.
+        """Return the motion of the base at T instants, from the begin on.
 
         Parameters
         ----------
         joint_position, joint_velocity : (2 T - 1, B, n) of all joints, as read, at every half step
         step : s
-
-        Returns
-        -------
-        BaseMotion at T instants; the first is the begin
         """
         parts = self.mobility_and_momentum(joint_position, joint_velocity)
         momentum = np.tile(self.point.parameters[:6], (joint_position.shape[1], 1))

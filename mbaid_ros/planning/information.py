@@ -92,17 +92,13 @@ class Information:
         return np.asarray(np.linalg.norm(left_out, axis=1) < _NOTHING * self._sizes)
 
     def std_after(self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion, every: int = 0) -> Array:
-        """Return relative standard deviations of the ten parameters after B motions.
+        """Return relative standard deviations of the parameters after B motions, (B, 10), or on the way (W, B, 10).
 
         Parameters
         ----------
         joints : (J, B, n) positions of all joints as read, and rates, at its knots
         base : of the same J knots
         every : how often on the way, in windows; 0 at the end alone
-
-        Returns
-        -------
-        (B, 10), or (W, B, 10) on the way
         """
         course = [
             self._relative(np.stack([self._covariance(gaussian) for gaussian in gaussians]))

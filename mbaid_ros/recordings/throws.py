@@ -133,9 +133,7 @@ def read_tudelft_throw(path: Path, thrown: str = '', *, dead_reckoned: bool = Fa
     table = _read(path)
     time = (table[:, 0] - table[0, 0]) * 1e-6
     # The board is turned by 90 degrees on the device: its axes are those of the IMU turned back.
-    gyro, acceleration = (
-        _remapped(table[:, part] * unit) for part, unit in ((slice(1, 4), _RADIANS), (slice(4, 7), _G))
-    )
+    gyro, acceleration = (_mapped(table[:, part] * unit) for part, unit in ((slice(1, 4), _RADIANS), (slice(4, 7), _G)))
     wheel = -table[:, 7] * _SPEED
     moving = np.flatnonzero(np.abs(wheel) > _TURNING)
     if not len(moving) or len(time) - moving[0] < _AFTER + _BEFORE_END + _FEWEST or moving[0] < _AT_REST:
@@ -157,7 +155,7 @@ def read_tudelft_throw(path: Path, thrown: str = '', *, dead_reckoned: bool = Fa
     )
 
 
-def _remapped(values: Array) -> Array:
+def _mapped(values: Array) -> Array:
     """Return x = -raw y, y = raw x, z = raw z."""
     return np.stack((-values[:, 1], values[:, 0], values[:, 2]), axis=1)
 

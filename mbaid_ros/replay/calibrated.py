@@ -217,8 +217,7 @@ HEAD = ('body', 'mass ± 95 %, kg', 'CoM moved, mm', 'moments, %', 'known no bet
 
 def summary(result: Calibrated) -> str:
     """Return the result as a table for a terminal."""
-    lines = [*map(one_line, result.model_summary.lines), '', headline(result)]
-    lines += [f'  {each}' for each in sentences(result)]
+    lines = [*map(one_line, result.model_summary.lines), '', headline(result), *map('  {}'.format, sentences(result))]
     lines += ['', *_columns([HEAD, *rows(result)])]
     joints = [JOINTS_HEAD, *joint_rows(result)]
     if len(joints) > 1 and np.any(result.calibration.stds[len(result.calibration.theta) : -6]):

@@ -130,9 +130,7 @@ class Inputs:
             if thrust in part.messages:
                 for message in part.on_topic(thrust):
                     session.add_thrust(message)
-            elif session.add_at_once(
-                part.on_topic(self.joint_states), part.on_topic(self.odometry), part.on_topic(imu)
-            ):
+            elif session.add_at_once(*(part.on_topic(each) for each in (self.joint_states, self.odometry, imu))):
                 for message in part.on_topic(stored):
                     session.add_stored_momentum(message)
             else:

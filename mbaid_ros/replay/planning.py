@@ -110,8 +110,7 @@ def _summary(plan: Plan) -> str:
     """Return a plan as a table for a terminal."""
     rows = [plan.verdict, '', '             now        after      wanted     over the posterior']
     stds = plan.std_before, plan.std_after, plan.wanted, *plan.std_range
-    columns = zip(PARAMETERS, *stds, plan.determinable, strict=True)
-    for name, now, then, wanted, least, most, asked in columns:
+    for name, now, then, wanted, least, most, asked in zip(PARAMETERS, *stds, plan.determinable, strict=True):
         if asked:
             shares = '  '.join(f'{100.0 * value:8.3g} %' for value in (now, then, wanted, least))
             rows.append(f'  {name:6} {shares} to {100.0 * most:.3g} %')

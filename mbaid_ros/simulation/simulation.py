@@ -169,16 +169,12 @@ class PiecewiseSimulation:
 
 
 def total_momentum(model: RobotModel, truth: Truth, wheels: Wheels | None = None) -> Array:
-    """Return the momentum of the whole robot, from the masses of its URDF.
+    """Return the momentum (P, L) of the whole robot, (N, 6), odometry axes, L about the odometry origin.
 
     Parameters
     ----------
     truth : of N instants
     wheels : whose momentum counts, too
-
-    Returns
-    -------
-    (N, 6) array (P, L), odometry axes, L about the odometry origin: kg m/s, kg m^2/s
     """
     orientation = truth.base_orientation
     kinematics = Kinematics(model)
@@ -227,7 +223,7 @@ def seen_from_orbit(orbit: Orbit, truth: Truth, *, relative_twist: bool) -> Trut
     truth : in the falling frame
     relative_twist : whether the twist is that relative to the turning frame, or stays that to the falling one
     """
-    turn = orbit.rotation_to_inertial(truth.time)
+    turn = orbit.to_inertial(truth.time)
     place = rotate_back(turn, truth.base_position)
     back = quaternions.conjugate(quaternion_from_rotation(turn))
     orientation = quaternions.product(back, truth.base_orientation)

@@ -157,7 +157,7 @@ def test_a_wrong_known_model_is_doubted_before_and_after() -> None:
     robot = chaser()
     change = np.zeros_like(robot.known)
     change[0] = 0.3 * robot.known[0]
-    wrong = robot.with_parameter_changes(change)
+    wrong = robot.with_body_changes(change)
     run = CaptureEstimator(wrong, lambda: estimator(wrong, MID), MID, 2.0)
     run.time = BEGIN
     made = run.update(pieces(), 0)

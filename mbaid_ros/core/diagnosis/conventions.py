@@ -106,14 +106,14 @@ def _masses(kernel: MomentumKernel) -> Iterator[Convention]:
                 change = np.zeros_like(kernel.known)
                 change[link.body] = (1.0 / unit - 1.0) * kernel.known[link.body]
                 text = f'link {link.name} is {unit:g} times as heavy as it is: a wrong unit or body in the URDF?'
-                yield Convention(text, kernel.with_parameter_changes(change))
+                yield Convention(text, kernel.with_body_changes(change))
     moving = ', '.join(link.name for link in kernel.model.links if link.body and link.parameters[0] > 0.0)
     for unit in _UNITS:
         change = (1.0 / unit - 1.0) * kernel.known
         change[0] = 0.0
         yield Convention(
             f'the moving links ({moving}) are {unit:g} times as heavy as they are: a wrong unit?',
-            kernel.with_parameter_changes(change),
+            kernel.with_body_changes(change),
         )
 
 

@@ -248,7 +248,7 @@ class ConsiderParameters:
         target = self._kernel.target
         change = np.zeros_like(self._kernel.known)
         change[target.body] = express(body, target.rotation, target.position)
-        kernel = self._kernel.with_parameter_changes(change)
+        kernel = self._kernel.with_body_changes(change)
         few, kept = _thinned(samples, counts)
         states = kernel.states(few)
         # What a force or torque adds up to takes every sample.

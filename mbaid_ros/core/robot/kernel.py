@@ -100,7 +100,7 @@ class MomentumKernel:
         self.storage = Storage()
         self.springs = Springs()
 
-    def with_parameter_changes(self, change: Array) -> MomentumKernel:
+    def with_body_changes(self, change: Array) -> MomentumKernel:
         """Return a kernel whose known bodies differ by (n + 1, 10) standard parameters, each in its own frame."""
         return self._replaced(known=self.known + change)
 

@@ -161,8 +161,7 @@ def inertia_matrix(parameters: Array) -> Array:
 def regressor(rotation: Array, position: Array, twist: Array) -> Array:
     """Return Y (..., 6, 10) with momentum = Y (m, h, I_o) for a link's parameters in its own frame.
 
-    The standard form: linear in all ten parameters, because the inertia is taken about the link's origin. (The paper's
-    eqs. 9 and 14 take it about the centre of mass, where it is not.)
+    Linear in all ten parameters: the inertia is about the link's origin, not the CoM as in the paper's eqs. 9 and 14.
 
     Parameters
     ----------

@@ -89,7 +89,7 @@ class Orbit:
         begin = np.array([time])
         return replace(self, zenith=self.zenith_at(begin)[0], anomaly=self.anomaly + float(self.swept_angle(begin)[0]))
 
-    def rotation_to_inertial(self, time: Array) -> Array:
+    def to_inertial(self, time: Array) -> Array:
         """Return the (N, 3, 3) rotations from the turning frame's axes to inertial ones, (N,) s after the epoch."""
         return exp(self.swept_angle(time)[:, None] * self.normal)
 
@@ -162,7 +162,7 @@ class FallingFrame:
         if self.epoch is None:
             self.epoch = int(measured.stamp[0])
         passed = (measured.stamp - self.epoch) * 1e-9
-        turn, rate = self._orbit.rotation_to_inertial(passed), self._orbit.rate(passed)
+        turn, rate = self._orbit.to_inertial(passed), self._orbit.rate(passed)
         linear, angular = measured.linear_velocity, measured.angular_velocity
         if self._relative:
             linear = linear + cross(rate, measured.position)

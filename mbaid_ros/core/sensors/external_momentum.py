@@ -181,9 +181,7 @@ class Thrust:
         Scale, turn and delay: the change by the scale is that by the commands themselves.
         """
         impulses = np.diff(self._impulse(frame, samples.time), axis=0)
-        delayed = -np.diff(
-            self._wrench(frame, samples.time), axis=0
-        )  # lacking at a late begin, in excess at a late end
+        delayed = -np.diff(self._wrench(frame, samples.time), axis=0)  # lacking at a late begin, surplus at a late end
         columns = np.concatenate((np.einsum('kij,nj->nik', _BY_ERROR, impulses), delayed[..., None]), axis=2)
         return self._mean_gain(frame, samples) @ columns if np.any(columns) else columns
 

@@ -63,7 +63,7 @@ class KnownBodies(Unknown):
         """Return the nominal model with these bodies."""
         change = np.zeros_like(side.kernel.known)
         change[list(self.bodies)] = value.reshape(-1, 10)
-        return replace(side, kernel=side.kernel.with_parameter_changes(change))
+        return replace(side, kernel=side.kernel.with_body_changes(change))
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return mass, first moment in the plane and moment about its normal, of each."""

@@ -248,7 +248,7 @@ def test_a_heavy_arm_in_the_robot_description_is_no_held_base() -> None:
     described = kernel('servicer7')
     change = 999.0 * described.known
     change[0] = 0.0
-    held = HeldBase(described.with_parameter_changes(change))
+    held = HeldBase(described.with_body_changes(change))
     assert [held.update(each) for each in windows(measured('servicer7'))] == [None] * 30
 
 

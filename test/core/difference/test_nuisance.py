@@ -54,9 +54,7 @@ def test_the_columns_of_known_bodies_are_what_their_errors_do(spatial: Truth) ->
     change = np.zeros_like(servicer.known)
     change[[0, 3]] = (factor @ error).reshape(2, 10)
     origin = np.zeros(3)
-    plain, moved = (
-        window_rows(robot, parts, MID, origin) for robot in (servicer, servicer.with_parameter_changes(change))
-    )
+    plain, moved = (window_rows(robot, parts, MID, origin) for robot in (servicer, servicer.with_body_changes(change)))
     assert considered.columns(parts, np.zeros(10)) @ error == pytest.approx(moved.offset - plain.offset, abs=1e-9)
 
 

@@ -50,12 +50,9 @@ class Case:
         position[list(places)], rate[list(places)] = 0.02, 0.01
         twist = [0.001, -0.002, 0.0, 0.01, -0.015, 0.02]
         begin = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), position, np.concatenate((twist, rate)))
-        around = Environment(
-            springs=SimulatedSprings.from_frequencies(self.model, joints, frequencies, [0.01] * len(joints))
-        )
-        truth = Simulation(self.model, Passive(), begin, environment=around).advance(
-            np.arange(round(100.0 * SECONDS)) / 100.0
-        )
+        simulated = SimulatedSprings.from_frequencies(self.model, joints, frequencies, [0.01] * len(joints))
+        simulation = Simulation(self.model, Passive(), begin, environment=Environment(springs=simulated))
+        truth = simulation.advance(np.arange(round(100.0 * SECONDS)) / 100.0)
         self.deflection = CubicSpline(truth.time, truth.joint_position[:, list(places)])
         start = np.array([self.deflection(KNOT), self.deflection(KNOT, 1)])  # between the first knots
         springs = Springs(places, rates, np.full(len(places), 0.01), start)

@@ -110,7 +110,7 @@ def test_what_is_seen_moves_as_its_twist_says(frame: Turning, eccentricity: floa
     falling = FallingFrame(around, robot('ets7'), relative_twist=True, epoch=EPOCH)
     found = tuple(falling.to_falling_frame(part) for part in (before, now, after))
     # The noise turns along: that of the pose is in the axes of the frame, that of the twist in the base's.
-    turn = around.rotation_to_inertial(time)
+    turn = around.to_inertial(time)
     assert found[1].pose_covariance[:, :3, 3:] == pytest.approx(
         turn @ now.pose_covariance[:, :3, 3:] @ np.swapaxes(turn, 1, 2), abs=1e-12
     )

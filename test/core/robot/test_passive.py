@@ -98,11 +98,9 @@ def test_momenta_along_the_joints_change_as_in_the_simulator(seed: int) -> None:
     case = Case(seed)
     known = case.kernel.body_parameters(case.kernel.target.parameters)
     stiffness, damping = spring_constants(case.kernel, known)
-    springs = case.kernel.springs
-    names = [case.model.joint_names[joint] for joint in case.joints]
-    ours = simulated.Springs.from_frequencies(
-        case.model, names, (springs.frequency / (2.0 * np.pi)).tolist(), springs.damping_ratio.tolist()
-    )
+    springs, names = case.kernel.springs, [case.model.joint_names[joint] for joint in case.joints]
+    frequencies, ratios = (springs.frequency / (2.0 * np.pi)).tolist(), springs.damping_ratio.tolist()
+    ours = simulated.Springs.from_frequencies(case.model, names, frequencies, ratios)
     assert ours.stiffness == pytest.approx(stiffness, rel=1e-12)
     assert ours.damping == pytest.approx(damping, rel=1e-12)
     start = case.state()

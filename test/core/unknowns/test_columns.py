@@ -66,7 +66,7 @@ class Case:
         target = np.zeros_like(bodies)
         placed = kernel.target
         target[placed.body] = express(placed.parameters, placed.rotation, placed.position)
-        self.kernel = kernel.with_parameter_changes(target).with_errors(independent_errors(bodies, 0.01))
+        self.kernel = kernel.with_body_changes(target).with_errors(independent_errors(bodies, 0.01))
         if seed % 2 and not in_plane:
             self.kernel = self.kernel.with_storage(random_storage(rng, model))
         self.readings = rng.normal(size=(COUNT, self.kernel.storage.count))
@@ -110,7 +110,7 @@ def test_joint_placements(make: Robots, seed: int) -> None:
         assert np.sum(tilts * model.axes, axis=1) == pytest.approx(np.zeros(model.joints), abs=1e-12)
         elsewhere = MomentumKernel(displaced(model, each[:, 1:4], tilts), case.kernel.target.name)
         elsewhere = elsewhere.with_storage(case.kernel.storage)
-        return case.momentum(elsewhere.with_parameter_changes(case.kernel.known - elsewhere.known), each[:, 0])
+        return case.momentum(elsewhere.with_body_changes(case.kernel.known - elsewhere.known), each[:, 0])
 
     found = unknown.momentum_columns(case.kernel, case.states(case.kernel))
     close(found, central_difference(displaced_momentum, np.zeros(6 * model.joints), STEP))
@@ -125,7 +125,7 @@ def test_known_bodies(make: Robots, seed: int) -> None:
     def other_momentum(value: Array) -> Array:
         change = np.zeros_like(case.kernel.known)
         change[list(unknown.bodies)] = value.reshape(-1, 10)
-        return case.momentum(case.kernel.with_parameter_changes(change))
+        return case.momentum(case.kernel.with_body_changes(change))
 
     found = unknown.momentum_columns(case.kernel, case.states(case.kernel))
     close(found, central_difference(other_momentum, np.zeros(10 * len(unknown.bodies)), 1e-2))
@@ -245,7 +245,7 @@ def poses(seed: int) -> tuple[Array, Array]:
 def taken(true: Orbit, declared: Orbit, twist: Array, *, relative: bool) -> BaseStream:
     """Return poses and twists (N, 6) of the falling frame as they are read, taken for those of the declared orbit."""
     rotation, place = poses(0)
-    back = np.swapaxes(true.rotation_to_inertial(TIME), 1, 2)
+    back = np.swapaxes(true.to_inertial(TIME), 1, 2)
     linear, angular = twist[:, :3], twist[:, 3:]
     if relative:
         rate = true.rate(TIME)
@@ -299,11 +299,7 @@ def test_gravity_brings_what_the_true_orbit_does(frame: str, number: int) -> Non
         return np.asarray(rates)
 
     whole_turn = np.broadcast_to(np.eye(3), (len(TIME), 3, 3))
-    back = (
-        around.rotation_to_inertial(TIME) @ np.swapaxes(true.rotation_to_inertial(TIME), 1, 2)
-        if around.is_rotating
-        else whole_turn
-    )
+    back = around.to_inertial(TIME) @ np.swapaxes(true.to_inertial(TIME), 1, 2) if around.is_rotating else whole_turn
     expected = brought(true, whole_turn) - brought(around, back)
     placed = servicer.kinematics.configure(rotation, angles)
     whole = np.sum(express(bodies, placed.rotation, place[:, None] + placed.position), axis=1)
