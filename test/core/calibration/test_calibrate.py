@@ -257,4 +257,4 @@ def test_where_a_torque_varies_the_misfit_is_least_at_the_solution() -> None:
     before, after = solution.iteration.mean, bias_corrected([motion], solution).iteration.mean
     step = (after - before) @ np.linalg.pinv(solution.iteration.factor @ solution.iteration.factor.T) @ (after - before)
     assert 0.01 < step < 9.0  # it matters
-    assert lost(after) < min(lost(before) - 0.5 * step, lost(2.0 * after - before))
+    assert lost(after) < min(lost(before) - 0.5 * float(step), lost(2.0 * after - before))
