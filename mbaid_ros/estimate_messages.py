@@ -107,13 +107,13 @@ def inertia_message(estimate: Estimate, types: MessageTypes, frames: Frames) -> 
 
 
 class Publications:
-    """The messages of one run's estimates in order: a form that is withdrawn follows once more, as NaN."""
+    """The messages of a run's estimates in order; a withdrawn form is published once more, as NaN."""
 
     def __init__(self, types: MessageTypes) -> None:
         self._types = types
         self._inertia, self._debris = InertiaPublication(), DebrisPublication()
 
-    def of(
+    def messages_of(
         self, estimate: Estimate, frames: Frames, alone: Debris | None = None, capture: Capture | None = None
     ) -> Iterator[tuple[str, Any]]:
         """Yield the last parts of the topics' names with their messages; parameters as of `debris_message`."""

@@ -18,27 +18,27 @@ from mbaid_ros.core.robot.momentum import is_physical, standard
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, Target, ThrustSimulation
 from mbaid_ros.simulation.dynamics import State
-from mbaid_ros.simulation.environment import Springs, Surroundings, Wheels
+from mbaid_ros.simulation.environment import Environment, Springs, Wheels
 from mbaid_ros.simulation.motion import (
     Driven,
     Motion,
     Passive,
-    among,
-    followed,
     random_sinusoids,
     sinusoids,
+    with_mimic_joints,
+    with_resting_joints,
     within_limits,
 )
 from mbaid_ros.simulation.sensors import Imu, ImuErrors
 from mbaid_ros.simulation.simulation import (
-    ChangingSimulation,
+    PiecewiseSimulation,
     Simulation,
     Truth,
     seen_from_orbit,
     without_linear_momentum,
 )
-from mbaid_ros.simulation.steered import Followed, Steered, made_to_follow
-from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
+from mbaid_ros.simulation.steered import SteeredMotion, TrajectoryMotion, motion_along
+from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator
 
 _QUATERNION_TOLERANCE = 1e-3
 _NOT_OF_LINKS = ('seed', 'frequency_relative_std')  # of the model errors
@@ -56,17 +56,17 @@ def make_motion(config: SimulatorConfig, model: RobotModel) -> Motion:
         return Passive()
     if motion.kind == 'sinusoids':
         given = (np.array(values) for values in (motion.amplitudes, motion.frequencies, motion.phases))
-        return followed(among(driven, sinusoids(start[driven], *given), start), moved)
+        return with_mimic_joints(with_resting_joints(driven, sinusoids(start[driven], *given), start), moved)
     if motion.kind == 'trajectory':
         return _followed_file(config, model)
     shape = (motion.seed, motion.terms, motion.amplitude, motion.period_min, motion.period_max)
-    drawn = among(driven, random_sinusoids(start[driven], *shape), start)
+    drawn = with_resting_joints(driven, random_sinusoids(start[driven], *shape), start)
     if motion.within_limits:
         drawn = within_limits(drawn, model, start_given=bool(config.initial.joint_positions))
-    return followed(drawn, moved)
+    return with_mimic_joints(drawn, moved)
 
 
-def _followed_file(config: SimulatorConfig, model: RobotModel) -> Followed:
+def _followed_file(config: SimulatorConfig, model: RobotModel) -> TrajectoryMotion:
     """Return the motion along the trajectory of a file."""
     motion, given = config.motion, config.initial.joint_positions
     if not motion.trajectory_file:
@@ -78,7 +78,7 @@ def _followed_file(config: SimulatorConfig, model: RobotModel) -> Followed:
     named = 'initial.joint_positions', given
     start = model.transmission.positions(_joint_values(*named, model, driven)) if given else None
     try:
-        return made_to_follow(trajectory, model, start, motion.trajectory_begin)
+        return motion_along(trajectory, model, start, motion.trajectory_begin)
     except DataError as error:
         raise ParameterError(f"'{motion.trajectory_file}': {error}") from error
 
@@ -195,17 +195,17 @@ def make_model_errors(config: SimulatorConfig, model: RobotModel) -> ModelErrors
     """
     sizes = {name: size for name, size in vars(config.model_errors).items() if name not in _NOT_OF_LINKS}
     rng = generator(config.model_errors.seed)
-    return draw(model, config.target_link or model.last_link, ErrorSizes(**sizes), rng)
+    return draw(model, config.target_link or model.last_link, ErrorStds(**sizes), rng)
 
 
-def steered(motion: Motion) -> Motion:
-    """Return a motion that takes trajectories on the way, where the joints are driven at all."""
-    return Steered(motion) if isinstance(motion, Driven) else motion
+def steerable(motion: Motion) -> Motion:
+    """Return a motion to which trajectories can be added, where the joints are driven."""
+    return SteeredMotion(motion) if isinstance(motion, Driven) else motion
 
 
 def make_simulation(
     config: SimulatorConfig, model: RobotModel, motion: Motion | None = None
-) -> Simulation | ChangingSimulation:
+) -> Simulation | PiecewiseSimulation:
     """Return a robot in motion, as the parameters ask for, without sensors; `model` is the robot that moves.
 
     Raises ModelError: The robot cannot be simulated, or lacks a link that the parameters name.
@@ -219,12 +219,12 @@ def make_simulation(
     start = make_initial_state(config, model, motion)
     target = make_target(config, model.link(config.target_link or model.last_link), motion)
     pulse = make_pulse(config, model)
-    around = Surroundings(make_wheels(config, model), make_orbit(config.orbit), make_springs(config, model))
+    around = Environment(make_wheels(config, model), make_orbit(config.orbit), make_springs(config, model))
     if pulse is not None:
         return ThrustSimulation(model, motion, start, pulse, around)
     if target is not None and isinstance(motion, Driven):
         return CaptureSimulation(model, motion, start, target, around)
-    return Simulation(model, motion, start, surroundings=around)
+    return Simulation(model, motion, start, environment=around)
 
 
 def make_springs(config: SimulatorConfig, model: RobotModel) -> Springs | None:
@@ -238,7 +238,7 @@ def make_springs(config: SimulatorConfig, model: RobotModel) -> Springs | None:
     joints, errors = passive.values(), config.model_errors
     away = errors.frequency_relative_std * generator(errors.seed + _FREQUENCIES).standard_normal(len(passive))
     frequencies = np.exp(away) * [joint.frequency for joint in joints]
-    return Springs.of(model, list(passive), frequencies.tolist(), [joint.damping for joint in joints])
+    return Springs.from_frequencies(model, list(passive), frequencies.tolist(), [joint.damping for joint in joints])
 
 
 def make_view(config: SimulatorConfig) -> Callable[[Truth], Truth] | None:
@@ -247,7 +247,7 @@ def make_view(config: SimulatorConfig) -> Callable[[Truth], Truth] | None:
     Raises ParameterError: The directions do not make an orbit.
     """
     orbit = make_orbit(config.orbit)
-    if orbit is None or not orbit.turning:
+    if orbit is None or not orbit.is_rotating:
         return None
     return partial(seen_from_orbit, orbit, relative_twist=config.orbit.twist == 'relative')
 

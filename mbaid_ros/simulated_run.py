@@ -34,12 +34,12 @@ from mbaid_ros.simulated_robot import (
     make_simulation,
     make_view,
     make_wheels,
-    steered,
+    steerable,
 )
 from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, ThrustSimulation
 from mbaid_ros.simulation.sensors import JointReadings, SensedSimulation, Sensors
 from mbaid_ros.simulation.simulation import LONGEST_STEP, total_momentum
-from mbaid_ros.simulation.steered import Steered
+from mbaid_ros.simulation.steered import SteeredMotion
 from mbaid_ros.simulation.true_robot import true_robot
 
 _COMMANDS = 0.1  # s, between two of thrust
@@ -77,7 +77,7 @@ class SimulatedRun:
     pulse : of thrust, None where there is none; the momentum is then that before it
     wheels : inside the base, None where there are none; their momentum is in the total
     captured : the captured body, None if there is none
-    brought : (6,) the momentum that it had before; zero where nothing is captured
+    target_momentum : (6,) the momentum that it had before; zero where nothing is captured
     """
 
     def __init__(self, config: SimulatorConfig, urdf: str, types: MessageTypes) -> None:
@@ -90,17 +90,17 @@ class SimulatedRun:
         self._types = types
         self.wheels = make_wheels(config, self.model)
         self.start = 0
-        self._motion = steered(make_motion(config, self.robot))
+        self._motion = steerable(make_motion(config, self.robot))
         simulation = make_simulation(config, self.robot, self._motion)
         self.pulse = simulation.pulse if isinstance(simulation, ThrustSimulation) else None
         self.captured = simulation.target if isinstance(simulation, CaptureSimulation) else None
         self._commands = commands(self.pulse) if self.pulse is not None and config.thrust.publish else []
         if isinstance(simulation, CaptureSimulation):
-            self.momentum, self.brought = simulation.momentum, simulation.brought
-            self.target = simulation.joined.link(target)
+            self.momentum, self.target_momentum = simulation.total_momentum, simulation.target_momentum
+            self.target = simulation.joined_model.link(target)
         else:
             self.momentum = total_momentum(self.robot, simulation.advance(np.zeros(1)), self.wheels)[0]
-            self.brought = np.zeros(6)
+            self.target_momentum = np.zeros(6)
         view = make_view(config)
         sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed, self.errors, config.wheels.speed_noise, view)
         imu = make_imu(config, self.robot)
@@ -139,15 +139,15 @@ class SimulatedRun:
         """Return the stamp in ns of a time (s) since the start of the run."""
         return self.start + round(time * 1e9)
 
-    def follow(self, trajectory: JointTrajectory) -> float:
+    def add_trajectory(self, trajectory: JointTrajectory) -> float:
         """Let the joints follow a trajectory from just after the samples read, and return that time, s.
 
         Raises DataError: The joints are not driven, or it is of other joints, or begins elsewhere.
         """
-        if not isinstance(self._motion, Steered):
+        if not isinstance(self._motion, SteeredMotion):
             raise DataError("motion.kind is 'passive'; accepted: joints that are driven, as with motion.kind: random")
         begin = self._read + LONGEST_STEP
-        self._motion.follow(trajectory, self.model, begin)
+        self._motion.add_trajectory(trajectory, self.model, begin)
         return begin
 
     def read(self, until: float) -> list[TimedMessage]:
@@ -165,7 +165,7 @@ class SimulatedRun:
             times, wrenches = zip(*due, strict=True)
             parts.append(Thrust(np.array(times), np.array(wrenches), frame))
         if self.wheels is not None and 'stored_momentum' in self.topics:
-            stored = self.wheels.stored(joints.wheel_speed)
+            stored = self.wheels.momentum(joints.wheel_speed)
             parts.append(StoredMomentum(joints.time, stored, self.model.base_link))
         parts += [poses_of(base, self.model.base_link, self.config.odom_frame), self._reported(joints)]
         parts += [] if imu is None else [imu_of(imu, self.model.base_link)]

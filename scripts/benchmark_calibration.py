@@ -29,12 +29,12 @@ from mbaid_ros.core.unknowns.catalogue import CalibratedSide, Uncertainty
 from mbaid_ros.core.unknowns.declaration import NominalModel
 from mbaid_ros.session.known_robot import KnownRobot
 from mbaid_ros.session.methods import make_estimator
-from mbaid_ros.simulation.true_robot import ErrorSizes, true_robot
+from mbaid_ros.simulation.true_robot import ErrorStds, true_robot
 
 SECONDS = 120.0
 LINKS = ('link7', 'base_link', *(f'link{index}' for index in range(1, 7)))
 PRIORS = (GENERAL, WEIGHED, *(GENERAL,) * 6)
-SIZES = ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
+SIZES = ErrorStds(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
 UNCERTAIN = Uncertainty([1e-3] * 7, [1e-3] * 7, [1e-3] * 7, mount_position=2e-3, mount_orientation=2e-3)
 NUMBERS = 10 * len(LINKS) + 6 * 7 + 6
 KNOWN = ('URDF taken as exact', 'from the calibration on', 'true robot, known exactly')

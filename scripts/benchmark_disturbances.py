@@ -156,7 +156,7 @@ def motion(case: str) -> tuple[RobotModel, Truth, Array, Pulse | None]:
     truth = simulation.advance(np.arange(round(SECONDS * RATE)) / RATE)
     sought = physical(robot.link(LINK).parameters)
     if isinstance(simulation, CaptureSimulation):
-        sought = np.concatenate((physical(servicers.alone()), simulation.brought))
+        sought = np.concatenate((physical(servicers.alone()), simulation.target_momentum))
     return robot, truth, sought, simulation.pulse if isinstance(simulation, ThrustSimulation) else None
 
 

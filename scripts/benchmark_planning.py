@@ -14,7 +14,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
-from mbaid_ros.core.identifier import Estimator, knowledge_of
+from mbaid_ros.core.identifier import Estimator, posterior_of
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import BAND
@@ -27,14 +27,14 @@ from mbaid_ros.planning.information import Grid
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import Plan
 from mbaid_ros.planning.planner import Planner, PlanSettings
-from mbaid_ros.planning.requirements import BaseLimits, JointLimits, Wanted, joint_limits
+from mbaid_ros.planning.requirements import BaseLimits, Goal, JointLimits, joint_limits
 from mbaid_ros.planning.splines import Splines
 from mbaid_ros.session.methods import make_estimator, make_reporting
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Simulation, Truth
-from mbaid_ros.simulation.steered import made_to_follow
+from mbaid_ros.simulation.steered import motion_along
 
 ROBOTS, SPEEDS = ('servicer7', 'ets7', 'table1'), (1.0, 5.0)  # deg/s
 WANTED = 0.01
@@ -86,18 +86,18 @@ def run(work: tuple[Case, int]) -> Outcome:
     method = _method(own)
     samples = _seen(truth, seed)[:-1]
     _updated(method, samples)
-    knowledge = knowledge_of(method)
-    if knowledge is None:
+    posterior = posterior_of(method)
+    if posterior is None:
         raise RuntimeError(f'{case}: no solution after {FIRST:g} s')
     reporting = make_reporting(EstimatorConfig(), own)
     base = BaseLimits(rotation=TURN) if case.limited else BaseLimits()
-    speed = float(np.radians(case.speed))
-    settings = PlanSettings(np.full(10, WANTED), joint_velocity=speed, base=base, seed=seed)
-    planner = Planner(knowledge, reporting, settings)
+    settings = PlanSettings(np.full(10, WANTED), joint_velocity=float(np.radians(case.speed)), base=base, seed=seed)
+    planner = Planner(posterior, reporting, settings)
     begin = time.process_time()
     plan = planner.plan()
     searched = time.process_time() - begin
-    best = best_of_sinusoids(planner.motions, Wanted(settings.relative, planner.information.asked), base, generator)
+    goal = Goal(settings.relative, planner.information.determinable)
+    best = best_of_sinusoids(planner.motions, goal, base, generator)
     moved = _follow(model, last_state(truth), plan.trajectory, plan.trajectory.duration + REST)
     seen = _seen(moved, seed + 1000)
     final = _updated(method, replace(seen, time=seen.time + samples.time[-1] + 1.0 / RATE))
@@ -120,12 +120,12 @@ def _begin(kernel: MomentumKernel, generator: np.random.Generator) -> State:
 def _first(kernel: MomentumKernel, state: State, generator: np.random.Generator) -> JointTrajectory:
     limits = joint_limits(kernel.model, state.joint_position, FIRST_SPEED, 0.1, ())
     splines = Splines(4, FIRST)
-    drawn = splines.filling(generator.standard_normal((4, kernel.model.joints)), state.joint_position, limits)
+    drawn = splines.scaled_to_limits(generator.standard_normal((4, kernel.model.joints)), state.joint_position, limits)
     return splines.trajectory(drawn, state.joint_position, kernel.model.joint_names)
 
 
 def _follow(model: RobotModel, state: State, trajectory: JointTrajectory, seconds: float) -> Truth:
-    motion = made_to_follow(trajectory, model, state.joint_position, 0.0)
+    motion = motion_along(trajectory, model, state.joint_position, 0.0)
     return Simulation(model, motion, state).advance(np.arange(round(seconds * RATE) + 1) / RATE)
 
 
@@ -154,12 +154,12 @@ def _turned(model: RobotModel, begin: State, moved: Truth, seconds: float) -> fl
 
 def _compared(final: Estimate, plan: Plan, sizes: Array, kernel: MomentumKernel) -> tuple[Array, Array]:
     """Return reached over predicted standard deviations, and normalised errors, (10,) each; NaN for none."""
-    determined = plan.asked & final.identifiable
-    error = final.parameters - physical(kernel.target.parameters)
-    return np.where(determined, final.std / sizes / plan.after, np.nan), np.where(determined, error / final.std, np.nan)
+    determined, error = plan.determinable & final.identifiable, final.parameters - physical(kernel.target.parameters)
+    ratio = np.where(determined, final.std / sizes / plan.std_after, np.nan)
+    return ratio, np.where(determined, error / final.std, np.nan)
 
 
-def best_of_sinusoids(motions: Motions, wanted: Wanted, base: BaseLimits, generator: np.random.Generator) -> float:
+def best_of_sinusoids(motions: Motions, wanted: Goal, base: BaseLimits, generator: np.random.Generator) -> float:
     """Return the shortest time in which one of the sinusoids reaches the wanted accuracy, s; infinite for none."""
     drawn = _sinusoids(motions, generator)
     for length in LENGTHS:  # in a longer one they are no larger, and reach it no sooner
@@ -192,20 +192,20 @@ def _sinusoids(motions: Motions, generator: np.random.Generator) -> list[list[Si
     return [every[place : place + _BATCH] for place in range(0, SINUSOIDS, _BATCH)]
 
 
-def _time_to_reach(motions: Motions, drawn: list[Sinusoids], length: float, wanted: Wanted, base: BaseLimits) -> float:
+def _time_to_reach(motions: Motions, drawn: list[Sinusoids], length: float, wanted: Goal, base: BaseLimits) -> float:
     """Return when the first of some sinusoids, reduced to the limits of the base, reaches the wanted accuracy."""
     grid = Grid(_WINDOWS, 5, length / _WINDOWS / 5)
     times = grid.half_steps
     part = np.ones(len(drawn))
     for _ in range(3):
         position, rate = _moved(drawn, times, part)
-        floating = motions.floating.moved(position, rate, grid.spacing)
-        resting = motions.floating.moved(*motions.at_rest(times), grid.spacing)
-        use = (floating.away_from(resting).max(axis=0) / base.array).max(axis=1)
+        floating = motions.floating.base_motion(position, rate, grid.spacing)
+        resting = motions.floating.base_motion(*motions.joints_at_rest(times), grid.spacing)
+        use = (floating.deviation_from(resting).max(axis=0) / base.array).max(axis=1)
         if np.all(use <= 1.0):
             break
         part *= np.where(use > 1.0, 0.98 / use, 1.0)
-    relative = motions.information.after(grid, (position[::2], rate[::2]), floating, every=1)
+    relative = motions.information.std_after(grid, (position[::2], rate[::2]), floating, every=1)
     reached = (wanted.ratio(relative) <= 1.0) & (use <= 1.0)
     return float(grid.ends[int(np.argmax(reached.any(axis=1)))]) if reached.any() else np.inf
 

@@ -85,7 +85,7 @@ def centre(log: Path, name: str) -> Array:
 
 def alone(throw: Throw, device: Sequence[Throw], mass: float) -> Array:
     """Return the principal moments (3,) of an object of a mass (kg) without the device, kg m^2."""
-    whole = OBJECTS[DEVICE].whole()[0] + mass
+    whole = OBJECTS[DEVICE].combined_body()[0] + mass
     of_device, own = np.mean([each.com for each in device], axis=0), np.mean([each.inertia for each in device], axis=0)
     offset = whole / mass * (throw.com - of_device)  # of its centre of mass from the device's
     apart = (whole - mass) * mass / whole * (offset @ offset * np.eye(3) - np.outer(offset, offset))

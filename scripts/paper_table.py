@@ -77,7 +77,7 @@ def recursion(robot: str, form: str, rate: float, *, scaled: bool = False) -> Hi
     states, detector = kernel(robot).states(samples), PlaneDetector(kernel(robot).model)
     detector.update(samples)
     rows, right_side = equations(form, states, momentum_of(robot, truth)[3:])
-    rows, right_side = detector.rows() @ rows, right_side @ detector.rows().T
+    rows, right_side = detector.equation_selection() @ rows, right_side @ detector.equation_selection().T
     true = target(robot)
     goal = np.concatenate(([1.0 / true[0]], true[1:]))
     size = np.where(goal != 0.0, np.abs(goal), 1.0) if scaled else np.ones(len(goal))

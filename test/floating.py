@@ -13,7 +13,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.robot.model_errors import declared
+from mbaid_ros.core.robot.model_errors import independent_errors
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
@@ -110,7 +110,7 @@ def make(
     """Return an estimator with the defaults of the parameters, and so many windows kept."""
     reporting = Reporting(unknown_scale(kernel)[:10], 0.5, 0.01, 2.0)
     return TrajectoryEstimator(
-        kernel.with_uncertainty(declared(kernel.known, known_std)),
+        kernel.with_errors(independent_errors(kernel.known, known_std)),
         TrajectorySettings(noise, WINDOW, kept, uncertainty, adapt),
         reporting,
     )

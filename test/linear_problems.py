@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbaid_ros.core.difference.errors_in_variables import Blocks, own_information, whitened
+from mbaid_ros.core.difference.errors_in_variables import Blocks, row_noise_information, whitened
 from mbaid_ros.core.geometry import Array
 
 TRUE = np.array([2.0, -1.0, 0.5, 1.5])
@@ -46,4 +46,4 @@ def linear_blocks(count: int, seed: int) -> Blocks:
 
 def noise_information(blocks: Blocks, x: Array) -> Array:
     """Return the (u, u) part of the likelihood's information at x that the noise in the rows brings in expectation."""
-    return np.asarray(np.sum(own_information(blocks, whitened(blocks, x)), axis=0))
+    return np.asarray(np.sum(row_noise_information(blocks, whitened(blocks, x)), axis=0))

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.data import last_state
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.identifier import Estimator, knowledge_of
+from mbaid_ros.core.identifier import Estimator, posterior_of
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -21,7 +21,7 @@ from mbaid_ros.planning.splines import Splines
 from mbaid_ros.session.methods import make_reporting
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.simulation import Simulation, Truth
-from mbaid_ros.simulation.steered import Followed
+from mbaid_ros.simulation.steered import TrajectoryMotion
 from observed import MID, estimator, kernel, observe, windows
 from simulated import robot, state
 
@@ -49,9 +49,9 @@ class Begun:
     samples: Samples
 
     @property
-    def knowledge(self) -> Posterior:
+    def posterior(self) -> Posterior:
         """What the method has come to know."""
-        known = knowledge_of(self.method)
+        known = posterior_of(self.method)
         assert known is not None
         return known
 
@@ -67,7 +67,7 @@ def follow(unknown: MomentumKernel, begin: State, trajectory: JointTrajectory, s
     """Return the motion of a robot that follows a trajectory."""
     model = unknown.model
     places = np.array([model.joint_names.index(name) for name in trajectory.joints])
-    motion = Followed(trajectory, begin.joint_position, places)
+    motion = TrajectoryMotion(trajectory, begin.joint_position, places)
     return Simulation(model, motion, begin).advance(np.arange(round(seconds * RATE) + 1) / RATE)
 
 
@@ -89,11 +89,11 @@ def begun(
     return Begun(unknown, method, last_state(truth), samples[-1:])
 
 
-def planner(robot: Begun, knowledge: Posterior | None = None, **settings: object) -> Planner:
+def planner(robot: Begun, posterior: Posterior | None = None, **settings: object) -> Planner:
     """Return what plans motions of a robot to 1 %, quickly; from what it has come to know where nothing is given."""
     given = {'relative': np.full(10, 0.01), 'joint_velocity': FASTEST, 'effort': 24, **settings}
     reporting = make_reporting(EstimatorConfig(), robot.kernel)
-    return Planner(knowledge or robot.knowledge, reporting, PlanSettings(**given))  # type: ignore[arg-type]
+    return Planner(posterior or robot.posterior, reporting, PlanSettings(**given))  # type: ignore[arg-type]
 
 
 def first_motion(name: str, seconds: float) -> JointTrajectory:
@@ -103,7 +103,7 @@ def first_motion(name: str, seconds: float) -> JointTrajectory:
     limits = joint_limits(model, start, FASTEST, 0.1, ())
     splines = Splines(5, seconds)
     drawn = np.random.default_rng(3).standard_normal((5, model.joints))
-    return splines.trajectory(splines.filling(drawn, start, limits), start, model.joint_names)
+    return splines.trajectory(splines.scaled_to_limits(drawn, start, limits), start, model.joint_names)
 
 
 def angle(rotation: Array) -> Array:

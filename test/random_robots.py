@@ -77,8 +77,8 @@ def random_storage(rng: np.random.Generator, model: RobotModel) -> Storage:
         link = model.links[int(rng.integers(len(model.links)))]
         names = [f'wheel{wheels.count + index}' for index in range(count)]
         unit = axes / np.linalg.norm(axes, axis=1, keepdims=True)
-        wheels += Storage.wheels(link, names, unit, rng.uniform(0.5, 2.0, count).tolist(), 0.1)
-    return wheels + Storage.published(model.link(model.last_link), 0.1)
+        wheels += Storage.from_wheels(link, names, unit, rng.uniform(0.5, 2.0, count).tolist(), 0.1)
+    return wheels + Storage.from_published(model.link(model.last_link), 0.1)
 
 
 @dataclass(frozen=True)

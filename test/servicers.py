@@ -73,7 +73,7 @@ def capture(before: float, after: float, velocity: Array, spin: Array) -> Joined
     total = CHASER + brought
     about_base = total[3:] - np.cross(position, total[:3])
     start = np.concatenate((total[:3] @ rotation, about_base @ rotation))
-    second = float_freely(kernel('servicer7'), motion.later(before), start, after)
+    second = float_freely(kernel('servicer7'), motion.from_time(before), start, after)
     moved = replace(
         second,
         time=second.time + before,

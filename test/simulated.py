@@ -12,7 +12,7 @@ from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.simulation import without_linear_momentum
-from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
+from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator, true_robot
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 DEGREE = np.pi / 180.0
@@ -40,7 +40,7 @@ def robot(name: str) -> RobotModel:
 
 def drawn(model: RobotModel, seed: int = 0, /, **sizes: float) -> tuple[ModelErrors, RobotModel]:
     """Return the errors of a robot whose last link is the target, of the sizes given, and the robot that has them."""
-    errors = draw(model, model.last_link, ErrorSizes(**sizes), generator(seed))
+    errors = draw(model, model.last_link, ErrorStds(**sizes), generator(seed))
     return errors, true_robot(model, errors, (model.last_link,))
 
 

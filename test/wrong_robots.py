@@ -56,7 +56,7 @@ class Wrong:
     @staticmethod
     def by(unknowns: tuple[Unknown, ...], numbers: tuple[Array, ...], joints: int) -> Wrong:
         """Return what the independent numbers (e,) of each of some unknowns stand for."""
-        errors, others = ModelErrors.none(joints), Wrong(ModelErrors.none(joints))
+        errors, others = ModelErrors.zero(joints), Wrong(ModelErrors.zero(joints))
         for unknown, standard in zip(unknowns, numbers, strict=True):
             value = unknown.factor @ standard
             if isinstance(unknown, KnownBodies):

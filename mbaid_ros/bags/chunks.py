@@ -44,12 +44,12 @@ class Block:
         """Return some that follow one another."""
         return Block(self.topics[begin:end], self.contents[begin:end], self.times[begin:end])
 
-    def at(self, places: npt.NDArray[np.intp]) -> Block:
+    def select(self, places: npt.NDArray[np.intp]) -> Block:
         """Return those at places, in that order."""
         chosen = places.tolist()
         return Block([self.topics[k] for k in chosen], [self.contents[k] for k in chosen], self.times[places])
 
-    def with_more(self, other: Block) -> Block:
+    def extended(self, other: Block) -> Block:
         """Return these and the bytes after them."""
         times = np.concatenate((self.times, other.times))
         return Block(self.topics + other.topics, self.contents + other.contents, times)
@@ -81,7 +81,7 @@ Timed = tuple[str, Any, int]  # topic, message, and the time it was recorded at,
 
 
 @dataclass(frozen=True)
-class Recorded:
+class Batch:
     """N messages: the topic of each in recorded order; each topic's messages (a list, or `Packets`) and times, ns."""
 
     topics: Sequence[str]
@@ -92,14 +92,14 @@ class Recorded:
         return len(self.topics)
 
     def __iter__(self) -> Iterator[Timed]:
-        left = {topic: zip(self.of(topic), self.times[topic].tolist(), strict=True) for topic in self.messages}
+        left = {topic: zip(self.on_topic(topic), self.times[topic].tolist(), strict=True) for topic in self.messages}
         return ((topic, *next(left[topic])) for topic in self.topics)
 
-    def of(self, topic: str) -> Sequence[Any]:
+    def on_topic(self, topic: str) -> Sequence[Any]:
         """Return the messages of a topic."""
         return self.messages.get(topic, ())
 
-    def runs(self, topic: str) -> Iterator[Recorded]:
+    def runs(self, topic: str) -> Iterator[Batch]:
         """Yield the same messages in parts: those of a topic that follow one another, and those between them."""
         if topic not in self.messages:
             yield self
@@ -108,7 +108,7 @@ class Recorded:
         for _, group in groupby(self.topics, key=topic.__eq__):
             names = list(group)
             some = {name: slice(done[name], done[name] + names.count(name)) for name in dict.fromkeys(names)}
-            yield Recorded(
+            yield Batch(
                 names,
                 {name: self.messages[name][part] for name, part in some.items()},
                 {name: self.times[name][part] for name, part in some.items()},
@@ -173,25 +173,25 @@ def _in_order(stream: BinaryIO, chunks: Collection[ChunkInfo], topics: Mapping[i
     waiting: dict[int, Block] = {}  # by the place of the chunk in the file
     for chunk in sorted(chunks, key=lambda chunk: chunk.message_start_time):
         # Those of a chunk are no earlier than its start: earlier ones can go.
-        yield _taken(waiting, chunk.message_start_time)
+        yield _popped_before(waiting, chunk.message_start_time)
         if sum(len(data) for block in waiting.values() for data in block.contents) > limits.OVERLAP_BYTES:
             raise DataError(
                 f'chunks that overlap in time hold more than {limits.OVERLAP_BYTES} bytes, which is the limit'
             )
         waiting[chunk.chunk_start_offset] = _content(stream, chunk, topics)
-    yield _taken(waiting, np.inf)
+    yield _popped_before(waiting, np.inf)
 
 
-def _taken(waiting: dict[int, Block], end: float) -> Block:
+def _popped_before(waiting: dict[int, Block], end: float) -> Block:
     """Take the messages before a time (ns) out of chunks, and return them in order."""
     ready = _block([])
     for place, block in sorted(waiting.items()):
         early = block.times < end
-        ready = ready.with_more(block.at(np.flatnonzero(early)))
-        waiting[place] = block.at(np.flatnonzero(~early))
+        ready = ready.extended(block.select(np.flatnonzero(early)))
+        waiting[place] = block.select(np.flatnonzero(~early))
         if not len(waiting[place]):
             del waiting[place]
-    return ready.at(np.argsort(ready.times, kind='stable'))
+    return ready.select(np.argsort(ready.times, kind='stable'))
 
 
 def _content(stream: BinaryIO, chunk: ChunkInfo, topics: Mapping[int, str]) -> Block:

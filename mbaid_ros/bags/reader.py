@@ -16,7 +16,7 @@ from rosbags.typesys import TypesysError
 from rosbags.typesys.store import Typestore
 
 from mbaid_ros import limits
-from mbaid_ros.bags.chunks import Block, Raw, Recorded, Timed, in_blocks
+from mbaid_ros.bags.chunks import Batch, Block, Raw, Timed, in_blocks
 from mbaid_ros.bags.compression import is_compressed, unpacked
 from mbaid_ros.bags.opening import files_of, open_file, reason_of, unread_log
 from mbaid_ros.bags.sources import DAMAGE, Source, Topic, by_name
@@ -123,7 +123,7 @@ class BagReader:
             return block
         start, end = self._slice
         inside = (block.times >= self._first + 1e9 * start) & (block.times <= self._first + 1e9 * end)
-        return block.at(np.flatnonzero(inside))
+        return block.select(np.flatnonzero(inside))
 
     def _begin(self) -> int:
         """Return when the first message of all topics was recorded, ns."""
@@ -149,7 +149,7 @@ class BagReader:
         for topic, data, time in self.raw(topics):
             yield topic, deserializers[topic](data, time), time
 
-    def read_packed(self, topics: Collection[str], at_once: int) -> Iterator[Recorded]:
+    def read_packed(self, topics: Collection[str], at_once: int) -> Iterator[Batch]:
         """Yield messages in recorded order, so many at once at most; a DataError if a message is not of its type.
 
         Messages of the types that `mbaid_ros.cdr` knows are packets, which takes a fraction of the time; they are
@@ -167,9 +167,9 @@ class BagReader:
                 of_it = list(map(name.__eq__, block.topics))
                 times[name] = block.times[of_it]
                 messages[name] = make[name](list(compress(block.contents, of_it)), times[name])
-            yield Recorded(block.topics, messages, times)
+            yield Batch(block.topics, messages, times)
 
-    def without(self, topic: str) -> set[str]:
+    def missing_fields(self, topic: str) -> set[str]:
         """Return the fields that messages of a topic lack because they are older than these."""
         type_name = self.topics[topic].type
         added = ADDED.get(type_name)

@@ -87,12 +87,12 @@ class BagWriter:
             # By chunks, not by messages: other readers do not understand compressed messages.
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             self._writer.open()
-            self._hand_over()  # from here on a reader takes it for an empty bag
+            self._write_through()  # from here on a reader takes it for an empty bag
         except WriterError as error:
             raise DataError(f"bag '{self.path}' exists already; a bag is never overwritten") from error
         except OSError as error:
             if made:
-                self._unmake()
+                self._remove_files()
             raise DataError(f"bag '{self.path}' cannot be made: {error.strerror or error}") from error
 
     def add_topic(self, topic: str, type_name: str, *, latched: bool = False, reliable: bool = True) -> None:
@@ -122,14 +122,14 @@ class BagWriter:
             self.messages += 1
             self._unflushed = True
             if len(self._storage.chunks) > self._chunks:  # a large one is complete
-                self._hand_over()
+                self._write_through()
 
     def flush(self) -> None:
         """Flush the written bytes to the system, so that they survive any end of this process."""
         if self._unflushed and self._storage is not None:
             with self._no_more_than_whole():
                 self._storage.close_chunk()
-                self._hand_over()
+                self._write_through()
 
     def close(self) -> None:
         """Write the index and the metadata; a bag that is not closed can be read only up to its last flush."""
@@ -143,7 +143,7 @@ class BagWriter:
         """The file; None once it is closed."""
         return self._writer.storage
 
-    def _hand_over(self) -> None:
+    def _write_through(self) -> None:
         self._storage.bio.flush()
         self._whole, self._handed_over = self._storage.bio.tell(), self.messages
         self._chunks, self._unflushed = len(self._storage.chunks), False
@@ -157,23 +157,23 @@ class BagWriter:
         except OSError as error:
             self._writer.metapath.with_suffix('.yaml.tmp').unlink(missing_ok=True)
             if self._handed_over:
-                self._let_go(storage)
+                self._close_storage(storage)
                 left = f'it holds {self._handed_over} of {self.messages} messages'
             else:
-                self._unmake()
+                self._remove_files()
                 left = 'nothing is left of it'
             raise DataError(f"bag '{self.path}' cannot be written: {error.strerror or error}; {left}") from error
 
-    def _let_go(self, storage: Any) -> None:
+    def _close_storage(self, storage: Any) -> None:
         self._writer.storage = None
         if storage is not None and not storage.bio.closed:
             os.ftruncate(storage.bio.fileno(), self._whole)
             storage.bio.raw.close()  # not the buffer above it, which would try once more
 
-    def _unmake(self) -> None:
+    def _remove_files(self) -> None:
         """Remove the file, and the folder that was made for it; files of others stay."""
         storage = self._storage
-        self._let_go(storage)
+        self._close_storage(storage)
         if storage is not None:
             storage.path.unlink(missing_ok=True)
         if self.path.is_dir() and not any(self.path.iterdir()):
@@ -186,7 +186,7 @@ class BagWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if error is not None and not self.messages:
-            self._unmake()
+            self._remove_files()
         else:
             self.close()
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mbaid_ros.calibration.iteration import CalibrationIteration, Converged, Motion, converge
-from mbaid_ros.calibration.misfit import corrected
+from mbaid_ros.calibration.iteration import CalibrationIteration, CalibrationSolution, Motion, converge
+from mbaid_ros.calibration.misfit import bias_corrected
 from mbaid_ros.calibration.result import Calibration
-from mbaid_ros.calibration.unknowns import Normals, Prior, make_prior
+from mbaid_ros.calibration.unknowns import Prior, StandardNormals, make_prior
 from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.filter.state import MOMENTUM
 from mbaid_ros.core.geometry import Array, Flags, skew
@@ -58,13 +58,13 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     prior = make_prior(kernel, settings.priors)
     runs = [run for run in runs if run]
     detectors, normal = _planes(kernel, runs)
-    settled, motions, normals = _filtered(prior, kernel, (runs, detectors), settings)
-    gaussian = settled.passed.gaussian
-    widened = normals.as_far_off()
+    solution, motions, normals = _solution(prior, kernel, (runs, detectors), settings)
+    gaussian = solution.iteration.gaussian
+    widened = normals.with_scaled_prior()
     values, covariance = widened.blocks()
     covariance = covariance * widening(gaussian.innovations, 1.0)
     values, corrections = _physical(values, covariance, kernel)
-    momentum, momentum_covariance = _momenta(settled.passed, motions)
+    momentum, momentum_covariance = _momenta(solution.iteration, motions)
     return Calibration(
         prior=prior,
         values=values,
@@ -77,10 +77,10 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         kernel=kernel,
         moving=_moving(kernel, runs, settings.noise),
         normal=normal,
-        gains=np.linalg.eigvalsh(_gained(normals.of_the_robot))[::-1],
-        further_off=normals.prior_scales.sure,
+        gains=np.linalg.eigvalsh(_information_gain(normals.of_the_robot))[::-1],
+        prior_scales=normals.prior_scales.sure,
         residual=float(np.sqrt(gaussian.nis / max(gaussian.measured, 1))),
-        settled=settled.stays,
+        converged=solution.converged,
         redundancy=gaussian.measured,
         located=bool(np.isfinite(runs[0][0].pose_covariance[0, 0, 0])),
         samples=sum(len(window) for run in runs for window in run),
@@ -88,28 +88,28 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     )
 
 
-def _filtered(
+def _solution(
     prior: Prior,
     kernel: MomentumKernel,
     seen: tuple[Sequence[list[Samples]], Sequence[PlaneDetector]],
     settings: CalibrationSettings,
-) -> tuple[Converged, list[Motion], Normals]:
+) -> tuple[CalibrationSolution, list[Motion], StandardNormals]:
     """Return the result of the filter over all motions."""
-    runs, detectors = seen
+    detectors = seen[1]
     # The first of the unknown links has the place of the filter's target, the others are known bodies with errors.
-    robot = MomentumKernel(detectors[0].model, prior.links[0].name).with_uncertainty(prior.errors(1))
-    robot = robot.storing(kernel.storage).swinging(kernel.springs)
+    robot = MomentumKernel(detectors[0].model, prior.links[0].name).with_errors(prior.errors(1))
+    robot = robot.with_storage(kernel.storage).with_springs(kernel.springs)
     uncertainty = replace(settings.uncertainty, target=KnownTarget(prior.mean[:10], prior.roots[0]))
     sensing = (settings.noise, settings.window, settings.gyro, settings.orientation_measured)
-    motions = [Motion.of(run, robot, each, uncertainty, sensing) for run, each in zip(runs, detectors, strict=True)]
+    motions = [Motion.from_windows(run, robot, each, uncertainty, sensing) for run, each in zip(*seen, strict=True)]
     if not any(motion.windows for motion in motions):
         raise DataError(_NO_WINDOWS)
     try:
-        settled = corrected(motions, converge(motions, prior.mean[:10]))
+        solution = bias_corrected(motions, converge(motions, prior.mean[:10]))
     except np.linalg.LinAlgError as error:
         raise DataError(f'the windows cannot be weighed: {error}; noise values above 0 are accepted') from error
-    before = Normals.before(prior, robot, uncertainty)
-    return settled, motions, before.after(settled.passed, motions[0].variables, detectors[0])
+    before = StandardNormals.from_prior(prior, robot, uncertainty)
+    return solution, motions, before.conditioned(solution.iteration, motions[0].variables, detectors[0])
 
 
 def _planes(kernel: MomentumKernel, runs: Sequence[list[Samples]]) -> tuple[list[PlaneDetector], Array | None]:
@@ -134,7 +134,7 @@ def _moving(kernel: MomentumKernel, runs: Sequence[list[Samples]], noise: Sensor
     windows = [window for run in runs for window in run]
     means = np.array([np.mean(window.joint_position, axis=0) for window in windows])
     count = float(np.median([len(window) for window in windows]))
-    position = float(np.median([noise.found_in(window).joint_position for window in windows]))
+    position = float(np.median([noise.for_window(window).joint_position for window in windows]))
     moving: Flags = np.ptp(means, axis=0) > _MOVES * position / np.sqrt(count)
     moving[list(kernel.springs.joints)] = True
     return moving
@@ -163,19 +163,19 @@ def _physical(x: Array, covariance: Array, kernel: MomentumKernel) -> tuple[Arra
     return x, corrections
 
 
-def _gained(known: UnknownsPrior) -> Array:
+def _information_gain(known: UnknownsPrior) -> Array:
     """Return the data's information on some numbers in units of the prior's, all else minimised over."""
     left, values, _ = np.linalg.svd(known.factor, full_matrices=False)
     return np.asarray((left * (np.maximum(values, _SMALLEST) ** -2 - 1.0)) @ left.T)
 
 
-def _momenta(passed: CalibrationIteration, motions: Sequence[Motion]) -> tuple[Array, Array]:
+def _momenta(iteration: CalibrationIteration, motions: Sequence[Motion]) -> tuple[Array, Array]:
     """Return (P, L) of each motion, (R, 6), about the odometry origin, and their covariances, (R, 6, 6)."""
     values, covariances = np.zeros((len(motions), 6)), np.zeros((len(motions), 6, 6))
-    for index, (motion, factor) in enumerate(zip(motions, passed.momentum_factors, strict=True)):
+    for index, (motion, factor) in enumerate(zip(motions, iteration.momentum_factors, strict=True)):
         shift = np.eye(6)
         shift[3:, :3] = skew(motion.origin)
-        values[index] = shift @ passed.momenta[index]
+        values[index] = shift @ iteration.momenta[index]
         own = factor @ factor.T + motion.variables.outside[MOMENTUM, MOMENTUM]
         covariances[index] = shift @ own @ shift.T
     return values, covariances

@@ -45,12 +45,12 @@ class Motion:
     variables: Variables  # of the filter
 
     @property
-    def pushed(self) -> bool:
-        """Whether a torque or force is declared that varies."""
+    def has_disturbance(self) -> bool:
+        """Whether a varying torque or force is declared."""
         return any(each.pushes and np.isfinite(each.times).any() for each in self.layout.unknowns)
 
     @staticmethod
-    def of(
+    def from_windows(
         run: list[Samples],
         kernel: MomentumKernel,
         detector: PlaneDetector,
@@ -70,7 +70,7 @@ class Motion:
         """
         layout = layout_of(kernel, uncertainty, detector)
         noise, length, gyro, orientation_measured = sensing
-        fastest = kernel.springs.fastest
+        fastest = kernel.springs.highest_frequency
         averaging = KnotAveraging(noise, length, gyro, orientation_measured=orientation_measured, fastest=fastest)
         taken = averaging.take(run)
         windows = [each.ready for each in taken if each.ready is not None]
@@ -92,18 +92,18 @@ class CalibrationIteration:
 
 
 @dataclass(frozen=True, eq=False)
-class Converged:
+class CalibrationSolution:
     """The last iteration, whether it has converged, and the next point."""
 
-    passed: CalibrationIteration
-    stays: bool  # whether it has converged
+    iteration: CalibrationIteration
+    converged: bool  # whether it has converged
     # common, momenta: (s - 12,), (R, 6) the point: target link and unknowns, momentum of each motion
     common: Array
     momenta: Array
 
 
-def converge(motions: Sequence[Motion], start: Array) -> Converged:
-    """Iterate over all motions until their solution is where they were linearised.
+def converge(motions: Sequence[Motion], start: Array) -> CalibrationSolution:
+    """Iterate over all motions until their solution converges.
 
     Raises LinAlgError: The windows cannot be linearised at the start.
 
@@ -119,14 +119,14 @@ def converge(motions: Sequence[Motion], start: Array) -> Converged:
     begun = common, momenta
     for count in _beginnings(motions):
         near = _iterate([replace(first, windows=first.windows[:count])], common, momenta[:1])
-        if near.stays:
+        if near.converged:
             common, momenta = near.common, np.concatenate((near.momenta, momenta[1:]))
     result = _iterate(motions, common, momenta)
-    if result.stays or common is begun[0]:
+    if result.converged or common is begun[0]:
         return result
     # Few windows determine little: what fits them under a wide prior may be far off.
     again = _iterate(motions, *begun)
-    return again if again.stays else result
+    return again if again.converged else result
 
 
 def _beginnings(motions: Sequence[Motion]) -> list[int]:
@@ -144,51 +144,51 @@ def _beginnings(motions: Sequence[Motion]) -> list[int]:
     return [_FEW] if sum(len(motion.windows) for motion in motions) > 2 * _FEW else []
 
 
-def _iterate(motions: Sequence[Motion], common: Array, momenta: Array) -> Converged:
+def _iterate(motions: Sequence[Motion], common: Array, momenta: Array) -> CalibrationSolution:
     layout = motions[0].layout
     deviation: Array = np.zeros(len(common))
     before: Array = np.zeros(len(common))
     pace = 1.0
-    result: Converged | None = None
+    result: CalibrationSolution | None = None
     for _ in range(_ITERATIONS):
         points = [point_of(layout, common, momentum, deviation) for momentum in momenta]
         try:
-            passed = filtered(motions, points)
+            iteration = filter_motions(motions, points)
         except np.linalg.LinAlgError:
             if result is None:
                 raise
             return result  # the step has led to where nothing can be linearised
-        step, deviation = _step(motions[0].variables, passed, common)
+        step, deviation = _step(motions[0].variables, iteration, common)
         near = near_part(*(np.concatenate((np.zeros(6), each)) for each in (common, step)))
-        part = min(_massive(layout, common, step), near)
-        sizes = np.array([np.sqrt(np.sum(factor**2, axis=1)) for factor in passed.momentum_factors])
-        stays = is_converged(step, deviation) and is_converged(passed.momenta - momenta, sizes) and part == 1.0
+        part = min(_part_with_mass(layout, common, step), near)
+        sizes = np.array([np.sqrt(np.sum(factor**2, axis=1)) for factor in iteration.momentum_factors])
+        converged = is_converged(step, deviation) and is_converged(iteration.momenta - momenta, sizes) and part == 1.0
         pace = 0.5 * pace if turns_back(step, before, deviation) else min(1.0, 1.5 * pace)
         part *= pace
-        common, momenta, before = common + part * step, momenta + part * (passed.momenta - momenta), step
-        result = Converged(passed, stays, common, momenta)
-        if result.stays:
+        common, momenta, before = common + part * step, momenta + part * (iteration.momenta - momenta), step
+        result = CalibrationSolution(iteration, converged, common, momenta)
+        if result.converged:
             break
-    assert result is not None, 'there was a pass'
+    assert result is not None, 'there was an iteration'
     return result
 
 
-def _step(shared: Variables, passed: CalibrationIteration, common: Array) -> tuple[Array, Array]:
+def _step(shared: Variables, iteration: CalibrationIteration, common: Array) -> tuple[Array, Array]:
     """Return the Gauss-Newton step of an iteration, and the standard deviations."""
     spread = shared.spread[BODY.start :, shared.head :]
     # Numbers of a planar target link that the variables leave out do not move.
-    step = spread @ (passed.mean - np.linalg.pinv(spread) @ common)
-    return step, np.sqrt(np.sum((spread @ passed.factor) ** 2, axis=1))
+    step = spread @ (iteration.mean - np.linalg.pinv(spread) @ common)
+    return step, np.sqrt(np.sum((spread @ iteration.factor) ** 2, axis=1))
 
 
 def point_of(layout: Layout, common: Array, momentum: Array, deviation: Array) -> Point:
-    """Return the linearisation point of a motion: what all share (s - 12,), its momentum (6,), deviations (s - 12,)."""
+    """Return the linearisation point of a motion: shared state (s - 12,), momentum (6,), deviations (s - 12,)."""
     state, deviations = np.zeros((2, layout.size))
     state[MOMENTUM], state[BODY.start :], deviations[BODY.start :] = momentum, common, deviation
     return layout.point(state, deviations)
 
 
-def _massive(layout: Layout, common: Array, step: Array) -> float:
+def _part_with_mass(layout: Layout, common: Array, step: Array) -> float:
     """Return the part of a step that leaves each moving body a mass."""
     part = 1.0
     body = layout.kernel.target.body
@@ -204,7 +204,7 @@ def _massive(layout: Layout, common: Array, step: Array) -> float:
     return part
 
 
-def filtered(
+def filter_motions(
     motions: Sequence[Motion], points: Sequence[Point], score: Array | None = None, given: Array | None = None
 ) -> CalibrationIteration:
     """Return the outcome of the filter over all motions, each linearised at its point.
@@ -228,7 +228,7 @@ def filtered(
             gaussian = update(entered(gaussian, window, white, own), white)
             if number < len(motion.windows):
                 gaussian = advance(gaussian, white, own, UNDISTURBED)
-        heads.append(_of_momentum(gaussian, own))
+        heads.append(_momentum_rows(gaussian, own))
     assert gaussian is not None, 'there is a motion'
     head = motions[0].variables.head
     mean, factor = gaussian.mean_and_shift()[0][head:], gaussian.factor[head:, head:]
@@ -252,7 +252,7 @@ def _linearised(motion: Motion, point: Point) -> Iterator[tuple[Window, Whitened
         yield from linearised.all_whitened(part, point)
 
 
-def _of_momentum(gaussian: SquareRootInformation, own: Variables) -> Array:
+def _momentum_rows(gaussian: SquareRootInformation, own: Variables) -> Array:
     """Return the (p, v + 2) rows of the momentum at a motion's end, given the unknowns that all motions share.
 
     The motion's own unknowns are eliminated: their columns are zero.

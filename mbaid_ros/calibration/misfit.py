@@ -1,8 +1,8 @@
 """Correction of a calibration for noise that rows share with values, where a torque or force from outside varies.
 
-The rows of the bodies hold the predicted motion, and its momentum lacks what the torque has brought. The values lack
-the same, so least squares prefers other bodies (errors in variables): by a standard deviation in the space station's
-telemetry. Rows at the measured motion have the noise of the gyro, and at a filtered momentum part of both.
+The rows of the bodies hold the predicted motion, whose momentum lacks that of the torque, as the values do. So least
+squares prefers other bodies (errors in variables): by a standard deviation in the space station's telemetry. Rows at
+the measured motion have the noise of the gyro, and at a filtered momentum part of both.
 
 The least misfit of the windows, with the bodies given and all else eliminated, has no such error: its gradient holds
 the smoothed motion (total least squares; Van Huffel and Vandewalle 1991). It is taken by differences.
@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.calibration.iteration import Converged, Motion, filtered, point_of
+from mbaid_ros.calibration.iteration import CalibrationSolution, Motion, filter_motions, point_of
 from mbaid_ros.core.filter.state import BODY, Point
 from mbaid_ros.core.geometry import Array, Integers
 
@@ -23,22 +23,22 @@ _STEP = 0.1  # standard deviations, of the differences: the misfit is nearly qua
 _SEEN = 0.05  # part of a direction's prior variance, from which data determine it
 
 
-def corrected(motions: Sequence[Motion], settled: Converged) -> Converged:
+def bias_corrected(motions: Sequence[Motion], solution: CalibrationSolution) -> CalibrationSolution:
     """Return a solution at which the misfit, not least squares over noisy rows, has no gradient.
 
     Parameters
     ----------
     motions : of the solution
-    settled : of iterations that have converged; others are returned as they are
+    solution : of iterations that have converged; others are returned as they are
     """
-    if not settled.stays or not any(motion.pushed for motion in motions):
-        return settled
+    if not solution.converged or not any(motion.has_disturbance for motion in motions):
+        return solution
     own = motions[0].variables
-    deviation = np.linalg.norm(own.spread[BODY.start :, own.head :] @ settled.passed.factor, axis=1)
-    misfit = Misfit(motions, settled.common, deviation, settled.momenta)
-    passed = filtered(motions, misfit.points(settled.common))
-    score = misfit.score(passed.gaussian.root[own.head :, own.head :])
-    return replace(settled, passed=filtered(motions, misfit.points(settled.common), score))
+    deviation = np.linalg.norm(own.spread[BODY.start :, own.head :] @ solution.iteration.factor, axis=1)
+    misfit = Misfit(motions, solution.common, deviation, solution.momenta)
+    iteration = filter_motions(motions, misfit.points(solution.common))
+    score = misfit.score(iteration.gaussian.root[own.head :, own.head :])
+    return replace(solution, iteration=filter_motions(motions, misfit.points(solution.common), score))
 
 
 @dataclass(frozen=True)
@@ -77,10 +77,10 @@ class Misfit:
         deviation = np.linalg.inv(after[:, :-1])
         left, along = np.linalg.eigh((before[:, :-1] @ deviation).T @ (before[:, :-1] @ deviation))
         left, along = left[left < 1.0 - _SEEN], along[:, left < 1.0 - _SEEN]
-        slopes = [_total(each, at) @ deviation @ along for each in (before, after)]
+        slopes = [_gradient(each, at) @ deviation @ along for each in (before, after)]
         steps = _STEP * own.spread[BODY.start :, own.head + bodies] @ deviation @ along
-        here = self.of(self.common)
-        lost = np.array([self.of(self.common + step) - here for step in steps.T])
+        here = self.value_at(self.common)
+        lost = np.array([self.value_at(self.common + step) - here for step in steps.T])
         # The curvature is that of least squares: 1, less that of the prior.
         gradient = 0.5 * (_STEP * (1.0 - left) - lost / _STEP) + slopes[0] - slopes[1]
         score = np.zeros(len(root))
@@ -93,11 +93,11 @@ class Misfit:
         state = np.concatenate((np.zeros(BODY.start), common))
         return np.concatenate((own.gather[own.head : own.own] @ state, state[BODY.stop :]))
 
-    def of(self, common: Array) -> float:
+    def value_at(self, common: Array) -> float:
         """Return the normalised innovations squared of all windows, with the bodies given."""
         given = np.full(self.motions[0].variables.scale.size - self.motions[0].variables.head, np.nan)
         given[self.bodies] = self._values(common)[self.bodies]
-        return filtered(self.motions, self.points(common), given=given).gaussian.nis
+        return filter_motions(self.motions, self.points(common), given=given).gaussian.nis
 
 
 def _marginal(root: Array, kept: Integers) -> Array:
@@ -108,6 +108,6 @@ def _marginal(root: Array, kept: Integers) -> Array:
     return triangle[len(others) : len(root), len(others) :]
 
 
-def _total(root: Array, at: Array) -> Array:
+def _gradient(root: Array, at: Array) -> Array:
     """Return the gradient (k,) of a log-likelihood with square-root information (k, k + 1) at some values (k,)."""
     return np.asarray(root[:, :-1].T @ (root[:, -1] - root[:, :-1] @ at))

@@ -42,20 +42,20 @@ class LinkResult:
         return inertia_ratios(self.parameters, self.covariance)
 
     @property
-    def learnt(self) -> Array:
+    def variance_reduction(self) -> Array:
         """Part of each parameter's prior variance that the data took away, (10,): 0 nothing, 1 all of it."""
         return np.clip(1.0 - (self.std / self.prior_std) ** 2, 0.0, 1.0)
 
     @property
-    def moved(self) -> Array:
+    def shift_in_prior_stds(self) -> Array:
         """How far the data moved each parameter, in standard deviations of the prior, (10,); NaN without a prior."""
         with np.errstate(invalid='ignore'):
             return np.where(np.isfinite(self.prior_std), (self.parameters - self.cad) / self.prior_std, np.nan)
 
     @property
-    def stayed(self) -> Flags:
+    def is_prior(self) -> Flags:
         """(10,) True where the data add little: by itself the value is as uncertain as before."""
-        return np.asarray(self.learnt < _MOVED)
+        return np.asarray(self.variance_reduction < _MOVED)
 
 
 @dataclass(frozen=True)
@@ -80,9 +80,9 @@ class Calibration:
     # largest first
     gains: Array
     # (kind of thing, error over its prior deviation) of those that surely are; covariances allow for it
-    further_off: tuple[tuple[str, float], ...]
+    prior_scales: tuple[tuple[str, float], ...]
     residual: float  # root mean square of the normalised innovations: 1 matches the noise
-    settled: bool  # whether the iterations have converged
+    converged: bool  # whether the iterations have converged
     redundancy: int  # number of innovations
     located: bool  # whether anything locates the base
     samples: int  # number used
@@ -94,7 +94,7 @@ class Calibration:
         return self.normal is not None
 
     @property
-    def still(self) -> tuple[str, ...]:
+    def at_rest(self) -> tuple[str, ...]:
         """Names of the joints that do not move."""
         names = self.kernel.model.joint_names
         return tuple(name for name, moves in zip(names, self.moving, strict=True) if not moves)

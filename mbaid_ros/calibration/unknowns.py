@@ -24,7 +24,7 @@ from mbaid_ros.core.results.estimate import PassiveJoint
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import Link
-from mbaid_ros.core.robot.model_errors import KnownErrors, to_bodies
+from mbaid_ros.core.robot.model_errors import KnownErrors, links_to_bodies
 from mbaid_ros.core.robot.momentum import body_sizes, physical, pseudo_inertia
 from mbaid_ros.core.trajectory.solution import passive_joints, values_of
 from mbaid_ros.core.unknowns.base import OdometryMount
@@ -37,13 +37,13 @@ from mbaid_ros.core.unknowns.priors import UnknownsPrior, in_plane_map
 
 U = TypeVar('U', bound=Unknown)
 
-OF_A_LINK = ('m', 'hx', 'hy', 'hz', 'Ixx', 'Ixy', 'Ixz', 'Iyy', 'Iyz', 'Izz')
-OF_A_JOINT = ('zero', 'origin_x', 'origin_y', 'origin_z', 'tilt_1', 'tilt_2')
-OF_THE_MOUNT = ('turn_x', 'turn_y', 'turn_z', 'x', 'y', 'z')
+LINK_UNKNOWNS = ('m', 'hx', 'hy', 'hz', 'Ixx', 'Ixy', 'Ixz', 'Iyy', 'Iyz', 'Izz')
+JOINT_UNKNOWNS = ('zero', 'origin_x', 'origin_y', 'origin_z', 'tilt_1', 'tilt_2')
+MOUNT_UNKNOWNS = ('turn_x', 'turn_y', 'turn_z', 'x', 'y', 'z')
 
 
 @dataclass(frozen=True, eq=False)
-class Normals:
+class StandardNormals:
     """A Gaussian of the independent normal numbers that the prior is made of."""
 
     prior: Prior  # of the links, the target link first
@@ -54,18 +54,18 @@ class Normals:
     gaussian: UnknownsPrior
 
     @staticmethod
-    def before(prior: Prior, kernel: MomentumKernel, uncertainty: Uncertainty) -> Normals:
+    def from_prior(prior: Prior, kernel: MomentumKernel, uncertainty: Uncertainty) -> StandardNormals:
         """Return the prior."""
         unknowns = catalogue(kernel, uncertainty)
         numbers = 10 + sum(unknown.count for unknown in unknowns)
-        return Normals(prior, kernel.model.joints, unknowns, UnknownsPrior.nothing(numbers))
+        return StandardNormals(prior, kernel.model.joints, unknowns, UnknownsPrior.nothing(numbers))
 
-    def after(self, passed: CalibrationIteration, own: Variables, detector: PlaneDetector) -> Normals:
-        """Return the posterior after a pass over all data.
+    def conditioned(self, iteration: CalibrationIteration, own: Variables, detector: PlaneDetector) -> StandardNormals:
+        """Return the posterior after an iteration over all data.
 
         Parameters
         ----------
-        passed : with the mean and factor of the numbers that the motions share
+        iteration : with the mean and factor of the numbers that the motions share
         own : variables of a motion
         """
         body = own.gather[own.head : own.own, BODY]
@@ -77,12 +77,12 @@ class Normals:
         back = np.linalg.pinv(combined, rcond=1e-12)
         before = np.concatenate((body @ self.prior.mean[:10], np.zeros(len(combined) - len(body))))
         rest = np.eye(combined.shape[1]) - back @ combined if detector.planar else np.zeros((combined.shape[1],) * 2)
-        factor = np.concatenate((rest, back @ passed.factor), axis=1)
-        return Normals(self.prior, self.joints, self.unknowns, UnknownsPrior(back @ (passed.mean - before), factor))
+        factor = np.concatenate((rest, back @ iteration.factor), axis=1)
+        return replace(self, gaussian=UnknownsPrior(back @ (iteration.mean - before), factor))
 
     @cached_property
     def prior_scales(self) -> PriorScaleFactors:
-        """How many times as far off as declared the numbers look, kind by kind."""
+        """Prior scale factors of the numbers, kind by kind."""
         first = self.prior.links[0].name
         causes = [f'link:{first}'] * 10
         causes += [cause for unknown in self.unknowns for cause in unknown.causes]
@@ -90,8 +90,8 @@ class Normals:
         factor = self.gaussian.factor
         return PriorScaleFactors.of(self.gaussian.mean, factor @ factor.T, causes, parts)
 
-    def as_far_off(self) -> Normals:
-        """Return the state with a wider prior (trajectory.md, eq. 7); unobserved directions stay."""
+    def with_scaled_prior(self) -> StandardNormals:
+        """Return the Gaussian with a scaled prior (trajectory.md, eq. 7); unobserved directions stay."""
         mean, factor = self.gaussian.mean, self.gaussian.factor
         seen = factor[:, len(mean) :]
         return replace(
@@ -120,7 +120,7 @@ class Normals:
         """Return the passive joints of a kernel as estimated from motions so long; how far they swing is not asked."""
         springs, estimated = kernel.springs, list(self.values_of(SpringErrors))
         relative = estimated[0][2][::2] if estimated else np.zeros(springs.count)
-        found = resolved(springs.rate, springs.ratio, relative, seconds)
+        found = resolved(springs.frequency, springs.damping_ratio, relative, seconds)
         return passive_joints(estimated, kernel, np.full((3, springs.count), np.nan), found)
 
     def blocks(self) -> tuple[Array, Array]:
@@ -166,7 +166,7 @@ class Prior:
 
     def errors(self, but: int) -> KnownErrors:
         """Return the prior of the moving bodies from all links but the first few: ten numbers a link."""
-        bodies, carry = to_bodies(self.links[but:])
+        bodies, carry = links_to_bodies(self.links[but:])
         return KnownErrors(bodies, carry @ block_diag(*self.roots[but:]) if bodies else np.zeros((0, 0)))
 
 

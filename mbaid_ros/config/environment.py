@@ -68,7 +68,7 @@ def make_orbit(config: SimulatedOrbitConfig) -> Orbit | None:
             raise ParameterError(
                 f"parameter 'orbit.{given[0]}' is given with orbit.frame: {frame}, which has its own; accepted: none"
             )
-        return Orbit.turning_with(config.mean_motion, frame).eccentric(config.eccentricity, config.true_anomaly)
+        return Orbit.rotating(config.mean_motion, frame).with_eccentricity(config.eccentricity, config.true_anomaly)
     if len(given) < 2:
         missing = 'normal' if 'nadir' in given else 'nadir'
         raise ParameterError(
@@ -82,7 +82,7 @@ def make_orbit(config: SimulatedOrbitConfig) -> Orbit | None:
             f"parameters 'orbit.nadir' {list(config.nadir)} and 'orbit.normal' {list(config.normal)} are not at right "
             'angles; accepted: directions that are'
         )
-    return Orbit.inertial(config.mean_motion, nadir, normal).eccentric(config.eccentricity, config.true_anomaly)
+    return Orbit.inertial(config.mean_motion, nadir, normal).with_eccentricity(config.eccentricity, config.true_anomaly)
 
 
 @dataclass(frozen=True)
@@ -152,4 +152,4 @@ def make_storage(
         raise ParameterError(
             f"parameter 'wheels.axes' is {list(axes)}; accepted: three numbers each, not all of them 0"
         )
-    return Storage.wheels(model.link(model.base_link), names, directions / lengths, spin_inertias, noise)
+    return Storage.from_wheels(model.link(model.base_link), names, directions / lengths, spin_inertias, noise)

@@ -144,7 +144,7 @@ def rotation_from_quaternion(quaternion: Array) -> Array:
     return np.eye(3) + 2.0 * (real[..., None, None] * generator + np.matmul(generator, generator))
 
 
-def moved_base(rotation: Array, linear: Array, angular: Array, mount: Array) -> tuple[Array, Array, Array]:
+def mounted_base(rotation: Array, linear: Array, angular: Array, mount: Array) -> tuple[Array, Array, Array]:
     """Return R Exp(mu_R), the displacement R mu_p (m), and the linear velocity there, of a base mounted at mu.
 
     Parameters

@@ -14,7 +14,7 @@ from mbaid_ros.core.robot.orbit import FallingFrame
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples
 from mbaid_ros.core.sensors.external_momentum import Thrust
 from mbaid_ros.core.sensors.gyro import Gyro
-from mbaid_ros.core.sensors.levels import FoundNoise, SensorLevels
+from mbaid_ros.core.sensors.levels import NoiseEstimator, SensorLevels
 from mbaid_ros.core.sensors.rates import FEWEST, with_rates
 from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
@@ -51,24 +51,24 @@ class Estimator(Protocol):
 
 
 @runtime_checkable
-class Deferring(Protocol):
-    """A method that defers work; the next `update` does the rest, and when it is done does not change the numbers."""
+class HasBackgroundTask(Protocol):
+    """A method with a background task, which the next `update` completes; its timing does not change the numbers."""
 
     def run_slice(self) -> bool:
-        """Do a part of it, a few milliseconds' worth, if there is any; return whether some is left."""
+        """Run a few milliseconds of the background task, if there is any; return whether work is left."""
 
 
 @runtime_checkable
-class Informed(Protocol):
-    """A method that has a posterior, from which a planned motion starts."""
+class HasPosterior(Protocol):
+    """A method with a posterior, from which a motion is planned."""
 
-    def knowledge(self) -> Posterior | None:
+    def posterior(self) -> Posterior | None:
         """Return it; None while the method has not converged."""
 
 
-def knowledge_of(method: object) -> Posterior | None:
+def posterior_of(method: object) -> Posterior | None:
     """Return the posterior of a method; None where it has none, or not yet."""
-    return method.knowledge() if isinstance(method, Informed) else None
+    return method.posterior() if isinstance(method, HasPosterior) else None
 
 
 class Identifier:
@@ -96,13 +96,13 @@ class Identifier:
         maximum_gap: float,
         checks: WindowChecks | None = None,
         thrust: Thrust | None = None,
-        noise: FoundNoise | None = None,
+        noise: NoiseEstimator | None = None,
         *,
         falling: FallingFrame | None = None,
         gyro: Gyro | None = None,
     ) -> None:
         self._estimator = estimator
-        view = None if falling is None else falling.falling
+        view = None if falling is None else falling.to_falling_frame
         self.synchroniser = Synchroniser(maximum_gap, view, gyro, noise)
         self._windows = Windows(window)
         self._noise = noise
@@ -116,13 +116,13 @@ class Identifier:
         self.end_of_window: int | None = None  # ns, stamp that closes the window that is open
         self._dropped: Counter[str] = Counter()
 
-    def note(self, text: str) -> None:
-        """Let every estimate carry a warning."""
+    def add_note(self, text: str) -> None:
+        """Add a warning to every estimate."""
         self._notes[text] = -np.inf
 
-    def knowledge(self) -> Posterior | None:
+    def posterior(self) -> Posterior | None:
         """Return the posterior of the method; None where it has none, or not yet."""
-        return knowledge_of(self._estimator)
+        return posterior_of(self._estimator)
 
     @property
     def origin(self) -> int:
@@ -158,20 +158,20 @@ class Identifier:
         return [with_reasons(each, self._reasons(each.time)) for each in estimates]
 
     def run_slice(self) -> bool:
-        """Let the method do a part of its deferred work; return whether some is left."""
-        return isinstance(self._estimator, Deferring) and self._estimator.run_slice()
+        """Run a time slice of the method's background task; return whether work is left."""
+        return isinstance(self._estimator, HasBackgroundTask) and self._estimator.run_slice()
 
     def _prepared(self, windows: list[Samples], *, last: bool) -> list[Samples]:
         """Return closed windows with the velocities their method needs, without those that cannot have them."""
         if self._thrust is not None:
-            windows = [self._thrust.applied(window, self.origin) for window in windows]
+            windows = [self._thrust.with_impulse(window, self.origin) for window in windows]
         if self._falling is not None:
-            windows = [self._falling.applied(window, self.origin) for window in windows]
+            windows = [self._falling.with_tide(window, self.origin) for window in windows]
         if self._noise is not None:
-            each = self._noise.released(windows, self.origin, last=last)
+            each = self._noise.windows_with_noise(windows, self.origin, last=last)
             windows = [window for window, _ in each]
             self._levels = {float(window.time[-1]): levels for window, levels in each}
-        windows = self._checks.applied(windows)
+        windows = self._checks.with_valid_rates(windows)
         return [window for window in map(self._with_rates, windows) if window is not None]
 
     def _with_rates(self, window: Samples) -> Samples | None:

@@ -54,7 +54,7 @@ class JointTrajectory:
         """Until the last point, s."""
         return float(self.time[-1])
 
-    def at(self, times: Array) -> tuple[Array, Array, Array]:
+    def state_at(self, times: Array) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration, (..., k) each, at (...) s since the begin."""
         if len(self.time) == 1:
             position = np.broadcast_to(self.position[0], (*np.shape(times), len(self.joints))).copy()

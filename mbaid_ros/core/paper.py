@@ -170,7 +170,7 @@ class PaperEstimator:
         self._plane.update(window)
         states = self._kernel.states(window)
         rows, right_side = self._equations(states)
-        selection = self._plane.rows()
+        selection = self._plane.equation_selection()
         rows, right_side = selection @ rows, right_side @ selection.T
         solutions, determined = np.empty((len(window), UNKNOWNS)), np.empty((len(window), UNKNOWNS), bool)
         skipped = len(window) - len(rows)  # samples without a reference yet

@@ -70,7 +70,7 @@ class SensorNoise:
         """Return the (6, 6) covariance of (linear, angular) velocity."""
         return np.diag(np.repeat([self.base_linear_velocity, self.base_angular_velocity], 3) ** 2)
 
-    def found_in(self, samples: Samples) -> SensorNoise:
+    def for_window(self, samples: Samples) -> SensorNoise:
         """Return the noise of a window: estimated levels of the joints, if its samples have them."""
         if not samples.noise.shape[1]:
             return self
@@ -153,7 +153,7 @@ class JointStream(ArrayRecord):
         if len(self.stored) != len(self.stamp):
             object.__setattr__(self, 'stored', np.zeros((len(self.stamp), 0)))
 
-    def divided(self, joints: int) -> JointStream:
+    def without_stored_momentum(self, joints: int) -> JointStream:
         """Return the first n as joints; the rates of the others are readings of stored momentum."""
         if self.position.shape[1] == joints:
             return self

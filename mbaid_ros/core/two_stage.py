@@ -29,13 +29,13 @@ _UNLIKELY = 1e-6
 # has agreed in as many windows in a row; in any case after so many windows, unless it contradicts stage 2 by then.
 _KNOWN, _AGREED, _LONGEST = 0.05, 20, 1200
 # s since the first number: a model that is far off agrees with so short a motion, and makes a wrong body of it.
-_YOUNG = 6.0
+_FIRST_ESTIMATE_PERIOD = 6.0
 
 # s since the first stage's first number, in which stage 2 starts where the model is right.
 _ALONE = 10.0
 
 FIRST_STAGE = 'first stage: its numbers are withheld until the trajectory filter starts, which knows late stamps, too'
-YOUNG = 'first estimate: a wrong URDF cannot be detected from so short a motion'
+FIRST_ESTIMATE = 'first estimate: a wrong URDF cannot be detected from so short a motion'
 LATE = 'first stage: stamps that are late by some 10 ms, or velocities that lag, are not known yet'
 DISAGREE = Reason(
     'the difference form and the trajectory filter contradict each other: the robot description, the noise values or '
@@ -55,7 +55,7 @@ class IntervalConsistency:
         self._earlier: deque[tuple[float, Array, Array]] = deque()  # s, (10,) parameters, (10,) standard deviations
         self._changes = 0  # of the target
 
-    def judged(self, estimate: Estimate, *, early: bool) -> Estimate:
+    def checked(self, estimate: Estimate, *, early: bool) -> Estimate:
         """Return an estimate, inconsistent where it has left the interval of one before it that was not early."""
         changes = sum(event.kind == 'target_changed' for event in estimate.events)
         if changes != self._changes:
@@ -117,45 +117,45 @@ class TwoStageEstimator:
         """
         estimates: list[Estimate] = []
         for place, window in enumerate(windows):
-            self._follow()
+            self._update_first_stage()
             if self._first is None:
                 estimates += self._second.update(windows[place:], origin)
                 break
-            estimates.append(self._both(self._first, window, origin))
-        return [self._judged(estimate) for estimate in estimates]
+            estimates.append(self._update_both(self._first, window, origin))
+        return [self._with_warnings(estimate) for estimate in estimates]
 
-    def knowledge(self) -> Posterior | None:
+    def posterior(self) -> Posterior | None:
         """Return the posterior of the second stage."""
-        return self._second.knowledge()
+        return self._second.posterior()
 
     def run_slice(self) -> bool:
-        """Take the window that waits for stage 1, or run a slice of stage 2; return whether more is due."""
+        """Update stage 1 with the window that waits, or run a slice of stage 2; return whether work is left."""
         waited = self._waiting is not None
-        self._follow()
+        self._update_first_stage()
         return waited or self._second.run_slice()
 
-    def _both(self, first: Estimator, window: Samples, origin: int) -> Estimate:
-        """Take one window into both stages; into the first one later, where the second leads and has just agreed."""
+    def _update_both(self, first: Estimator, window: Samples, origin: int) -> Estimate:
+        """Update both stages with a window; the first one later, where the second leads and has just agreed."""
         self._windows += 1
         if not self._agreed:
-            early = self._early(first, window, origin)
+            early = self._first_stage_estimate(first, window, origin)
             (late,) = self._second.update([window], origin)
             return self._chosen(first, early, late)
         (late,) = self._second.update([window], origin)
         if self._second.settled and not self._second.changed:
             self._waiting = window, origin, late
             return late
-        return self._chosen(first, self._early(first, window, origin), late)
+        return self._chosen(first, self._first_stage_estimate(first, window, origin), late)
 
-    def _follow(self) -> None:
-        """Take the window that waits into stage 1, and compare the two stages by then."""
+    def _update_first_stage(self) -> None:
+        """Update stage 1 with the window that waits, and compare the two stages."""
         if self._waiting is not None and self._first is not None:
             window, origin, late = self._waiting
-            self._chosen(self._first, self._early(self._first, window, origin), late)
+            self._chosen(self._first, self._first_stage_estimate(self._first, window, origin), late)
         self._waiting = None
 
     def _chosen(self, first: Estimator, early: Estimate | None, late: Estimate) -> Estimate:
-        """Return the estimate to publish of those of both stages after the same window."""
+        """Return the estimate to publish after a window, of one of the stages."""
         if self._second.changed:
             self._first = None
             return late
@@ -173,14 +173,14 @@ class TwoStageEstimator:
             innovations=late.innovations,
         )
         if not self._second.settled:
-            return with_reasons(early, [DISAGREE]) if self._contradicts else self._alone(early)
+            return with_reasons(early, [DISAGREE]) if self._contradicts else self._first_stage_only(early)
         if not early.identifiable[0] or early.status == 'inconsistent' or self._second.disturbed:
             return late
         if not np.any(early.identifiable & late.identifiable):
             return late  # nothing in which they could agree or contradict each other
         return self._compared(early, late)
 
-    def _alone(self, early: Estimate) -> Estimate:
+    def _first_stage_only(self, early: Estimate) -> Estimate:
         """Return the first stage's estimate, at first without numbers if they contradict the data or lack a twist.
 
         Neither stamps that are late nor velocities that lag are among its unknowns: ten milliseconds of either move its
@@ -206,16 +206,16 @@ class TwoStageEstimator:
         """Whether the stages have contradicted each other, and not agreed since."""
         return self._restarted and not self._agreed
 
-    def _judged(self, estimate: Estimate) -> Estimate:
+    def _with_warnings(self, estimate: Estimate) -> Estimate:
         """Return an estimate with a warning if it is one of the first, or has left the intervals before it."""
         if estimate.identifiable.any():
             self._began = min(self._began, estimate.time)
-        young = estimate.time < self._began + _YOUNG
-        estimate = self._consistency.judged(estimate, early=young)
+        young = estimate.time < self._began + _FIRST_ESTIMATE_PERIOD
+        estimate = self._consistency.checked(estimate, early=young)
         if not young or not estimate.identifiable.any() or estimate.status == 'inconsistent':
             return estimate
         return with_reasons(
-            estimate, [Reason(YOUNG), *([Reason(LATE)] if estimate.stage not in {'', self.method} else [])]
+            estimate, [Reason(FIRST_ESTIMATE), *([Reason(LATE)] if estimate.stage not in {'', self.method} else [])]
         )
 
     def _compared(self, early: Estimate, late: Estimate) -> Estimate:
@@ -236,7 +236,7 @@ class TwoStageEstimator:
             return with_reasons(early, [DISAGREE])
         return with_reasons(late, [DISAGREE])
 
-    def _early(self, first: Estimator, window: Samples, origin: int) -> Estimate | None:
+    def _first_stage_estimate(self, first: Estimator, window: Samples, origin: int) -> Estimate | None:
         """Return the first stage's estimate after a window, offered to the second; None where it cannot be used."""
         if any(window.missing_rates):
             self._doubted |= window.missing_rates[1]
@@ -250,7 +250,7 @@ class TwoStageEstimator:
 
 
 def _agree(first: Estimate, second: Estimate) -> bool:
-    """Return whether two estimates of the same data may both be right.
+    """Return whether two estimates of the same data are consistent.
 
     The covariance of their difference is at most the sum of theirs, even if they share data.
     """

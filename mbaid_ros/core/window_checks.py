@@ -129,7 +129,7 @@ class JointRates:
         self._left_out: Flags = np.zeros(len(self._names), dtype=bool)
         self._zero: Flags = np.ones(len(self._names), dtype=bool)  # whether the velocity was zero all along
 
-    def applied(self, window: Samples) -> Samples:
+    def with_valid_rates(self, window: Samples) -> Samples:
         """Return the next window, without velocities that are no rates."""
         position, velocity, time = window.joint_position, window.joint_velocity, window.time
         if len(window) < _FEWEST_READINGS or not velocity.shape[1] or window.missing_rates[0]:
@@ -152,7 +152,7 @@ class JointRates:
         return window
 
     def reason(self) -> Reason | None:
-        """Return which velocities are no rates of the positions; None where none is known to be."""
+        """Return which velocities contradict the positions; None where none do."""
         wrong = self._left_out
         if not wrong.any():
             return None
@@ -173,7 +173,7 @@ class Check(Protocol):
     """Something that windows may show to be wrong."""
 
     def update(self, window: Samples) -> Reason | None:
-        """Add the next window; return what the windows until then show."""
+        """Add the next window; return the findings until then."""
 
 
 class WindowChecks:
@@ -190,7 +190,7 @@ class WindowChecks:
         self._joint_rates = joint_rates
         self._reasons: dict[float, list[Reason]] = {}  # by the end of the latest windows, s
 
-    def applied(self, windows: Sequence[Samples]) -> list[Samples]:
+    def with_valid_rates(self, windows: Sequence[Samples]) -> list[Samples]:
         """Return the next windows without rates that contradict the positions."""
         self._reasons.clear()
         return [self._checked(window) for window in windows]
@@ -203,7 +203,7 @@ class WindowChecks:
         found = [check.update(window) for check in self._checks]
         checked = window
         if self._joint_rates is not None:
-            checked = self._joint_rates.applied(window)
+            checked = self._joint_rates.with_valid_rates(window)
             found.insert(0, self._joint_rates.reason())
         self._reasons[float(window.time[-1])] = [reason for reason in found if reason is not None]
         return checked

@@ -97,5 +97,5 @@ class ImuReader:
             whole = default.copy()
             whole[3:, 3:] = covariance[index]
             used = usable_covariance(whole, default)
-            covariance[index], declared[index] = used.matrix[3:, 3:], used.own[1]
+            covariance[index], declared[index] = used.matrix[3:, 3:], used.is_given[1]
         return rotation, np.where(good[:, None, None], covariance, np.nan), declared

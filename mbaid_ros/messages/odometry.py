@@ -14,7 +14,7 @@ import numpy.typing as npt
 from mbaid_ros.cdr import OdometryLayout
 from mbaid_ros.core.geometry import Array, Flags, rotate, rotation_from_quaternion
 from mbaid_ros.core.samples import BaseStream, SensorNoise, Stamps
-from mbaid_ros.core.sensors.base import AttachedFrame, Usable, usable_covariance
+from mbaid_ros.core.sensors.base import AttachedFrame, UsableCovariance, usable_covariance
 from mbaid_ros.messages.fields import (
     BAD_QUATERNION,
     LOST_TRACKING,
@@ -192,7 +192,7 @@ class OdometryReader:
 
 
 @lru_cache(maxsize=64)
-def _checked(given: bytes, default: bytes) -> Usable:
+def _checked(given: bytes, default: bytes) -> UsableCovariance:
     """Return the covariance to use where one is given."""
     return usable_covariance(np.frombuffer(given).reshape(6, 6), np.frombuffer(default).reshape(6, 6))
 

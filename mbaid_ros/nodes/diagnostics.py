@@ -117,7 +117,7 @@ class Diagnostics:
         unused = f'messages arrive, and none could be used for more than {STALE_AFTER:g} s'
         return f'{unused}: {self._samples.reasons}' if self._samples.reasons else unused
 
-    def awaited(self, state: RunState) -> list[str]:
+    def missing_messages(self, state: RunState) -> list[str]:
         """Return the awaited messages by topic and type, with the likely reason of their absence."""
         awaited = []
         if state.session is None:
@@ -201,8 +201,8 @@ class Diagnostics:
         thrust = state.session.thrust
         values += [
             ('used', thrust.commands),
-            ('linear impulse (N s)', numbers(thrust.brought[:3])),
-            ('angular impulse (N m s)', numbers(thrust.brought[3:])),
+            ('linear impulse (N s)', numbers(thrust.impulse[:3])),
+            ('angular impulse (N m s)', numbers(thrust.impulse[3:])),
         ]
         wrong = [*explain(state.session, thrust.dropped), *((LATE_THRUST,) if thrust.late else ())]
         return (WARN, '; '.join(wrong), values) if wrong else (OK, f'{thrust.commands} commands used', values)

@@ -64,14 +64,14 @@ class EstimatorNode(Node):
         self._read_robot()
         self._inputs = {
             'joint_states': Subscriptions(
-                self, JointState, 'joint_states', partial(self._take, Session.add_joint_state)
+                self, JointState, 'joint_states', partial(self._add, Session.add_joint_state)
             ),
             **self._base_subscriptions(),
         }
         self._thrust = Subscriptions(self, WrenchStamped, 'thrust', self._on_thrust)
-        self._imu = self._inputs.get('imu') or Subscriptions(self, Imu, 'imu', partial(self._take, Session.add_imu))
+        self._imu = self._inputs.get('imu') or Subscriptions(self, Imu, 'imu', partial(self._add, Session.add_imu))
         self._stored_momentum = Subscriptions(
-            self, Vector3Stamped, 'stored_momentum', partial(self._take, Session.add_stored_momentum)
+            self, Vector3Stamped, 'stored_momentum', partial(self._add, Session.add_stored_momentum)
         )
         description = None if self._state.session else DescriptionSubscription(self, self._on_description)
         self._diagnostics = Diagnostics(self._inputs, self._thrust, description.topic if description else '')
@@ -90,13 +90,13 @@ class EstimatorNode(Node):
     def _base_subscriptions(self) -> dict[str, Subscriptions]:
         """Return the subscriptions that may locate the base, or replace that."""
         if self._config.imu.alone:
-            return {'imu': Subscriptions(self, Imu, 'imu', partial(self._take, Session.add_imu))}
+            return {'imu': Subscriptions(self, Imu, 'imu', partial(self._add, Session.add_imu))}
         if self._config.pose.tf_child_frame:
-            return {'tf': Subscriptions(self, tf_message(), '/tf', partial(self._take, Session.add_odometry))}
+            return {'tf': Subscriptions(self, tf_message(), '/tf', partial(self._add, Session.add_odometry))}
         others = (PoseWithCovarianceStamped, TransformStamped)
         return {
-            'odom': Subscriptions(self, Odometry, 'odom', partial(self._take, Session.add_odometry)),
-            'pose': Subscriptions(self, PoseStamped, 'pose', partial(self._take, Session.add_odometry), others),
+            'odom': Subscriptions(self, Odometry, 'odom', partial(self._add, Session.add_odometry)),
+            'pose': Subscriptions(self, PoseStamped, 'pose', partial(self._add, Session.add_odometry), others),
         }
 
     def _all_subscriptions(self) -> set[Subscriptions]:
@@ -136,7 +136,7 @@ class EstimatorNode(Node):
 
     # Messages
 
-    def _take(self, add: Callable[[Session, Any], bool | None], message: Any) -> None:
+    def _add(self, add: Callable[[Session, Any], bool | None], message: Any) -> None:
         """Add a message to the session if that takes messages now, and process if it is time to."""
         session = self._open_session()
         if session is not None and add(session, message):
@@ -222,7 +222,7 @@ class EstimatorNode(Node):
             self._process()  # so that the last estimate holds everything that has come
         state.paused = bool(request.data)
         response.success = True
-        response.message = f'paused: no samples are taken; {state.account}' if request.data else 'taking samples'
+        response.message = f'paused: no samples are taken; {state.sample_counts}' if request.data else 'taking samples'
         self._log.event(response.message)
         self._publication.publish_waiting()
         return response
@@ -262,7 +262,7 @@ class EstimatorNode(Node):
                 self._log.warn_once(remark)
             if state.session.used:
                 self._log.joints(state.session.model_summary())
-        self._log.waiting(self._diagnostics.awaited(state))
+        self._log.waiting(self._diagnostics.missing_messages(state))
         self._publication.publish_waiting()
         statuses = self._diagnostics.statuses(state, self.get_fully_qualified_name().lstrip('/'))
         array = DiagnosticArray(status=statuses)

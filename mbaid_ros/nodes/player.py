@@ -71,7 +71,7 @@ class PlayerNode(Node):
             why = f"topic '{name}' cannot be played: its type '{topic.type}' is not installed"
             self._leave_out(why, error, required=required)
             return
-        if missing := self._bag.without(name):
+        if missing := self._bag.missing_fields(name):
             why = f"topic '{name}' cannot be played: its messages are older than the installed '{topic.type}'"
             self._leave_out(f'{why}, without {listing(sorted(missing))}', required=required)
             return

@@ -58,7 +58,7 @@ class Publishers:
         capture: Capture | None = None,
     ) -> None:
         """Publish an estimate in all the forms that it determines, and withdraw the last one from the others."""
-        for name, message in self._publications.of(estimate, frames, alone, capture):
+        for name, message in self._publications.messages_of(estimate, frames, alone, capture):
             self.send(f'~/{name}', message)
         described, self._described = self._described, is_complete(estimate)
         if self._described:
@@ -140,7 +140,7 @@ class EstimatePublication:
             return
         state.stale = reason
         self._log.event(f'the estimate is stale: {reason}')
-        warnings = [state.account, reason]
+        warnings = [state.sample_counts, reason]
         message = estimate_message(state.estimate, TYPES, state.session.frames, warnings, stale=True)
         self._publishers.send('~/estimate', message)
 

@@ -92,7 +92,7 @@ class RecorderNode(Node):
             if topic not in self._refused and self._is_wanted(topic, types[0]):
                 publishers = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
                 if publishers:
-                    self._follow(topic, types[0], publishers)
+                    self._subscribe(topic, types[0], publishers)
 
     def _flush(self) -> None:
         """Flush: at first more often, as a chunk that is complete can be read after a kill."""
@@ -111,7 +111,7 @@ class RecorderNode(Node):
             or (type_name == 'std_msgs/msg/String' and topic.endswith('/robot_description'))
         )
 
-    def _follow(self, topic: str, type_name: str, publishers: Sequence[Any]) -> None:
+    def _subscribe(self, topic: str, type_name: str, publishers: Sequence[Any]) -> None:
         # A subscription that asks for more than a publisher offers gets nothing from it.
         reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in publishers)
         latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in publishers)
@@ -135,14 +135,14 @@ class RecorderNode(Node):
             self.destroy_subscription(self._subscriptions_of[topic])
         self._offers[topic] = (reliable, latched)
         profile = qos(_DEPTH, best_effort=not reliable, latched=latched)
-        take = partial(self._take, topic)
+        take = partial(self._write_message, topic)
         self._subscriptions_of[topic] = self.create_subscription(message_type, topic, take, profile, raw=True)
 
     def _refuse(self, topic: str, reason: str) -> None:
         self._refused.add(topic)
         self._log.warning(f"topic '{topic}' is not recorded: {reason}")
 
-    def _take(self, topic: str, data: bytes, info: Mapping[str, int]) -> None:
+    def _write_message(self, topic: str, data: bytes, info: Mapping[str, int]) -> None:
         if info['received_timestamp'] > self._until:
             return
         if self._begin is None:

@@ -59,12 +59,12 @@ class RunState:
         return 'paused: no samples are taken' if self.paused else ''
 
     @property
-    def account(self) -> str:
+    def sample_counts(self) -> str:
         """How many of the received samples are in the estimate, and what was not received, in a sentence."""
         if self.session is None or self.estimate is None:
             return 'no sample is in an estimate'
-        text = f'{self.estimate.samples} of {self.session.taken} samples are in the estimate'
-        text += '' if self.estimate.samples == self.session.taken else ', those of complete windows'
+        text = f'{self.estimate.samples} of {self.session.collected} samples are in the estimate'
+        text += '' if self.estimate.samples == self.session.collected else ', those of complete windows'
         return '; '.join(
             [text, *(f'{count} messages on {topic} {LOST}' for topic, count in self.lost.items() if count)]
         )
@@ -146,7 +146,7 @@ def estimate_report(state: RunState) -> Report:
     if estimate is None:
         return WARN, 'waiting: paused' if state.paused else 'waiting', []
     causes = [cause for cause, _ in estimate.likely_causes[:_CAUSES]]
-    noise = estimate.noise.shown() if estimate.noise else []
+    noise = estimate.noise.rows() if estimate.noise else []
     values: Values = [
         ('stale', bool(state.stale)),
         ('method', estimate.method),

@@ -150,7 +150,7 @@ class SimulatorNode(Node):
     def _on_trajectory(self, message: JointTrajectory) -> None:
         """Let the joints follow a trajectory."""
         try:
-            begin = self._run.follow(trajectory_of(message))
+            begin = self._run.add_trajectory(trajectory_of(message))
         except DataError as error:
             self.get_logger().error(f'joint_trajectory refused: {error}')  # type: ignore[no-untyped-call]
             return
@@ -174,7 +174,7 @@ class SimulatorNode(Node):
     def _log_run(self) -> None:
         config = self._config
         length = f'{config.duration:g} s' if config.duration > 0.0 else 'until it is stopped'
-        seed = '' if self._run.errors.exact else f' of model_errors.seed {config.model_errors.seed}'
+        seed = '' if self._run.errors.is_zero else f' of model_errors.seed {config.model_errors.seed}'
         self.get_logger().info(  # type: ignore[no-untyped-call]
             f"robot '{self._run.model.name}'{seed}, target link '{self._run.target.name}', motion "
             f'{config.motion.kind}, {length}'

@@ -1,4 +1,4 @@
-"""What keeps a motion within limits and out of the robot's own way, however the robot is; and what would help most."""
+"""Robust limits of a motion over the posterior of the robot, and the most informative single joint."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.planning.collisions import INSTANTS, Collisions
-from mbaid_ros.planning.floating import Floating
+from mbaid_ros.planning.floating import FloatingRobot
 from mbaid_ros.planning.information import Grid
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import Bounds
-from mbaid_ros.planning.requirements import BaseLimits, Wanted
+from mbaid_ros.planning.requirements import BaseLimits, Goal
 from mbaid_ros.planning.search import Candidate
 from mbaid_ros.planning.splines import Splines
 
@@ -26,8 +26,8 @@ _SURE = 5.0  # standard deviations of the base's motion that are kept from its l
 _PARTS = (1.0, 0.85, 0.7, 0.5, 0.35, 0.2, 0.1, 0.05)  # to which motions are made smaller, for the robot to stay apart
 
 
-class Assurance:
-    """Makes motions as much smaller as it takes.
+class RobustLimits:
+    """Scales motions down to their limits for all likely robots.
 
     Parameters
     ----------
@@ -38,17 +38,17 @@ class Assurance:
     seed : of the robots that are drawn
     """
 
-    def __init__(self, motions: Motions, wanted: Wanted, base: BaseLimits, collisions: Collisions, seed: int) -> None:
+    def __init__(self, motions: Motions, wanted: Goal, base: BaseLimits, collisions: Collisions, seed: int) -> None:
         self._motions, self._wanted, self._base, self._collisions = motions, wanted, base, collisions
         self._seed = seed
 
     @cached_property
     def _points(self) -> list[Point]:
-        return self._motions.knowledge.drawn(_MORE_DRAWS, self._seed)
+        return self._motions.posterior.drawn(_MORE_DRAWS, self._seed)
 
     @cached_property
-    def _draws(self) -> list[Floating]:
-        return [self._motions.as_if(point) for point in self._points]
+    def _draws(self) -> list[FloatingRobot]:
+        return [self._motions.at_point(point) for point in self._points]
 
     def clear_part(self, motions: Motions, speeds: Array) -> float:
         """Return the largest part of its size that keeps a motion (K, k) clear of the robot; 0 where none does."""
@@ -61,42 +61,42 @@ class Assurance:
         )
 
     def bounds(self, candidate: Candidate, draws: int = _MORE_DRAWS) -> Bounds:
-        """Return the largest motion of the base, for the best estimate of the robot, and for all that may be."""
+        """Return the largest motion of the base, of the best estimate of the robot and of samples of its posterior."""
         nominal = candidate.motions.excursions(candidate.speeds[None])[0]
         every = candidate.motions.excursions_of(self._draws[:draws], candidate.speeds)
         spread = np.sqrt(np.mean((every - nominal) ** 2, axis=0))
         return Bounds(nominal, np.maximum(every.max(axis=0), nominal + _SURE * spread))
 
-    def tightened(self, candidate: Candidate) -> BaseLimits:
-        """Return limits for the robot as it is known best that keep it within its own however it is."""
+    def tightened_limits(self, candidate: Candidate) -> BaseLimits:
+        """Return limits of the nominal robot that keep all samples within their own."""
         limits = self._base.array
         if not np.isfinite(limits).any():
             return self._base
         bounds = self.bounds(candidate, _DRAWS)
-        part = np.clip(bounds.nominal / np.maximum(bounds.sure, 1e-300), 0.05, 1.0)
+        part = np.clip(bounds.nominal / np.maximum(bounds.robust, 1e-300), 0.05, 1.0)
         return BaseLimits(*(limits * part).tolist())
 
-    def sure(self, candidate: Candidate) -> Candidate:
-        """Return a motion made as much smaller as efforts, collision shapes and the base's limits ask for."""
+    def scaled_to_bounds(self, candidate: Candidate) -> Candidate:
+        """Return a motion scaled down to the limits of efforts, collision shapes and the base."""
         for _ in range(4):
-            use = float((self.bounds(candidate).sure / self._base.array).max())
+            use = float((self.bounds(candidate).robust / self._base.array).max())
             effort = candidate.motions.effort(candidate.speeds[None])
             use = max(use, float(candidate.motions.beside_holding(effort).max()))
             if use <= 1.0:
                 break
-            candidate = self._again(candidate, candidate.speeds * 0.98 / use)
+            candidate = self._evaluated(candidate, candidate.speeds * 0.98 / use)
         if (part := self.clear_part(candidate.motions, candidate.speeds)) < 1.0:
-            candidate = replace(self._again(candidate, candidate.speeds * part), part=part)
+            candidate = replace(self._evaluated(candidate, candidate.speeds * part), part=part)
         return candidate
 
-    def _again(self, candidate: Candidate, speeds: Array) -> Candidate:
+    def _evaluated(self, candidate: Candidate, speeds: Array) -> Candidate:
         relative = candidate.motions.relative(speeds[None], candidate.motions.coarse)[0]
         ratio, cost = float(self._wanted.ratio(relative)), float(self._wanted.cost(relative))
         return replace(candidate, speeds=speeds, cost=cost, ratio=ratio)
 
-    def may_be(self, motions: Motions, trajectory: JointTrajectory) -> Array:
-        """Return standard deviations after a motion over those of the body as known best, (_COMPARED, 10)."""
-        points = (motions.knowledge.point, *self._points[:_COMPARED])
+    def std_ratios(self, motions: Motions, trajectory: JointTrajectory) -> Array:
+        """Return standard deviations after a motion relative to the nominal body's, (_COMPARED, 10)."""
+        points = (motions.posterior.point, *self._points[:_COMPARED])
         # For a ratio the search's few windows are as good as the estimator's.
         known, *others = (motions.relative_along(trajectory, motions.coarse, point) for point in points)
         return np.stack(others) / known
@@ -110,12 +110,12 @@ _MOSTLY = 0.5  # share of a variance, from which one cause is reported
 _LITTLE = 0.95  # of a standard deviation that a motion leaves, from which it improves nothing to speak of
 
 
-def single_joint(motions: Motions, wanted: Wanted, base: BaseLimits) -> str:
+def single_joint(motions: Motions, wanted: Goal, base: BaseLimits) -> str:
     """Return the single joint whose motion there and back improves the worst parameter most.
 
     Empty where everything is known as well as is wanted.
     """
-    information, model = motions.information, motions.knowledge.layout.kernel.model
+    information, model = motions.information, motions.posterior.layout.kernel.model
     if wanted.ratio(information.relative) <= 1.0:
         return ''
     alone = replace(motions, splines=Splines(2 * _WAY, _LENGTH))
@@ -131,9 +131,9 @@ def single_joint(motions: Motions, wanted: Wanted, base: BaseLimits) -> str:
     centre[bounded] = 0.5 * (limits.lower[bounded] + limits.upper[bounded])
     towards = size / there * np.where(motions.start > centre, -1.0, 1.0)
     speeds[np.arange(len(moved)), :, moved] = towards[moved, None] * _AND_BACK
-    speeds = alone.gentle(alone.within(speeds), base)
+    speeds = alone.scaled_to_limits(alone.limited(speeds), base)
     after = alone.relative(speeds, alone.coarse)
-    worst = int(np.argmax(np.where(wanted.asked, information.relative / wanted.relative, -np.inf)))
+    worst = int(np.argmax(np.where(wanted.determinable, information.relative / wanted.relative, -np.inf)))
     best = int(np.argmin(after[:, worst]))
     joint = int(moved[best])
     amount = abs(float(speeds[best, 0, joint])) * there
@@ -148,18 +148,18 @@ def single_joint(motions: Motions, wanted: Wanted, base: BaseLimits) -> str:
     )
 
 
-def beyond_motion(motions: Motions, speeds: Array, grid: Grid, wanted: Wanted) -> str:
+def beyond_motion(motions: Motions, speeds: Array, grid: Grid, wanted: Goal) -> str:
     """Return the main source of the uncertainty that a motion (K, k) leaves, if it is no sensor's noise.
 
     Empty if the motion reaches the wanted precision, or no cause dominates the rest.
     """
     position, rate = motions.joints(speeds[None], grid.half_steps)
-    base = motions.floating.moved(position, rate, grid.spacing)
+    base = motions.floating.base_motion(position, rate, grid.spacing)
     seen = (position[::2], rate[::2])
-    after = motions.information.after(grid, seen, base)[0]
+    after = motions.information.std_after(grid, seen, base)[0]
     if wanted.ratio(after) <= 1.0:
         return ''
-    worst = int(np.argmax(np.where(wanted.asked, after / wanted.relative, -np.inf)))
+    worst = int(np.argmax(np.where(wanted.determinable, after / wanted.relative, -np.inf)))
     causes, shares = motions.information.shares(grid, seen, base)
     if not causes or shares[worst].max() < _MOSTLY:
         return ''

@@ -12,7 +12,7 @@ import pinocchio
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, configurations, parse
-from mbaid_ros.core.robot.urdf_document import kept_words, tree_of, triple
+from mbaid_ros.core.robot.urdf_document import captured_stderr, tree_of, triple
 
 ReadMesh = Callable[[str], Array]
 
@@ -139,7 +139,7 @@ def _read(robot: pinocchio.Model, text: str) -> pinocchio.GeometryModel:
     """
     complaints: list[str] = []
     try:
-        with kept_words(complaints):
+        with captured_stderr(complaints):
             shapes = pinocchio.buildGeomFromUrdfString(robot, text, pinocchio.GeometryType.COLLISION)
     except (ValueError, RuntimeError) as error:
         complaints.append(str(error))
@@ -194,7 +194,7 @@ def _placement(shape: ET.Element) -> pinocchio.SE3:
 _ORDER = [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]  # of standard parameters, as pinocchio has them
 
 
-class Efforts:
+class JointEfforts:
     """The torques, or forces, of a robot's joints.
 
     Parameters
@@ -219,7 +219,7 @@ class Efforts:
         """Whether any joint has a limit."""
         return bool(np.isfinite(self.limits).any())
 
-    def use(self, position: Array, rate: Array, acceleration: Array, twist: Array) -> Array:
+    def limit_use(self, position: Array, rate: Array, acceleration: Array, twist: Array) -> Array:
         """Return which part of their limits the joints use at most, (B, k), in B motions.
 
         Parameters

@@ -18,8 +18,8 @@ _FIRST_STEP, _LEAST, _AGAIN, _LARGEST = 0.2, 0.02, 0.15, 1.0
 _FEW = 0.25  # of the numbers, that are varied in half of the motions
 
 
-class Evolution:
-    """Where motions of one length are drawn, each of (G, k) numbers.
+class EvolutionStrategy:
+    """The distribution of motions of one duration, each of (G, k) numbers.
 
     Parameters
     ----------
@@ -33,12 +33,12 @@ class Evolution:
         self._path = np.zeros(mean.shape)  # the moves of the mean, as a walk of unit steps would have them
         self._noise = np.zeros((GENERATION, *mean.shape))
 
-    def begun_at(self, mean: Array) -> Evolution:
-        """Return the same about another mean: of a length that is new, the step is no smaller than is worth trying."""
-        return Evolution(mean, max(self._step, _AGAIN))
+    def restarted_at(self, mean: Array) -> EvolutionStrategy:
+        """Return the strategy about another mean, for a new duration; its step has a lower limit."""
+        return EvolutionStrategy(mean, max(self._step, _AGAIN))
 
-    def drawn(self, moved: Flags, generator: np.random.Generator) -> Array:
-        """Return motions about the mean, (GENERATION, G, k).
+    def sample(self, moved: Flags, generator: np.random.Generator) -> Array:
+        """Return a sample of motions about the mean, (GENERATION, G, k).
 
         Parameters
         ----------
@@ -51,8 +51,8 @@ class Evolution:
         self._noise = noise * moved
         return np.asarray(self._mean + self._step * self._noise)
 
-    def move(self, motions: Array, cost: Array) -> None:
-        """Move the mean to the best motions of those that were drawn, and adapt the step.
+    def update(self, motions: Array, cost: Array) -> None:
+        """Move the mean to the best motions of the sample, and adapt the step.
 
         Parameters
         ----------

@@ -31,7 +31,7 @@ class BaseMotion(ArrayRecord):
     twist: Array  # (T, B, 6) (v, w)
     deflection: Array  # (T, B, f) rad or m, of passive joints
 
-    def away_from(self, other: BaseMotion) -> Array:
+    def deviation_from(self, other: BaseMotion) -> Array:
         """Return how far this is from another motion: (T, B, 4) rad, m, rad/s, and rad or m of passive joints."""
         turned = np.linalg.norm(log(self.rotation @ np.swapaxes(other.rotation, -1, -2)), axis=-1)
         moved = np.linalg.norm(self.position - other.position, axis=-1)
@@ -43,7 +43,7 @@ class BaseMotion(ArrayRecord):
 
 
 @dataclass(frozen=True, eq=False)
-class Floating:
+class FloatingRobot:
     """A floating robot: its parameters, its momentum, and its start."""
 
     point: Point  # bodies, momentum (about the run's origin) and estimates of the joints
@@ -52,23 +52,19 @@ class Floating:
     position: Array  # (3,) m, of the base at the begin
     plane: Array | None  # (3, 6) the equations that hold for a planar motion, odometry axes; None in space
 
-    def moved(self, joint_position: Array, joint_velocity: Array, step: float) -> BaseMotion:
-        """Return how the base moves.
+    def base_motion(self, joint_position: Array, joint_velocity: Array, step: float) -> BaseMotion:
+        """Return the motion of the base at T instants, from the begin on.
 
         Parameters
         ----------
         joint_position, joint_velocity : (2 T - 1, B, n) of all joints, as read, at every half step
         step : s
-
-        Returns
-        -------
-        BaseMotion at T instants; the first is the begin
         """
-        parts = self.bodies(joint_position, joint_velocity)
+        parts = self.mobility_and_momentum(joint_position, joint_velocity)
         momentum = np.tile(self.point.parameters[:6], (joint_position.shape[1], 1))
         return _integrated(*parts, momentum, (self.rotation, self.position), step)
 
-    def swinging(self, base: BaseMotion, joint_position: Array, joint_velocity: Array, step: float) -> BaseMotion:
+    def deflected(self, base: BaseMotion, joint_position: Array, joint_velocity: Array, step: float) -> BaseMotion:
         """Return motions with the deflections of passive joints from rest; of joints (T, B, n) at their instants."""
         kernel, count = self.point.side.kernel, base.twist[..., 0].size
         if not kernel.springs.count:
@@ -86,7 +82,7 @@ class Floating:
         begin = started(np.zeros((2, size, 1)), by_state[0], slope[0])
         return replace(base, deflection=(x[..., : 2 * size] @ begin + x[..., 2 * size :])[..., :size, 0])
 
-    def bodies(self, joint_position: Array, joint_velocity: Array) -> tuple[Array, Array]:
+    def mobility_and_momentum(self, joint_position: Array, joint_velocity: Array) -> tuple[Array, Array]:
         """Return M^-1 (..., 6, 6) and the momentum (..., 6) of the joints' motion at a resting base, base axes."""
         side = self.point.side
         kernel = side.kernel
@@ -96,7 +92,7 @@ class Floating:
         placed = kernel.kinematics.configure(upright, position)
         still = np.zeros((len(position), 6))
         twists = kernel.kinematics.body_twists(placed, joint_velocity.reshape(position.shape), still)
-        bodies = express(kernel.with_target(self.point.body), placed.rotation, placed.position)
+        bodies = express(kernel.body_parameters(self.point.body), placed.rotation, placed.position)
         mobility, moving = mobility_and_momentum(bodies, twists)
         if kernel.storage.count:
             readings = np.broadcast_to(self.stored, (len(position), len(self.stored)))
@@ -110,16 +106,18 @@ class Floating:
         return np.concatenate((plane[:, :3] @ self.rotation, plane[:, 3:] @ self.rotation), axis=1)
 
 
-def as_they_may_be(robots: Sequence[Floating], joint_position: Array, joint_velocity: Array, step: float) -> BaseMotion:
-    """Return how the bases of R robots that begin at one place move when their joints do the same.
+def base_motions(
+    robots: Sequence[FloatingRobot], joint_position: Array, joint_velocity: Array, step: float
+) -> BaseMotion:
+    """Return the base motions of R robots with the same start and the same joint motion.
 
     Parameters
     ----------
     robots : R of them
-    joint_position, joint_velocity : (2 T - 1, n) as in `Floating.moved`
+    joint_position, joint_velocity : (2 T - 1, n) as in `FloatingRobot.base_motion`
     step : s
     """
-    parts = [robot.bodies(joint_position[:, None], joint_velocity[:, None]) for robot in robots]
+    parts = [robot.mobility_and_momentum(joint_position[:, None], joint_velocity[:, None]) for robot in robots]
     mobility, moving = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
     momentum = np.stack([robot.point.parameters[:6] for robot in robots])
     base = _integrated(mobility, moving, momentum, (robots[0].rotation, robots[0].position), step)
@@ -127,7 +125,7 @@ def as_they_may_be(robots: Sequence[Floating], joint_position: Array, joint_velo
         return base
     each = [BaseMotion(*(part[:, [place]] for part in vars(base).values())) for place in range(len(robots))]
     joints = joint_position[::2, None], joint_velocity[::2, None]
-    swung = [robot.swinging(own, *joints, step).deflection for robot, own in zip(robots, each, strict=True)]
+    swung = [robot.deflected(own, *joints, step).deflection for robot, own in zip(robots, each, strict=True)]
     return replace(base, deflection=np.concatenate(swung, axis=1))
 
 

@@ -21,7 +21,7 @@ from mbaid_ros.core.filter.whitened import TOGETHER, LinearisationCache, Whitene
 from mbaid_ros.core.filter.window import Window, WindowNoise, in_stacks
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.reporting import Reporting, relative_std
-from mbaid_ros.core.robot.momentum import OF_A_THRUSTER, physical, physical_jacobian
+from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS, physical, physical_jacobian
 from mbaid_ros.core.trajectory.posterior import FIRST, Posterior
 from mbaid_ros.planning.floating import BaseMotion
 
@@ -58,22 +58,22 @@ class Information:
 
     Parameters
     ----------
-    knowledge : the posterior of a run
+    posterior : of the run
     reporting : has the sizes that standard deviations are relative to
     point : of the robot as it may be; as it is known best where not given
     """
 
-    def __init__(self, knowledge: Posterior, reporting: Reporting, point: Point | None = None) -> None:
-        self._known, self._reporting = knowledge, reporting
-        self._point = point or knowledge.point
+    def __init__(self, posterior: Posterior, reporting: Reporting, point: Point | None = None) -> None:
+        self._known, self._reporting = posterior, reporting
+        self._point = point or posterior.point
         body = self._point.body
         self.parameters = physical(body)
         self._jacobian = physical_jacobian(body)
         self._scale = reporting.scale
         self._sizes = reporting.sizes(self.parameters)
-        self._start = self._belief()
+        self._start = self._prior()
 
-    def as_if(self, point: Point) -> Information:
+    def at_point(self, point: Point) -> Information:
         """Return the information of motions for one of the possible robots."""
         return Information(self._known, self._reporting, point)
 
@@ -84,29 +84,25 @@ class Information:
         return self._relative((covariance.T @ covariance)[None])[0]
 
     @cached_property
-    def asked(self) -> Flags:
+    def determinable(self) -> Flags:
         """The parameters that a motion can determine at all, (10,): four in a planar one."""
         variables = self._known.variables
         own = variables.basis[BODY, 2 * variables.poses : variables.own]
         left_out = self._jacobian @ (np.eye(10) - own @ own.T) * self._scale
         return np.asarray(np.linalg.norm(left_out, axis=1) < _NOTHING * self._sizes)
 
-    def after(self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion, every: int = 0) -> Array:
-        """Return relative standard deviations of the ten parameters after B motions.
+    def std_after(self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion, every: int = 0) -> Array:
+        """Return relative standard deviations of the parameters after B motions, (B, 10), or on the way (W, B, 10).
 
         Parameters
         ----------
         joints : (J, B, n) positions of all joints as read, and rates, at its knots
         base : of the same J knots
         every : how often on the way, in windows; 0 at the end alone
-
-        Returns
-        -------
-        (B, 10), or (W, B, 10) on the way
         """
         course = [
             self._relative(np.stack([self._covariance(gaussian) for gaussian in gaussians]))
-            for number, gaussians in enumerate(self._followed(grid, joints, base), start=1)
+            for number, gaussians in enumerate(self._posteriors(grid, joints, base), start=1)
             if number == grid.windows or (every and number % every == 0)
         ]
         return np.stack(course) if every else course[-1]
@@ -116,14 +112,14 @@ class Information:
 
         Parameters
         ----------
-        grid, joints, base : as for `after`, of one motion
+        grid, joints, base : as for `std_after`, of one motion
 
         Returns
         -------
         c names, (10, c) parts of the variances of the ten parameters
         """
         last = self._start
-        for (gaussian,) in self._followed(grid, joints, base):
+        for (gaussian,) in self._posteriors(grid, joints, base):
             last = gaussian
         distribution = MeanAndCovariance.of(last, self._known.variables)
         own = distribution.factor_of(self._jacobian @ self._known.variables.spread[BODY])
@@ -131,10 +127,10 @@ class Information:
         variances = distribution.contributions(own, layout).T ** 2 @ layout.belongs
         return layout.causes, variances / np.maximum(np.sum(own**2, axis=1, keepdims=True), np.finfo(float).tiny)
 
-    def _followed(
+    def _posteriors(
         self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion
     ) -> Iterator[list[SquareRootInformation]]:
-        """Give the posterior of B motions after each window."""
+        """Yield the posteriors of B motions after each window."""
         whitened = self._windows(grid, joints, base)
         batch = joints[0].shape[1]
         gaussians = [self._start] * batch
@@ -185,7 +181,7 @@ class Information:
             impulse=np.zeros((count, 6)),
             stored=stored,
             tide=np.zeros((count, 0)),
-            thrust=np.zeros((count, 6 * OF_A_THRUSTER * frames)),
+            thrust=np.zeros((count, 6 * THRUSTER_ERRORS * frames)),
             gyro=np.zeros((count, 0)),
             course=np.zeros((count, 0)),
         )
@@ -196,7 +192,7 @@ class Information:
         twist = np.where(np.isfinite(noise.twist), noise.twist, np.eye(6))
         return WindowNoise(samples, noise.joint_position, noise.pose, twist)
 
-    def _belief(self) -> SquareRootInformation:
+    def _prior(self) -> SquareRootInformation:
         """Return the prior of the motion, without the pose error: the chain begins anew."""
         variables = self._known.variables
         poses, count = variables.poses, len(variables.scale)

@@ -13,8 +13,8 @@ from mbaid_ros.core.filter.state import Point
 from mbaid_ros.core.geometry import Array, rotate_back
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.planning.collisions import Efforts
-from mbaid_ros.planning.floating import BaseMotion, Floating, as_they_may_be
+from mbaid_ros.planning.collisions import JointEfforts
+from mbaid_ros.planning.floating import BaseMotion, FloatingRobot, base_motions
 from mbaid_ros.planning.information import Grid, Information
 from mbaid_ros.planning.requirements import BaseLimits, JointLimits
 from mbaid_ros.planning.splines import Splines
@@ -31,44 +31,44 @@ _SPARSE = 2  # of these from one at which torques are asked for to the next: end
 class Motions:
     """All motions of one length."""
 
-    knowledge: Posterior  # where they begin, with the posterior there
+    posterior: Posterior  # where they begin, with the posterior there
     information: Information  # that they add to it
     splines: Splines  # their form
     limits: JointLimits  # of the joints
-    efforts: Efforts  # of the joints of the robot as it is known best
+    efforts: JointEfforts  # of the joints of the robot as it is known best
 
-    def lasting(self, duration: float) -> Motions:
+    def with_duration(self, duration: float) -> Motions:
         """Return motions of another length, s."""
         return replace(self, splines=replace(self.splines, duration=duration))
 
     @cached_property
     def start(self) -> Array:
         """Where the joints that follow no other begin, (k,)."""
-        moved = self.knowledge.layout.kernel.model.transmission
-        return self.knowledge.end.joint_position[moved.independent]
+        moved = self.posterior.layout.kernel.model.transmission
+        return self.posterior.end.joint_position[moved.independent]
 
     @cached_property
-    def floating(self) -> Floating:
+    def floating(self) -> FloatingRobot:
         """The robot as it is known best."""
-        return self.as_if(self.knowledge.point)
+        return self.at_point(self.posterior.point)
 
-    def as_if(self, point: Point) -> Floating:
+    def at_point(self, point: Point) -> FloatingRobot:
         """Return the robot as it may be."""
-        end = self.knowledge.end
-        return Floating(point, end.stored, end.base_rotation, end.base_position, self.knowledge.layout.plane)
+        end = self.posterior.end
+        return FloatingRobot(point, end.stored, end.base_rotation, end.base_position, self.posterior.layout.plane)
 
     @property
     def coarse(self) -> Grid:
         """Windows that suffice for a search."""
         return Grid(WINDOWS, KNOTS, self.splines.duration / (WINDOWS * KNOTS))
 
-    def within(self, speeds: Array) -> Array:
+    def limited(self, speeds: Array) -> Array:
         """Return speeds (B, K, k) within the joints' limits."""
-        return self.splines.within(speeds, self.start, self.limits)
+        return self.splines.limited(speeds, self.start, self.limits)
 
     def joints(self, speeds: Array, times: Array) -> tuple[Array, Array]:
         """Return positions and rates (T, B, n) of all joints at instants."""
-        moved = self.knowledge.layout.kernel.model.transmission
+        moved = self.posterior.layout.kernel.model.transmission
         position = np.tensordot(self.splines.basis(times), speeds, axes=(1, 1)) + self._held(times)[:, None]
         rate = np.tensordot(self.splines.basis(times, 1), speeds, axes=(1, 1)) + self._speed
         return moved.positions(position), moved.rates(rate)
@@ -76,7 +76,7 @@ class Motions:
     @cached_property
     def _speed(self) -> Array:
         """Rates of the joints that keep theirs, (k,); zero of the others."""
-        moved, end = self.knowledge.layout.kernel.model.transmission, self.knowledge.end
+        moved, end = self.posterior.layout.kernel.model.transmission, self.posterior.end
         return np.where(self.limits.held, end.joint_velocity[moved.independent], 0.0)
 
     def _held(self, times: Array) -> Array:
@@ -95,7 +95,7 @@ class Motions:
         """
         joint = int(np.argmax(self.holding))
         if self.holding[joint] >= 1.0:
-            name = self.knowledge.layout.kernel.model.independent_joints[joint]
+            name = self.posterior.layout.kernel.model.independent_joints[joint]
             raise ParameterError(
                 f"to hold joint '{name}' while the base tumbles takes {self.holding[joint]:.3g} times its effort limit "
                 "in the robot description; accepted: a larger one there, or 'plan.stuck' with the joint"
@@ -107,24 +107,24 @@ class Motions:
         Parameters
         ----------
         speeds : (B, K, k)
-        course : their first result of `course`
+        course : their first results of `base_course`
         """
-        times, base = course or self.course(speeds)[:2]
+        times, base = course or self.base_course(speeds)[:2]
         position, rate = self.joints(speeds, times)
         bend = np.tensordot(self.splines.basis(times, 2), speeds, axes=(1, 1))
-        moved = self.knowledge.layout.kernel.model.transmission
+        moved = self.posterior.layout.kernel.model.transmission
         twist = np.concatenate([rotate_back(base.rotation, base.twist[..., part]) for part in _PARTS], axis=-1)
-        return np.where(self.limits.moved, self.efforts.use(position, rate, moved.rates(bend), twist), 0.0)
+        return np.where(self.limits.moved, self.efforts.limit_use(position, rate, moved.rates(bend), twist), 0.0)
 
     def relative(self, speeds: Array, grid: Grid, every: int = 0) -> Array:
-        """Return relative standard deviations of the body after motions (B, K, k), as `Information.after` does."""
+        """Return relative standard deviations of the body after motions (B, K, k), as `Information.std_after`."""
         position, rate = self.joints(speeds, grid.half_steps)
-        base = self.floating.moved(position, rate, grid.spacing)
-        return self.information.after(grid, (position[::2], rate[::2]), base, every)
+        base = self.floating.base_motion(position, rate, grid.spacing)
+        return self.information.std_after(grid, (position[::2], rate[::2]), base, every)
 
     def excursions(self, speeds: Array) -> Array:
-        """Return how far motions move the robot from coasting at most, (B, 4) as of `BaseMotion.away_from`."""
-        return np.asarray(self.course(speeds)[2].max(axis=0))
+        """Return how far motions move the robot from coasting at most, (B, 4) as of `BaseMotion.deviation_from`."""
+        return np.asarray(self.base_course(speeds)[2].max(axis=0))
 
     def beside_holding(self, effort: Array) -> Array:
         """Return the used part (B, k) of the limits beside holding: it grows with the motion, nearly."""
@@ -133,31 +133,31 @@ class Motions:
     def trajectory(self, speeds: Array) -> JointTrajectory:
         """Return one motion (K, k), of the joints that may be moved."""
         moved = np.flatnonzero(self.limits.moved)
-        names = self.knowledge.layout.kernel.model.independent_joints
+        names = self.posterior.layout.kernel.model.independent_joints
         return self.splines.trajectory(speeds[:, moved], self.start[moved], tuple(names[each] for each in moved))
 
-    def along(self, trajectory: JointTrajectory, times: Array) -> tuple[Array, Array]:
+    def joints_along(self, trajectory: JointTrajectory, times: Array) -> tuple[Array, Array]:
         """Return positions and rates (T, 1, n) of all joints at instants of a trajectory from the start on."""
-        model = self.knowledge.layout.kernel.model
+        model = self.posterior.layout.kernel.model
         position, rate = self._held(times), np.tile(self._speed, (len(times), 1))
         places = [model.independent_joints.index(name) for name in trajectory.joints]
-        position[:, places], rate[:, places], _ = trajectory.at(times)
+        position[:, places], rate[:, places], _ = trajectory.state_at(times)
         return model.transmission.positions(position)[:, None], model.transmission.rates(rate)[:, None]
 
     def relative_along(self, trajectory: JointTrajectory, grid: Grid, point: Point) -> Array:
         """Return relative standard deviations (10,) after a trajectory, if the robot is as it may be."""
-        position, rate = self.along(trajectory, grid.half_steps)
-        base = self.as_if(point).moved(position, rate, grid.spacing)
-        return self.information.as_if(point).after(grid, (position[::2], rate[::2]), base)[0]
+        position, rate = self.joints_along(trajectory, grid.half_steps)
+        base = self.at_point(point).base_motion(position, rate, grid.spacing)
+        return self.information.at_point(point).std_after(grid, (position[::2], rate[::2]), base)[0]
 
-    def excursions_of(self, robots: Sequence[Floating], speeds: Array) -> Array:
+    def excursions_of(self, robots: Sequence[FloatingRobot], speeds: Array) -> Array:
         """Return how far one motion (K, k) moves R robots from coasting at most, (R, 4) as `excursions`."""
         step, times = self._instants
         moved, still = (
-            as_they_may_be(robots, position[:, 0], rate[:, 0], step)
-            for position, rate in (self.joints(speeds[None], times), self.at_rest(times))
+            base_motions(robots, position[:, 0], rate[:, 0], step)
+            for position, rate in (self.joints(speeds[None], times), self.joints_at_rest(times))
         )
-        return np.asarray(moved.away_from(still).max(axis=0))
+        return np.asarray(moved.deviation_from(still).max(axis=0))
 
     @property
     def _instants(self) -> tuple[float, Array]:
@@ -166,28 +166,28 @@ class Motions:
         step = self.splines.duration / steps
         return step, np.arange(2 * steps + 1) * 0.5 * step
 
-    def course(self, speeds: Array) -> tuple[Array, BaseMotion, Array]:
+    def base_course(self, speeds: Array) -> tuple[Array, BaseMotion, Array]:
         """Return instants (T,) s, the base's motions at them, and (T, B, 4) how far these are from coasting."""
         step, times = self._instants
-        base = self._swinging(*self.joints(speeds, times), step)
-        return times[::2], base, base.away_from(self._coasting)
+        base = self._base_motion(*self.joints(speeds, times), step)
+        return times[::2], base, base.deviation_from(self._coasting)
 
     @cached_property
     def _coasting(self) -> BaseMotion:
         """How base and passive joints move while no joint is moved."""
         step, times = self._instants
-        return self._swinging(*self.at_rest(times), step)
+        return self._base_motion(*self.joints_at_rest(times), step)
 
-    def _swinging(self, position: Array, rate: Array, step: float) -> BaseMotion:
-        """Return how base and passive joints move, as of `Floating.moved`."""
-        base = self.floating.moved(position, rate, step)
-        return self.floating.swinging(base, position[::2], rate[::2], step)
+    def _base_motion(self, position: Array, rate: Array, step: float) -> BaseMotion:
+        """Return how base and passive joints move, as of `FloatingRobot.base_motion`."""
+        base = self.floating.base_motion(position, rate, step)
+        return self.floating.deflected(base, position[::2], rate[::2], step)
 
-    def at_rest(self, times: Array) -> tuple[Array, Array]:
+    def joints_at_rest(self, times: Array) -> tuple[Array, Array]:
         """Return positions and rates (T, 1, n) of all joints at instants, none of them moved."""
         return self.joints(np.zeros((1, self.splines.count, len(self.start))), times)
 
-    def gentle(self, speeds: Array, most: BaseLimits) -> Array:
+    def scaled_to_limits(self, speeds: Array, most: BaseLimits) -> Array:
         """Return motions (B, K, k) within the limits of efforts and base.
 
         Where efforts ask for it their ramps are made longer; then they are made as much smaller as is left to do. A
@@ -213,12 +213,12 @@ class Motions:
 
     def _ramped(self, speeds: Array, part: Array) -> Array:
         """Return motions (B, K, k) with a part (B,) of their accelerations."""
-        bend = self.splines.use(speeds, self.start, self.limits)[:, 2]
-        return self.splines.within(speeds, self.start, self.limits, bend * part[:, None])
+        bend = self.splines.limit_use(speeds, self.start, self.limits)[:, 2]
+        return self.splines.limited(speeds, self.start, self.limits, bend * part[:, None])
 
     def _use(self, speeds: Array, most: BaseLimits) -> tuple[Array, Array]:
         """Return which part of the limits of the base, and of efforts, motions use at most, (B,) each."""
-        times, base, away = self.course(speeds)
+        times, base, away = self.base_course(speeds)
         of_base: Array = (away.max(axis=0) / most.array).max(axis=1)
         if not self.efforts.limited:
             return of_base, np.zeros(len(speeds))

@@ -40,7 +40,7 @@ class Bounds:
     """How far a motion moves base and passive joints at most from where they would coast, (4,): rad, m, rad/s, rad."""
 
     nominal: Array  # of the robot as it is known best
-    sure: Array  # of robots as they may be as well, five standard deviations and more
+    robust: Array  # of robots as they may be as well, five standard deviations and more
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +50,9 @@ class Plan:
     trajectory: JointTrajectory  # of the joints that are moved
     target: str  # the link that is identified
     # before, wanted: (10,) relative standard deviations now, and as they are wanted
-    before: Array
+    std_before: Array
     wanted: Array
-    asked: Flags  # (10,) which of them a motion can determine
+    determinable: Flags  # (10,) which of them a motion can determine
     # times, course: (W,) s since the begin of the motion, (W, 10) relative standard deviations then
     times: Array
     course: Array
@@ -63,25 +63,25 @@ class Plan:
     shortest: bool  # whether the search was for the shortest that reaches the wanted precision
     longest: float  # s, that was looked for
     compared: int  # motions
-    may_be: Array  # relative standard deviations after the motion for bodies as the target may be, (D, 10)
+    sampled_stds: Array  # relative standard deviations after the motion for bodies as the target may be, (D, 10)
     stuck: tuple[str, ...]  # joints that are not moved
     notes: tuple[str, ...]  # further notes, a line each
 
     @property
-    def after(self) -> Array:
+    def std_after(self) -> Array:
         """Relative standard deviations after the motion, (10,)."""
         return self.course[-1]
 
     @property
-    def between(self) -> Array:
+    def std_range(self) -> Array:
         """The smallest and the largest that these are for bodies as the target may be, (2, 10)."""
-        every = np.concatenate((self.may_be, self.after[None]))
+        every = np.concatenate((self.sampled_stds, self.std_after[None]))
         return np.stack((every.min(axis=0), every.max(axis=0)))
 
     @property
     def ratio(self) -> float:
         """The largest of them relative to the wanted precision, of those a motion can determine."""
-        return float((self.after / self.wanted)[self.asked].max())
+        return float((self.std_after / self.wanted)[self.determinable].max())
 
     @property
     def reached(self) -> bool:
@@ -91,17 +91,17 @@ class Plan:
     @property
     def worst(self) -> str:
         """Name of the parameter that is furthest from the wanted precision."""
-        return PARAMETERS[int(np.argmax(np.where(self.asked, self.after / self.wanted, -np.inf)))]
+        return PARAMETERS[int(np.argmax(np.where(self.determinable, self.std_after / self.wanted, -np.inf)))]
 
     @property
     def verdict(self) -> str:
         """The plan in one sentence: the precision it reaches, or the limit that prevents the wanted one."""
         place = PARAMETERS.index(self.worst)
-        now, then, wanted = (f'{100.0 * each[place]:.3g} %' for each in (self.before, self.after, self.wanted))
+        now, then, wanted = (f'{100.0 * each[place]:.3g} %' for each in (self.std_before, self.std_after, self.wanted))
         length = f'{self.trajectory.duration:.1f} s'
         known = f'{self.worst} of {self.target}'
         if self.reached:
-            most = (self.between[1] / self.wanted)[self.asked].max()
+            most = (self.std_range[1] / self.wanted)[self.determinable].max()
             margin = f' (up to {most:.2f} times it with the body as it may be)' if most > _MARGIN else ''
             return (
                 f'{length} of motion bring every parameter of {self.target} below the wanted value{margin}; now '
@@ -122,7 +122,7 @@ class Plan:
     @property
     def effects(self) -> Iterator[tuple[tuple[str, str, str], tuple[float, float, float]]]:
         """Those on base and passive joints, if there are any: name, unit, words; most, for certain, limit."""
-        values = zip(self.bounds.nominal.tolist(), self.bounds.sure.tolist(), self.base_limits.tolist(), strict=True)
+        values = zip(self.bounds.nominal.tolist(), self.bounds.robust.tolist(), self.base_limits.tolist(), strict=True)
         return (each for each in zip(_EFFECTS, values, strict=True) if each[0][0] != 'deflection' or each[1][1] > 0.0)
 
     @property

@@ -12,12 +12,12 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.reporting import Reporting
 from mbaid_ros.core.trajectory.posterior import Posterior
-from mbaid_ros.planning.assurance import Assurance, beyond_motion, single_joint
-from mbaid_ros.planning.collisions import Collisions, Efforts, ReadMesh, no_mesh
+from mbaid_ros.planning.assurance import RobustLimits, beyond_motion, single_joint
+from mbaid_ros.planning.collisions import Collisions, JointEfforts, ReadMesh, no_mesh
 from mbaid_ros.planning.information import Grid, Information
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.plan import BINDING, LIMITS, Plan
-from mbaid_ros.planning.requirements import BaseLimits, Wanted, joint_limits, keeping_speed
+from mbaid_ros.planning.requirements import BaseLimits, Goal, joint_limits, speed_held
 from mbaid_ros.planning.search import Candidate, Search
 from mbaid_ros.planning.splines import Splines
 
@@ -59,7 +59,7 @@ class Planner:
 
     Parameters
     ----------
-    knowledge : the posterior of the run
+    posterior : of the run
     reporting : has the sizes that standard deviations are relative to
     mesh : reads collision meshes, as `Collisions` has it
 
@@ -69,43 +69,43 @@ class Planner:
     """
 
     def __init__(
-        self, knowledge: Posterior, reporting: Reporting, settings: PlanSettings, mesh: ReadMesh = no_mesh
+        self, posterior: Posterior, reporting: Reporting, settings: PlanSettings, mesh: ReadMesh = no_mesh
     ) -> None:
         self._settings, self._mesh = settings, mesh
-        self.information = Information(knowledge, reporting)
-        self._wanted = Wanted(settings.relative, self.information.asked)
-        model = knowledge.layout.kernel.model
+        self.information = Information(posterior, reporting)
+        self._wanted = Goal(settings.relative, self.information.determinable)
+        model = posterior.layout.kernel.model
         independent = model.transmission.independent
-        passive = (model.joint_names[joint] for joint in knowledge.layout.kernel.springs.joints)
+        passive = (model.joint_names[joint] for joint in posterior.layout.kernel.springs.joints)
         limits = joint_limits(
             model,
-            knowledge.end.joint_position[independent],
+            posterior.end.joint_position[independent],
             settings.joint_velocity,
             settings.joint_acceleration,
             (*settings.stuck, *passive),
-            keeping_speed(model, knowledge.end.joint_velocity[independent], settings.joint_velocity, settings.held),
+            speed_held(model, posterior.end.joint_velocity[independent], settings.joint_velocity, settings.held),
         )
         length = settings.duration or min(_FIRST, settings.longest)
         self.motions = Motions(
-            knowledge=knowledge,
+            posterior=posterior,
             information=self.information,
             splines=Splines(settings.speeds, length),
             limits=limits,
-            efforts=_efforts(knowledge),
+            efforts=_efforts(posterior),
         )
         self.motions.require_hold()
 
     @cached_property
     def _collisions(self) -> Collisions:
-        knowledge = self.motions.knowledge
+        posterior = self.motions.posterior
         return Collisions(
-            knowledge.layout.kernel.model, self._settings.clearance, knowledge.end.joint_position, self._mesh
+            posterior.layout.kernel.model, self._settings.clearance, posterior.end.joint_position, self._mesh
         )
 
     @cached_property
-    def _assurance(self) -> Assurance:
+    def _assurance(self) -> RobustLimits:
         settings = self._settings
-        return Assurance(self.motions, self._wanted, settings.base, self._collisions, settings.seed)
+        return RobustLimits(self.motions, self._wanted, settings.base, self._collisions, settings.seed)
 
     @property
     def ratio(self) -> float:
@@ -135,18 +135,18 @@ class Planner:
                 'no motion of the joints, however small, keeps the collision shapes of the robot apart; accepted: a '
                 'smaller plan.clearance, or a start with more distance between them'
             )
-        search.base = self._assurance.tightened(search.best)
+        search.base = self._assurance.tightened_limits(search.best)
         compared = 0
-        steps = search.at_length() if settings.duration else search.shortest(settings.longest)
+        steps = search.improve() if settings.duration else search.shortest(settings.longest)
         length = search.best.duration
         for count in steps:
             compared += count
             if not 1.0 / _OTHER < search.best.duration / length < _OTHER:
-                search.base, length = self._assurance.tightened(search.best), search.best.duration
+                search.base, length = self._assurance.tightened_limits(search.best), search.best.duration
             if not progress(min(compared, settings.effort)) or compared >= settings.effort:
                 break
         found = search.best if settings.duration else search.reached or search.nearest
-        return self._finished(self._lengthened(self._assurance.sure(found)), search.base, compared)
+        return self._finished(self._lengthened(self._assurance.scaled_to_bounds(found)), search.base, compared)
 
     def advice(self) -> str:
         """Return which joint, moved by itself, would help most; empty where all is known as well as is wanted."""
@@ -159,17 +159,17 @@ class Planner:
 
     def _notes(self) -> list[str]:
         """Return notes on the start of the motion."""
-        notes, knowledge = [], self.motions.knowledge
-        model = knowledge.layout.kernel.model
+        notes, posterior = [], self.motions.posterior
+        model = posterior.layout.kernel.model
         names, held = model.independent_joints, self.motions.limits.held
-        rate = np.abs(knowledge.end.joint_velocity[model.transmission.independent])
+        rate = np.abs(posterior.end.joint_velocity[model.transmission.independent])
         moving, kept = ([names[each] for each in np.flatnonzero(which & (rate > _MOVING))] for which in (~held, held))
         if kept:
             notes.append(f'keep their speed: {listing(kept)}')
         if moving:
             notes.append(f'moved at the end of the run, and must rest before the motion begins: {listing(moving)}')
-        if knowledge.hypothesis.disturbed:
-            notes.append(f'{knowledge.hypothesis.name}: the motion is planned as if that went on')
+        if posterior.hypothesis.disturbed:
+            notes.append(f'{posterior.hypothesis.name}: the motion is planned as if that went on')
         return notes
 
     def _lengthened(self, candidate: Candidate) -> Candidate:
@@ -178,43 +178,43 @@ class Planner:
             return candidate
         first = candidate.duration
         for _ in range(4):
-            ratio = float(self._wanted.ratio(self._fine(candidate)[-1]))
+            ratio = float(self._wanted.ratio(self._std_course(candidate)[-1]))
             longer = candidate.duration * max(ratio, 1.0) ** 0.7 * 1.005
             if ratio <= 1.0 or longer > min((1.0 + _SMALL) * first, self._settings.longest):
                 break
-            candidate = self._assurance.sure(candidate.lasting(longer))
+            candidate = self._assurance.scaled_to_bounds(candidate.with_duration(longer))
         return candidate
 
     def _grid(self, duration: float) -> Grid:
         return Grid.over(duration, self._settings.window, max(round(self._settings.window / (_WINDOW / _KNOTS)), 5))
 
-    def _fine(self, candidate: Candidate) -> Array:
+    def _std_course(self, candidate: Candidate) -> Array:
         """Return the relative standard deviations (W, 10) on the way, in windows as the estimator has them."""
         grid = self._grid(candidate.duration)
         return candidate.motions.relative(candidate.speeds[None], grid, every=1)[:, 0]
 
     def _finished(self, candidate: Candidate, base: BaseLimits, compared: int) -> Plan:
         motions, settings = candidate.motions, self._settings
-        relative = self._fine(candidate)
-        model = motions.knowledge.layout.kernel.model
+        relative = self._std_course(candidate)
+        model = motions.posterior.layout.kernel.model
         names = model.independent_joints
         moved = np.flatnonzero(motions.limits.moved)
         bounds = self._assurance.bounds(candidate)
         use = np.concatenate(
             (
-                motions.splines.use(candidate.speeds, motions.start, motions.limits),
+                motions.splines.limit_use(candidate.speeds, motions.start, motions.limits),
                 motions.effort(candidate.speeds[None]),
             )
         )[:, moved]
         # The limit of the search: a motion that reaches it is at its limit.
-        of_base = np.maximum(bounds.nominal / base.array, bounds.sure / settings.base.array)
+        of_base = np.maximum(bounds.nominal / base.array, bounds.robust / settings.base.array)
         trajectory, grid = motions.trajectory(candidate.speeds), self._grid(candidate.duration)
         return Plan(
             trajectory=trajectory,
-            target=motions.knowledge.layout.kernel.target.name,
-            before=self.information.relative,
+            target=motions.posterior.layout.kernel.target.name,
+            std_before=self.information.relative,
             wanted=settings.relative,
-            asked=self.information.asked,
+            determinable=self.information.determinable,
             times=grid.ends,
             course=relative,
             bounds=bounds,
@@ -228,13 +228,13 @@ class Planner:
             shortest=not settings.duration,
             longest=settings.longest,
             compared=compared,
-            may_be=relative[-1] * self._assurance.may_be(motions, trajectory),
+            sampled_stds=relative[-1] * self._assurance.std_ratios(motions, trajectory),
             stuck=tuple(name for place, name in enumerate(names) if not (place in moved or motions.limits.held[place])),
             notes=(*self._advice(candidate), *self._notes(), *self._collisions.notes),
         )
 
 
-def _efforts(knowledge: Posterior) -> Efforts:
+def _efforts(posterior: Posterior) -> JointEfforts:
     """Return the efforts of the robot as it is known best."""
-    point, model = knowledge.point, knowledge.layout.kernel.model
-    return Efforts(model, point.side.kernel.with_target(point.body))
+    point, model = posterior.point, posterior.layout.kernel.model
+    return JointEfforts(model, point.side.kernel.body_parameters(point.body))

@@ -1,4 +1,4 @@
-"""What a planned motion has to determine, how well, and what it may not exceed; `search.py` minimises its duration."""
+"""Goal and limits of a planned motion; `search.py` minimises its duration."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ _SHARP = 8  # exponent of the mean that stands for the worst, smooth enough to b
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
+class Goal:
     """The goal of a motion."""
 
     relative: Array  # (10,) relative standard deviations wanted
-    asked: Flags  # (10,) which of them count
+    determinable: Flags  # (10,) which of them count
 
     def ratio(self, relative: Array) -> Array:
         """Return the largest ratio (...) of (..., 10) to the wanted precision: 1 is reached."""
-        return np.asarray((relative / self.relative)[..., self.asked].max(axis=-1))
+        return np.asarray((relative / self.relative)[..., self.determinable].max(axis=-1))
 
     def cost(self, relative: Array) -> Array:
         """Return the cost of the search, (...): the largest ratio, made smooth."""
-        ratios = (relative / self.relative)[..., self.asked]
+        ratios = (relative / self.relative)[..., self.determinable]
         return np.asarray((ratios**_SHARP).mean(axis=-1) ** (1.0 / _SHARP))
 
 
@@ -109,7 +109,7 @@ def joint_limits(
     return JointLimits(lower, upper, speed, np.full(len(names), acceleration), moved, kept)
 
 
-def keeping_speed(model: RobotModel, rate: Array, velocity: float, held: Collection[str]) -> Flags:
+def speed_held(model: RobotModel, rate: Array, velocity: float, held: Collection[str]) -> Flags:
     """Return which joints keep their speed (k,): those named, or all that turn without any limit, as wheels do.
 
     Raises ParameterError: A name is of no joint.

@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.planning.evolution import CHOSEN, GENERATION, Evolution
+from mbaid_ros.planning.evolution import CHOSEN, GENERATION, EvolutionStrategy
 from mbaid_ros.planning.motions import Motions
-from mbaid_ros.planning.requirements import BaseLimits, Wanted
+from mbaid_ros.planning.requirements import BaseLimits, Goal
 
 LEGS = 8  # of a joint: more turns help where the base's limit binds
 NUMBERS = 2 * LEGS + 1  # of a joint: logarithms of lengths, places, logarithm of a part of the speed
@@ -30,11 +30,11 @@ def drawn_legs(count: int, joints: int, generator: np.random.Generator) -> Array
     slower = generator.uniform(-_SLOWER, 0.0, (count, 1, joints))
     slower[::2] = 0.0
     lengths = generator.standard_normal(shape)
-    places = np.cumsum(_lasting(lengths) * generator.choice([-1.0, 1.0], shape), axis=1)
+    places = np.cumsum(_durations(lengths) * generator.choice([-1.0, 1.0], shape), axis=1)
     return np.concatenate((lengths, LEGS * places, slower), axis=1)
 
 
-def _lasting(lengths: Array) -> Array:
+def _durations(lengths: Array) -> Array:
     """Return which part of a motion each leg lasts, (B, LEGS, k), by logarithms."""
     lasting = np.exp(lengths)
     return np.asarray(lasting / lasting.sum(axis=1, keepdims=True))
@@ -51,7 +51,7 @@ def speeds_of(legs: Array, count: int) -> Array:
     count : number
     """
     begin = ((0, 0), (1, 0), (0, 0))
-    ends = np.pad(np.cumsum(_lasting(legs[:, :LEGS]), axis=1), begin)
+    ends = np.pad(np.cumsum(_durations(legs[:, :LEGS]), axis=1), begin)
     places = np.pad(legs[:, LEGS:-1] / LEGS, begin)
     share = np.arange(count + 1) / count
     passed = np.empty((len(legs), count + 1, legs.shape[-1]))
@@ -74,8 +74,8 @@ class Candidate:
     motions: Motions  # those of its length
     legs: Array  # (NUMBERS, k) that the search has it of
     speeds: Array  # (K, k) within the limits
-    cost: float  # as `Wanted` has them
-    ratio: float  # as `Wanted` has them
+    cost: float  # as `Goal` has them
+    ratio: float  # as `Goal` has them
     part: float = 1.0  # of the size that it would have if nothing of the robot were in its own way
 
     @property
@@ -83,10 +83,10 @@ class Candidate:
         """Its length, s."""
         return self.motions.splines.duration
 
-    def lasting(self, duration: float) -> Candidate:
+    def with_duration(self, duration: float) -> Candidate:
         """Return the motion that goes by the same speeds for another time, s, as far as the joints may go."""
-        motions = self.motions.lasting(duration)
-        return replace(self, motions=motions, speeds=motions.within(self.speeds))
+        motions = self.motions.with_duration(duration)
+        return replace(self, motions=motions, speeds=motions.limited(self.speeds))
 
 
 class Search:
@@ -111,7 +111,7 @@ class Search:
     def __init__(
         self,
         motions: Motions,
-        wanted: Wanted,
+        wanted: Goal,
         base: BaseLimits,
         seed: int,
         clear: Callable[[Motions, Array], float],
@@ -126,9 +126,9 @@ class Search:
         self._first = min(first, _DRAWN)
         drawn = drawn_legs(self._first, len(motions.limits.moved), self._generator)
         self.best = self.nearest = self._best_of(drawn)
-        self._evolution = Evolution(self.best.legs)
+        self._evolution = EvolutionStrategy(self.best.legs)
 
-    def at_length(self) -> Iterator[int]:
+    def improve(self) -> Iterator[int]:
         """Improve the best motion of the length there is; yield how many motions each part has compared."""
         yield self._first
         while True:
@@ -154,7 +154,7 @@ class Search:
             tried = 0
             before = self.best
             if length != before.duration:
-                self._change(length)
+                self._change_duration(length)
                 yield 1
                 if length > before.duration:
                     longer_helps = self.best.ratio * length < before.ratio * before.duration
@@ -172,19 +172,19 @@ class Search:
         if self.reached is None or self.best.duration < self.reached.duration:
             self.reached = self.best
 
-    def _change(self, duration: float) -> None:
-        """Go on with motions of another length, from the legs of the best one and of the shortest that does."""
-        self._motions = self._motions.lasting(duration)
+    def _change_duration(self, duration: float) -> None:
+        """Continue with motions of another duration, from the legs of the best and of the shortest that suffices."""
+        self._motions = self._motions.with_duration(duration)
         legs = [each.legs for each in (self.best, self.reached) if each is not None]
         self.best = self._best_of(np.stack(legs))
         self._note_nearest()
-        self._evolution = self._evolution.begun_at(self.best.legs)
+        self._evolution = self._evolution.restarted_at(self.best.legs)
 
     def _generation(self) -> None:
         """Draw motions about the best ones."""
-        legs = self._evolution.drawn(self._motions.limits.moved, self._generator)
+        legs = self._evolution.sample(self._motions.limits.moved, self._generator)
         found = self._compared(legs)
-        self._evolution.move(found.legs, found.cost)
+        self._evolution.update(found.legs, found.cost)
         if found.cost.min() < self.best.cost:
             self.best = self._candidate(found, int(np.argmin(found.cost)))
             self._note_nearest()
@@ -197,14 +197,14 @@ class Search:
         """Return the best of some motions, as large as allowed; joints at rest where none is."""
         found = self._compared(legs)
         place = int(np.argmin(found.cost))
-        return self._candidate(found, place) if np.isfinite(found.cost[place]) else self._still()
+        return self._candidate(found, place) if np.isfinite(found.cost[place]) else self._resting()
 
     def _compared(self, legs: Array) -> _Compared:
         """Return the outcomes of motions (B, NUMBERS, k), as large as allowed."""
         motions = self._motions
         fastest = np.where(motions.limits.moved, motions.limits.velocity, 0.0)
-        speeds = motions.gentle(motions.within(speeds_of(legs, motions.splines.count) * fastest), self.base)
-        return self._kept_apart(_Compared(legs, speeds, *self._scores(speeds), np.ones(len(legs))))
+        speeds = motions.scaled_to_limits(motions.limited(speeds_of(legs, motions.splines.count) * fastest), self.base)
+        return self._collision_free(_Compared(legs, speeds, *self._scores(speeds), np.ones(len(legs))))
 
     def _scores(self, speeds: Array) -> tuple[Array, Array]:
         """Return costs and ratios (B,) of motions."""
@@ -212,8 +212,8 @@ class Search:
         cost, ratio = self._wanted.cost(relative), self._wanted.ratio(relative)
         return np.where(np.isfinite(cost), cost, np.inf), ratio
 
-    def _kept_apart(self, found: _Compared) -> _Compared:
-        """Return motions of which the best, that count, are as small as keeps the robot out of its own way."""
+    def _collision_free(self, found: _Compared) -> _Compared:
+        """Return motions, the best of them scaled down until the robot is clear of itself."""
         legs, speeds, cost, ratio, part = (each.copy() for each in found)
         looked_at: set[int] = set()
         while due := [place for place in np.argsort(cost)[:CHOSEN].tolist() if place not in looked_at]:
@@ -231,7 +231,7 @@ class Search:
         cost, ratio, part = (float(each[place]) for each in (found.cost, found.ratio, found.part))
         return Candidate(self._motions, found.legs[place], found.speeds[place], cost, ratio, part)
 
-    def _still(self) -> Candidate:
+    def _resting(self) -> Candidate:
         """Return joints at rest, which give no information worth comparing."""
         joints = len(self._motions.limits.moved)
         speeds = np.zeros((self._motions.splines.count, joints))

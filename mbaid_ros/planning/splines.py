@@ -46,7 +46,7 @@ class Splines:
         times = np.linspace(0.0, self.duration, _DENSE * (self.count + 2) + 1)
         return self.basis(times), self.basis(times, 1), self.basis(times, 2)
 
-    def use(self, speeds: Array, start: Array, limits: JointLimits) -> Array:
+    def limit_use(self, speeds: Array, start: Array, limits: JointLimits) -> Array:
         """Return how much of the joints' limits motions use, (..., 3, k): position, velocity, acceleration; 1 is all.
 
         Parameters
@@ -62,13 +62,13 @@ class Splines:
         )
         return np.stack([each.max(axis=-2) for each in parts], axis=-2)
 
-    def filling(self, speeds: Array, start: Array, limits: JointLimits) -> Array:
+    def scaled_to_limits(self, speeds: Array, start: Array, limits: JointLimits) -> Array:
         """Return (..., K, k) speeds with each joint's motion, unchanged in form, as large as its limits allow."""
         moving = speeds * limits.moved
-        most = self.use(moving, start, limits).max(axis=-2)
+        most = self.limit_use(moving, start, limits).max(axis=-2)
         return np.asarray(moving * (_KEPT / np.where(most > 0.0, most, 1.0))[..., None, :])
 
-    def within(self, speeds: Array, start: Array, limits: JointLimits, part: Array | float = 1.0) -> Array:
+    def limited(self, speeds: Array, start: Array, limits: JointLimits, part: Array | float = 1.0) -> Array:
         """Return (..., K, k) speeds cut off where velocity or acceleration are at their limit.
 
         Of a joint that goes too far the whole motion is made smaller. A `part` (..., k) of the acceleration is allowed.

@@ -33,7 +33,7 @@ _PITCH, _BLOCK_HEIGHT = 18e-3, -22e-3
 
 @dataclass(frozen=True)
 class Thrown:
-    """The body that the device is bolted to; both move as one."""
+    """The body that is bolted to the device and thrown with it."""
 
     BASE: ClassVar[str] = 'device'
     JOINT: ClassVar[str] = 'flywheel'
@@ -47,18 +47,18 @@ class Thrown:
         """Principal moments of inertia, (3,) kg m^2, the smallest first."""
         return np.asarray(np.linalg.eigvalsh(self.inertia))
 
-    def whole(self) -> tuple[float, Array, Array]:
+    def combined_body(self) -> tuple[float, Array, Array]:
         """Return nominal values of device and body: mass, centre of mass (3,) in the device's frame, inertia (3, 3)."""
         mass = _DEVICE + self.mass
         com = self.mass / mass * _BELOW
-        return mass, com, self.inertia + _OWN + _moved(_DEVICE * self.mass / mass, _BELOW)
+        return mass, com, self.inertia + _OWN + _parallel_axis(_DEVICE * self.mass / mass, _BELOW)
 
 
 def _cuboid(mass: float, size: Array) -> Array:
     return np.asarray(mass / 12.0 * np.diag(np.sum(size**2) - size**2))
 
 
-def _moved(mass: float, offset: Array) -> Array:
+def _parallel_axis(mass: float, offset: Array) -> Array:
     return np.asarray(mass * (offset @ offset * np.eye(3) - np.outer(offset, offset)))
 
 
@@ -68,9 +68,9 @@ def _with_blocks(name: str, rows: str) -> Thrown:
     centres = [np.array([_PITCH * (i - 1.5), _PITCH * (j - 3.5), _BLOCK_HEIGHT]) for i, j in places]
     mass = _HOLDER + _BLOCK * len(centres)
     com = (_HOLDER * _HOLDER_COM + _BLOCK * np.sum([np.zeros(3), *centres], axis=0)) / mass
-    inertia = _HOLDER_INERTIA + _moved(_HOLDER, _HOLDER_COM - com)
+    inertia = _HOLDER_INERTIA + _parallel_axis(_HOLDER, _HOLDER_COM - com)
     for centre in centres:
-        inertia = inertia + _cuboid(_BLOCK, _BLOCK_SIZE) + _moved(_BLOCK, centre - com)
+        inertia = inertia + _cuboid(_BLOCK, _BLOCK_SIZE) + _parallel_axis(_BLOCK, centre - com)
     return Thrown(name, mass, inertia)
 
 
@@ -86,7 +86,7 @@ OBJECTS = {
 
 def throw_urdf(thrown: Thrown) -> str:
     """Return the robot description of the device with the body that it is bolted to."""
-    mass, com, inertia = thrown.whole()
+    mass, com, inertia = thrown.combined_body()
     return resource('throw.urdf').format(
         name=thrown.name,
         device=_DEVICE,
@@ -105,8 +105,8 @@ def throw_urdf(thrown: Thrown) -> str:
 
 def throw_parameters(thrown: Thrown) -> str:
     """Return the parameters for it."""
-    total = thrown.whole()[0]
-    return resource('throw.yaml').format(base=Thrown.BASE, joint=Thrown.JOINT, total=total, mass_std=1e-3 * total)
+    total = thrown.combined_body()[0]
+    return resource('throw.yaml').format(base=thrown.BASE, joint=thrown.JOINT, total=total, mass_std=1e-3 * total)
 
 
 _GYRO = tuple(f'gyroADC[{axis}]' for axis in range(3))
@@ -133,7 +133,7 @@ def read_tudelft_throw(path: Path, thrown: str = '', *, dead_reckoned: bool = Fa
     table = _read(path)
     time = (table[:, 0] - table[0, 0]) * 1e-6
     # The board is turned by 90 degrees on the device: its axes are those of the IMU turned back.
-    gyro, acceleration = (_turned(table[:, part] * unit) for part, unit in ((slice(1, 4), _RADIANS), (slice(4, 7), _G)))
+    gyro, acceleration = (_mapped(table[:, part] * unit) for part, unit in ((slice(1, 4), _RADIANS), (slice(4, 7), _G)))
     wheel = -table[:, 7] * _SPEED
     moving = np.flatnonzero(np.abs(wheel) > _TURNING)
     if not len(moving) or len(time) - moving[0] < _AFTER + _BEFORE_END + _FEWEST or moving[0] < _AT_REST:
@@ -155,7 +155,7 @@ def read_tudelft_throw(path: Path, thrown: str = '', *, dead_reckoned: bool = Fa
     )
 
 
-def _turned(values: Array) -> Array:
+def _mapped(values: Array) -> Array:
     """Return x = -raw y, y = raw x, z = raw z."""
     return np.stack((-values[:, 1], values[:, 0], values[:, 2]), axis=1)
 

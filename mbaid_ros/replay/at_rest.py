@@ -20,7 +20,7 @@ from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise, Stamps
 from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.sensors.levels import TYPICAL
 from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, Outliers, joint_channels
-from mbaid_ros.core.sensors.turns import Turns
+from mbaid_ros.core.sensors.unwrapping import TurnCounter
 from mbaid_ros.messages.fields import PoseReader, source_of, stamps_of
 from mbaid_ros.messages.odometry import OdometryReader
 from mbaid_ros.replay.inputs import Inputs, between
@@ -36,7 +36,7 @@ _MOVED = 3.0  # standard deviations of a single sample; the noise of a block's m
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredNoise:
     """Standard deviations by channel, NaN where nothing was measured, and warnings, one line each."""
 
     stds: dict[str, float]
@@ -75,7 +75,7 @@ def print_noise(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def measure(bag: str, joint_states: str, base: str, part: tuple[float, float] = (0.0, math.inf)) -> Measured:
+def measure(bag: str, joint_states: str, base: str, part: tuple[float, float] = (0.0, math.inf)) -> MeasuredNoise:
     """Return the noise of each channel while the joints rest, from two topics of a bag.
 
     `base` names the topic of Odometry or poses; empty is /odom or else /pose.
@@ -110,7 +110,7 @@ def measure(bag: str, joint_states: str, base: str, part: tuple[float, float] = 
     }
     channels = {'joint_position': joints.position, 'joint_velocity': joints.velocity, **of_base}
     stds = {name: _scatter(values) for name, values in channels.items()}
-    loose = [name for name, values in of_base.items() if _wanders(readings.seconds(located), values)]
+    loose = [name for name, values in of_base.items() if _is_not_white(readings.seconds(located), values)]
     if loose:
         warnings.append(
             f"bag '{bag}': {listing(loose)} {'is' if len(loose) == 1 else 'are'} not noise about a smooth curve alone: "
@@ -119,7 +119,7 @@ def measure(bag: str, joint_states: str, base: str, part: tuple[float, float] = 
     if math.isnan(stds['joint_position']) and joints.position.size:
         text = 'no reading of a joint changes: leave noise.joint_position out, or declare the step of the encoder / 3.5'
         warnings.append(f"bag '{bag}': {text}")
-    return Measured(stds, tuple(warnings))
+    return MeasuredNoise(stds, tuple(warnings))
 
 
 def _read(bag: str, joint_states: str, base: str, part: tuple[float, float]) -> tuple[_Readings, list[str]]:
@@ -156,7 +156,7 @@ def _joint_stream(joints: Sequence[Any], where: str) -> tuple[Array, JointStream
     usable = np.all(np.isfinite(position), axis=1)
     stream = JointStream(stamps[usable], position[usable], velocity[usable])
     if len(stream.stamp):
-        stream.position[:] -= 2.0 * np.pi * Turns(stream.position.shape[1]).counted(stream)
+        stream.position[:] -= 2.0 * np.pi * TurnCounter(stream.position.shape[1]).turn_counts(stream)
     gate = Outliers[JointStream](_NEAR, joint_channels(float(TYPICAL[0])), JOINT_OUTLIER)
     stream = gate.push(stream) or stream[:0]
     lines += [f'{count} messages not used: {cause}' for cause, count in gate.dropped.items() if count]
@@ -247,8 +247,8 @@ def _scatter(values: Array) -> float:
     return float(np.max(np.maximum(stds, step / math.sqrt(12.0))))
 
 
-def _wanders(time: Array, values: Array) -> bool:
-    """Return whether the residuals of (n, k) about a cubic are no noise alone: a push, lasting errors."""
+def _is_not_white(time: Array, values: Array) -> bool:
+    """Return whether the residuals of (n, k) about a cubic are not white: a disturbance, correlated errors."""
     if values.size == 0 or not np.all(np.isfinite(values)):
         return False
     blocks = _blocks(time)

@@ -43,10 +43,10 @@ class Calibrated:
     @property
     def unsolvable(self) -> bool:
         """Whether the data contradict the model so far that there is no solution near it."""
-        return not self.calibration.settled and (self.contradicted or bool(self.unmoved))
+        return not self.calibration.converged and (self.contradicted or bool(self.unmoved))
 
     @cached_property
-    def survey(self) -> ModelSummary:
+    def model_summary(self) -> ModelSummary:
         """The model summary."""
         heard = {name for motion in self.motions for name in motion.heard}
         return summarise(self.kernel.model, heard=heard, unknown=[link.name for link in self.kernel.unknown])
@@ -61,15 +61,15 @@ class Calibrated:
     def warnings(self) -> tuple[str, ...]:
         """Notes to the user, one line each."""
         of_bags = [warning for motion in self.motions for warning in motion.warnings]
-        priors = [underestimated_text(kind, size) for kind, size in self.calibration.further_off]
+        priors = [underestimated_text(kind, size) for kind, size in self.calibration.prior_scales]
         own = (*_about_motion(self), *_about_values(self), *priors)
-        return tuple(dict.fromkeys((*self.survey.warnings, *own, *of_bags)))
+        return tuple(dict.fromkeys((*self.model_summary.warnings, *own, *of_bags)))
 
 
 def why_not(result: Calibrated) -> str:
     """Return why there is no calibration, and the remedy; empty if there is one."""
     calibration = result.calibration
-    if not calibration.settled:
+    if not calibration.converged:
         remedy = result.unmoved or 'correct its large errors, or declare priors as wide as they are'
         model = 'the data contradict the model: ' if result.unsolvable else ''
         return f'{model}the iteration does not converge near the robot description; {remedy}'
@@ -100,10 +100,10 @@ def _sizes(link: LinkResult) -> Array:
 def _about_motion(result: Calibrated) -> list[str]:
     calibration = result.calibration
     model = result.kernel.model
-    moving = [name for name in model.joint_names if name not in calibration.still]
+    moving = [name for name in model.joint_names if name not in calibration.at_rest]
     notes = []
-    if calibration.still and (moving or calibration.located):
-        only = f'only {listing(moving)} moves' if len(moving) == 1 else f'{listing(calibration.still)} did not move'
+    if calibration.at_rest and (moving or calibration.located):
+        only = f'only {listing(moving)} moves' if len(moving) == 1 else f'{listing(calibration.at_rest)} did not move'
         notes.append(f'{only}: bodies on both sides of a joint at rest count as one; move every joint')
     if not calibration.located and not moving:
         notes.append(
@@ -127,7 +127,7 @@ def _about_values(result: Calibrated) -> list[str]:
             'be off by one factor; weigh the robot, and add known_links.total_mass'
         )
     for link in calibration.links:
-        far = [name for name, moved in zip(PARAMETERS, link.moved, strict=True) if abs(moved) > _UNLIKELY]
+        far = [name for name, moved in zip(PARAMETERS, link.shift_in_prior_stds, strict=True) if abs(moved) > _UNLIKELY]
         if far:
             notes.append(f'{link.name}: {listing(far)} moved further than the prior makes likely; check CAD and prior')
         if link.consistency_correction > _LARGE_CORRECTION:
@@ -201,7 +201,7 @@ def rows(result: Calibrated) -> list[tuple[str, str, str, str, str]]:
 
 
 def _row(link: LinkResult) -> tuple[str, str, str, str, str]:
-    stayed = [name for name, each in zip(PARAMETERS, link.stayed, strict=True) if each]
+    stayed = [name for name, each in zip(PARAMETERS, link.is_prior, strict=True) if each]
     mass = ' ± '.join(rounded(float(link.parameters[0]), float(link.std[0])))
     before, com, moments = 'none', '-', '-'
     if link.cad[0] > 0.0:
@@ -217,7 +217,7 @@ HEAD = ('body', 'mass ± 95 %, kg', 'CoM moved, mm', 'moments, %', 'known no bet
 
 def summary(result: Calibrated) -> str:
     """Return the result as a table for a terminal."""
-    lines = [*map(one_line, result.survey.lines), '', headline(result), *(f'  {each}' for each in sentences(result))]
+    lines = [*map(one_line, result.model_summary.lines), '', headline(result), *map('  {}'.format, sentences(result))]
     lines += ['', *_columns([HEAD, *rows(result)])]
     joints = [JOINTS_HEAD, *joint_rows(result)]
     if len(joints) > 1 and np.any(result.calibration.stds[len(result.calibration.theta) : -6]):

@@ -11,7 +11,7 @@ from typing import Any
 from mbaid_ros.calibration.calibrate import CalibrationSettings
 from mbaid_ros.calibration.calibrate import calibrate as estimate_bodies
 from mbaid_ros.calibration.result import Calibration, LinkResult
-from mbaid_ros.calibration.unknowns import OF_A_JOINT, OF_A_LINK, OF_THE_MOUNT
+from mbaid_ros.calibration.unknowns import JOINT_UNKNOWNS, LINK_UNKNOWNS, MOUNT_UNKNOWNS
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line
 from mbaid_ros.config.calibration import NODE, calibration_parameters
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -29,7 +29,7 @@ from mbaid_ros.replay.calibrated import Calibrated, summary, why_not
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import check_outputs, passive_joints, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.replay.run import read_motions
-from mbaid_ros.session.known_robot import link_deviations, weighed
+from mbaid_ros.session.known_robot import declared_mass, link_deviations
 from mbaid_ros.session.settings import declared_uncertainty, springs, storage
 
 CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
@@ -92,8 +92,8 @@ def _kernel(model: RobotModel, config: EstimatorConfig, names: tuple[str, ...]) 
         raise ParameterError(f'--unknown names {listing(twice)} twice; accepted: each link once')
     if not names:
         raise ModelError('no link of the robot description has an <inertial>; accepted: one at least')
-    kernel = MomentumKernel(model, *names).storing(storage(config.wheels, model))
-    return kernel.swinging(springs(config.flexible, model))
+    kernel = MomentumKernel(model, *names).with_storage(storage(config.wheels, model))
+    return kernel.with_springs(springs(config.flexible, model))
 
 
 def _settings(kernel: MomentumKernel, estimator: EstimatorConfig) -> CalibrationSettings:
@@ -101,7 +101,7 @@ def _settings(kernel: MomentumKernel, estimator: EstimatorConfig) -> Calibration
     model = kernel.model
     for link in estimator.known_links.links:
         model.link(link)
-    total = weighed(estimator.known_links)
+    total = declared_mass(estimator.known_links)
     return CalibrationSettings(
         noise=estimator.noise.declared,
         priors=tuple(_link_prior(link, estimator.known_links) for link in kernel.unknown),
@@ -160,9 +160,9 @@ def _as_json(result: Calibrated) -> dict[str, Any]:
         'flexible': passive_joints(calibration.flexible),
         'covariance': {
             'order': [
-                *(f'{link.name}.{number}' for link in links for number in OF_A_LINK),
-                *(f'{name}.{number}' for name in model.joint_names for number in OF_A_JOINT),
-                *(f'odometry_mount.{number}' for number in OF_THE_MOUNT),
+                *(f'{link.name}.{number}' for link in links for number in LINK_UNKNOWNS),
+                *(f'{name}.{number}' for name in model.joint_names for number in JOINT_UNKNOWNS),
+                *(f'odometry_mount.{number}' for number in MOUNT_UNKNOWNS),
             ],
             'values': calibration.values.tolist(),
             'matrix': calibration.block_covariance.tolist(),
@@ -177,7 +177,7 @@ def _as_json(result: Calibrated) -> dict[str, Any]:
         'samples': calibration.samples,
         'span_s': calibration.span,
         'planar': calibration.planar,
-        'joints_at_rest': list(calibration.still),
+        'joints_at_rest': list(calibration.at_rest),
         'warnings': list(result.warnings),
     }
 
@@ -185,7 +185,7 @@ def _as_json(result: Calibrated) -> dict[str, Any]:
 def _link(link: LinkResult) -> dict[str, Any]:
     ratios = link.ratios
     columns = {'cad': link.cad, 'estimate': link.parameters, 'std': link.std, 'prior_std': link.prior_std}
-    columns |= {'learnt': link.learnt, 'moved': link.moved}
+    columns |= {'learnt': link.variance_reduction, 'moved': link.shift_in_prior_stds}
     return {
         **{name: shaped(values) for name, values in columns.items()},
         'inertia_ratios': {  # over the trace
@@ -195,7 +195,7 @@ def _link(link: LinkResult) -> dict[str, Any]:
             'principal_std': ratios.principal_std.tolist(),
             'scale_relative_std': ratios.scale_std,
         },
-        'stayed_at_cad': [name for name, stayed in zip(PARAMETERS, link.stayed, strict=True) if stayed],
+        'stayed_at_cad': [name for name, stayed in zip(PARAMETERS, link.is_prior, strict=True) if stayed],
         'consistency_correction': link.consistency_correction,
     }
 

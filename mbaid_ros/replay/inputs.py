@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from mbaid_ros.core.errors import DataError, ParameterError
 
 if TYPE_CHECKING:  # `--help` needs the defaults alone
-    from mbaid_ros.bags import BagReader, Recorded
+    from mbaid_ros.bags import BagReader, Batch
     from mbaid_ros.config.estimator import EstimatorConfig
     from mbaid_ros.session.session import Session
 
@@ -117,7 +117,7 @@ class Inputs:
                 chosen.append(wanted or usual)
         return tuple(chosen)
 
-    def add_to(self, session: Session, messages: Recorded) -> None:
+    def add_to(self, session: Session, messages: Batch) -> None:
         """Hand messages of the topics to a session, many at once where their order allows it."""
         thrust, stored, imu = self.thrust or THRUST, self.stored_momentum or STORED_MOMENTUM, self.imu or IMU
         add = {
@@ -128,10 +128,10 @@ class Inputs:
         }
         for part in messages.runs(thrust):
             if thrust in part.messages:
-                for message in part.of(thrust):
+                for message in part.on_topic(thrust):
                     session.add_thrust(message)
-            elif session.add_at_once(part.of(self.joint_states), part.of(self.odometry), part.of(imu)):
-                for message in part.of(stored):
+            elif session.add_at_once(*(part.on_topic(each) for each in (self.joint_states, self.odometry, imu))):
+                for message in part.on_topic(stored):
                     session.add_stored_momentum(message)
             else:
                 for topic, message, _ in part:

@@ -117,7 +117,7 @@ def as_json(run: Run) -> dict[str, Any]:
         'samples': final.samples,
         'span_s': final.time,
         'warnings': run.all_warnings,
-        'model': None if run.survey is None else asdict(run.survey),
+        'model': None if run.model_summary is None else asdict(run.model_summary),
         'made_by': run.made_by and {**run.made_by, 'parameters': dict(run.settings), 'bag_sha256': dict(run.files)},
         'advice': run.advice or None,
         'continuation': None
@@ -150,7 +150,7 @@ def events(run: Run) -> list[dict[str, Any]]:
 def _noise(levels: SensorLevels) -> dict[str, Any]:
     """Return the declared and the estimated noise of each sensor."""
     names = 'declared', 'found', 'assumed', 'found_is_used'
-    rows = zip(levels.declared, levels.found, levels.assumed, levels.used.astype(bool), strict=True)
+    rows = zip(levels.declared, levels.estimated, levels.assumed, levels.used.astype(bool), strict=True)
     return {
         **{channel: dict(zip(names, plain(row), strict=True)) for channel, row in zip(CHANNELS, rows, strict=True)},
         'base_correlation_time': levels.correlation_time,

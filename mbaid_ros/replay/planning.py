@@ -109,8 +109,8 @@ def _begin(arguments: argparse.Namespace, config: EstimatorConfig) -> Run:
 def _summary(plan: Plan) -> str:
     """Return a plan as a table for a terminal."""
     rows = [plan.verdict, '', '             now        after      wanted     over the posterior']
-    columns = zip(PARAMETERS, plan.before, plan.after, plan.wanted, *plan.between, plan.asked, strict=True)
-    for name, now, then, wanted, least, most, asked in columns:
+    stds = plan.std_before, plan.std_after, plan.wanted, *plan.std_range
+    for name, now, then, wanted, least, most, asked in zip(PARAMETERS, *stds, plan.determinable, strict=True):
         if asked:
             shares = '  '.join(f'{100.0 * value:8.3g} %' for value in (now, then, wanted, least))
             rows.append(f'  {name:6} {shares} to {100.0 * most:.3g} %')
@@ -118,7 +118,7 @@ def _summary(plan: Plan) -> str:
             rows.append(f'  {name:6} determined by no motion of this robot')
     rows += [
         '  one standard deviation, as convergence.relative_std has it',
-        f'  over the posterior: after the motion, for {len(plan.may_be)} bodies drawn from the present estimate',
+        f'  over the posterior: after the motion, for {len(plan.sampled_stds)} bodies drawn from the present estimate',
         *(f'  {line}' for line in plan.excursions),
         f'  {len(plan.trajectory.joints)} joints: {", ".join(plan.trajectory.joints)}',
     ]
@@ -133,7 +133,7 @@ def _summary(plan: Plan) -> str:
 def _as_json(plan: Plan) -> dict[str, Any]:
     """Return a plan as scripts read it; standard deviations are relative."""
     trajectory = plan.trajectory
-    stds = np.stack((plan.before, plan.after, plan.wanted, *plan.between), axis=1).tolist()
+    stds = np.stack((plan.std_before, plan.std_after, plan.wanted, *plan.std_range), axis=1).tolist()
     return {
         'target_link': plan.target,
         'reached': plan.reached,
@@ -141,7 +141,7 @@ def _as_json(plan: Plan) -> dict[str, Any]:
         'duration': trajectory.duration,
         'relative_std': {
             name: dict(zip(('now', 'after', 'wanted', 'least', 'most'), values, strict=True)) if asked else None
-            for name, values, asked in zip(PARAMETERS, stds, plan.asked, strict=True)
+            for name, values, asked in zip(PARAMETERS, stds, plan.determinable, strict=True)
         },
         'course': {'t': plan.times.tolist(), 'relative_std': plan.course.tolist()},
         'base': {

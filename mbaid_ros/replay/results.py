@@ -102,7 +102,7 @@ class Run:
     phase: CapturePhase = 'post_capture'  # in which the bag ends
     capture: Capture | None = None
     missing_joints: tuple[str, ...] = ()  # for want of which most of the joint states could not be used
-    survey: ModelSummary | None = None  # the model summary, None where there is none
+    model_summary: ModelSummary | None = None  # the model summary, None where there is none
     made_by: dict[str, Any] | None = None  # `provenance.made_by`
     # SHA-256 of each file of the bag, by its name; None for one that is too large
     files: Mapping[str, str | None] = field(default_factory=dict)

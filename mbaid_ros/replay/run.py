@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from mbaid_ros.bags import BAG_TYPES, BagReader, BagWriter, Recorded
+from mbaid_ros.bags import BAG_TYPES, BagReader, BagWriter, Batch
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.capture.known_momentum import Capture
@@ -37,7 +37,7 @@ _BROKEN = 3.0  # times longer or shorter than its stamps, from which a recording
 Progress = Callable[[int, int], None]
 
 
-def feed(bag: BagReader, inputs: Inputs, add: Callable[[Recorded], None], progress: Progress | None) -> Iterator[None]:
+def feed(bag: BagReader, inputs: Inputs, add: Callable[[Batch], None], progress: Progress | None) -> Iterator[None]:
     """Hand over a bag's messages; yield where it is time to work through them, the last time at the end.
 
     Raises DataError: The bag lacks a topic, or has it with another type.
@@ -89,7 +89,7 @@ class EstimateWriter:
         self, estimate: Estimate, frames: Frames, alone: Debris | None = None, capture: Capture | None = None
     ) -> None:
         """Write an estimate at the stamp of the last sample it uses, and the captured body alone where it is given."""
-        for name, message in self._publications.of(estimate, frames, alone, capture):
+        for name, message in self._publications.messages_of(estimate, frames, alone, capture):
             self._bag.write(f'/estimator/{name}', message, max(0, estimate.stamp))
 
 
@@ -134,7 +134,7 @@ def replay_bag(
         used=session.used,
         dropped=dict(session.dropped),
         missing_joints=missing_joints(session),
-        survey=survey,
+        model_summary=survey,
         warnings=warnings,
         urdf=robot.urdf,
         settings=values_of(config),
@@ -163,13 +163,13 @@ class _Intake:
         self._stamped = {topic: Arrivals() for topic in (inputs.joint_states, inputs.odometry)}  # by header stamps
         self.warnings: list[str] = []
 
-    def add(self, messages: Recorded) -> None:
+    def add(self, messages: Batch) -> None:
         """Take messages."""
         self._inputs.add_to(self._session, messages)
         for topic, times in messages.times.items():
             self._arrivals[topic].add(times)
-        joints = messages.of(self._inputs.joint_states)
-        poses = self._session.base_source.poses(messages.of(self._inputs.odometry))
+        joints = messages.on_topic(self._inputs.joint_states)
+        poses = self._session.base_source.poses(messages.on_topic(self._inputs.odometry))
         self._stamped[self._inputs.joint_states].add(stamps_of(joints))
         self._stamped[self._inputs.odometry].add(stamps_of(poses))
 

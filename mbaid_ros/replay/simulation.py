@@ -111,8 +111,8 @@ def _capture(run: SimulatedRun) -> dict[str, object] | None:
     return {
         't': target.time,
         **shaped(target.body),
-        'target_linear_momentum': run.brought[:3].tolist(),
-        'target_angular_momentum': run.brought[3:].tolist(),
+        'target_linear_momentum': run.target_momentum[:3].tolist(),
+        'target_angular_momentum': run.target_momentum[3:].tolist(),
         'target_linear_velocity': target.velocity.tolist(),
         'target_angular_velocity': target.spin.tolist(),
     }
@@ -121,7 +121,7 @@ def _capture(run: SimulatedRun) -> dict[str, object] | None:
 def _model_errors(run: SimulatedRun) -> dict[str, object] | None:
     """Return how the robot deviates from its URDF, link by link and joint by joint; None where it does not."""
     errors = run.errors
-    if errors.exact:
+    if errors.is_zero:
         return None
     links = zip(run.robot.links, run.model.links, strict=True)
     joints = zip(run.model.joint_names, errors.zeros, errors.origins, errors.tilts, strict=True)

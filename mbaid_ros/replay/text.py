@@ -23,8 +23,8 @@ def texts(runs: Sequence[Run]) -> str:
     """Return the results for a terminal: each model summary that is new, then each run's table."""
     parts = []
     for run, before in zip(runs, (None, *runs), strict=False):
-        if run.survey is not None and (before is None or run.survey != before.survey):
-            parts.append('\n'.join(map(one_line, run.survey.lines)))
+        if run.model_summary is not None and (before is None or run.model_summary != before.model_summary):
+            parts.append('\n'.join(map(one_line, run.model_summary.lines)))
         parts.append(summary(run))
     return '\n\n'.join(parts)
 

@@ -23,7 +23,7 @@ _SHARED = (
 
 
 def continuation_as_json(left: Continuation, urdf: str) -> dict[str, Any]:
-    """Return what a run of a robot description leaves to the next one."""
+    """Return the posterior of a run as JSON for the next one."""
     return {
         'robot': _digest(urdf),
         'planar': left.planar,

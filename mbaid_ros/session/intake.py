@@ -73,7 +73,7 @@ class MessageQueue:
         behind = gate.epoch != self._epoch
         if behind and not self._takes(stamp):
             return None
-        jump = gate.take(stamp, message)
+        jump = gate.add(stamp, message)
         if jump:
             return self._jumped(name, jump)
         if behind and gate.messages and gate.messages[-1] is message:
@@ -82,22 +82,22 @@ class MessageQueue:
 
     def confirm_jump(self, name: str, message: Any) -> None:
         """Add the messages that have shown a jump back, the last of which is `message`."""
-        self._gates[name].settle(message)
+        self._gates[name].confirm_jump(message)
 
     def add_regular(self, messages: Mapping[str, Sequence[Any]]) -> bool:
         """Add messages of all topics (lists or packets, as they came) if all stamps are regular; else return False."""
         stamps = {name: stamps_of(part) for name, part in messages.items()}
         gates = self._gates.items()
-        if not all(gate.epoch == self._epoch and gate.passes(stamps[name]) for name, gate in gates):
+        if not all(gate.epoch == self._epoch and gate.all_pass(stamps[name]) for name, gate in gates):
             return False
         for name, gate in gates:
             part = messages[name]
-            gate.take_regular(stamps[name], [part] if isinstance(part, Packets) else part)
+            gate.add_regular(stamps[name], [part] if isinstance(part, Packets) else part)
         return True
 
     def take_all(self) -> dict[str, list[Any]]:
         """Return the waiting messages by topic, and empty the queue."""
-        return {name: gate.take_all() for name, gate in self._gates.items()}
+        return {name: gate.pop_all() for name, gate in self._gates.items()}
 
     def _takes(self, stamp: int) -> bool:
         """Return whether to take a message of a topic that has not jumped back with another one."""
@@ -230,7 +230,7 @@ class Intake:
             joints[tuple(every[-stored.position.shape[1] :])] = stored
         merged = self.merge.push(joints)
         if merged is not None:
-            merged = merged.divided(len(self._robot.model.independent_joints))
+            merged = merged.without_stored_momentum(len(self._robot.model.independent_joints))
         return self._all_joints(merged), located, imu
 
     def completes(self, end: int, name: str, newest: Mapping[str, int | None]) -> bool:

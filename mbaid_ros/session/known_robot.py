@@ -14,7 +14,7 @@ from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.robot.model_errors import BodyDeviations, KnownErrors, calibrated, declared
+from mbaid_ros.core.robot.model_errors import BodyDeviations, KnownErrors, calibrated_errors, independent_errors
 from mbaid_ros.core.robot.momentum import body_sizes
 from mbaid_ros.core.unknowns.bodies import KnownTarget, TotalMass
 from mbaid_ros.core.unknowns.catalogue import CalibratedSide, Uncertainty
@@ -50,15 +50,15 @@ def with_known_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> tuple
     if not config.calibration:
         given = config.links.get(kernel.target.name)
         own = {0: link_deviations(link, config, given)} if given and link[0] > 0.0 else {}
-        target = declared(link[None], config.relative_std, own)
-        return kernel.with_uncertainty(declared_errors(kernel, config)), target.covariance if target.count else None
+        target = independent_errors(link[None], config.relative_std, own)
+        return kernel.with_errors(declared_errors(kernel, config)), target.covariance if target.count else None
     found = _calibration(kernel.model, config)
     count = 10 * len(found.links)
     links = [kernel.model.link(name) for name in found.links]
-    errors = calibrated(links, found.covariance[:count, :count], [link.name for link in kernel.unknown])
+    errors = calibrated_errors(links, found.covariance[:count, :count], [link.name for link in kernel.unknown])
     place = 10 * found.links.index(kernel.target.name) if kernel.target.name in found.links else None
     alone = None if place is None else found.covariance[place : place + 10, place : place + 10]
-    return kernel.with_uncertainty(errors), alone
+    return kernel.with_errors(errors), alone
 
 
 def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot:
@@ -70,8 +70,8 @@ def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot
     if not config.known_links.calibration:
         given = config.known_links.links.get(kernel.target.name)
         if given is not None and not config.debris.report:  # otherwise it is of the <inertial> alone
-            uncertainty = replace(uncertainty, target=_described(config, kernel, given))
-        return KnownRobot(kernel, replace(uncertainty, weighed=_without_target(config.known_links, kernel)))
+            uncertainty = replace(uncertainty, target=_target_prior(config, kernel, given))
+        return KnownRobot(kernel, replace(uncertainty, weighed=_mass_without_target(config.known_links, kernel)))
     found = _calibration(kernel.model, config.known_links)
     side = CalibratedSide(
         tuple(kernel.model.link(name) for name in found.links),
@@ -82,7 +82,7 @@ def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot
     return KnownRobot(*side.known_to(kernel, uncertainty))
 
 
-def weighed(config: KnownLinksConfig) -> TotalMass | None:
+def declared_mass(config: KnownLinksConfig) -> TotalMass | None:
     """Return the mass of the whole robot, None where it is not declared; half of a declaration is refused."""
     if (config.total_mass > 0.0) != (config.total_mass_std > 0.0):
         raise ParameterError(
@@ -92,9 +92,9 @@ def weighed(config: KnownLinksConfig) -> TotalMass | None:
     return TotalMass(config.total_mass, config.total_mass_std) if config.total_mass else None
 
 
-def _without_target(config: KnownLinksConfig, kernel: MomentumKernel) -> TotalMass | None:
+def _mass_without_target(config: KnownLinksConfig, kernel: MomentumKernel) -> TotalMass | None:
     """Return the mass of all bodies but the target, whose own part has the mass of its <inertial>, as declared."""
-    total, own = weighed(config), kernel.target.parameters
+    total, own = declared_mass(config), kernel.target.parameters
     if total is None or own[0] <= 0.0:
         return total
     given = config.links.get(kernel.target.name, {}).get('mass_relative_std', np.sqrt(2.0) * config.relative_std)
@@ -170,12 +170,12 @@ def declared_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> KnownEr
                 f"parameter 'known_links.{name[:60]}' is of no known link with mass; accepted: {listing(bodies)}"
             )
         own[bodies[name]] = link_deviations(kernel.known[bodies[name]], config, given)
-    return declared(kernel.known, config.relative_std, own)
+    return independent_errors(kernel.known, config.relative_std, own)
 
 
 def link_deviations(body: Array, config: KnownLinksConfig, given: Mapping[str, float]) -> BodyDeviations:
     """Return the declared deviations of a body (10,): those given by name, the others of the relative std."""
-    every = BodyDeviations.relative(body, config.relative_std)
+    every = BodyDeviations.from_relative(body, config.relative_std)
     return BodyDeviations(
         given.get('mass_relative_std', every.mass),
         given.get('com_std', every.com),
@@ -183,7 +183,7 @@ def link_deviations(body: Array, config: KnownLinksConfig, given: Mapping[str, f
     )
 
 
-def _described(config: EstimatorConfig, kernel: MomentumKernel, given: Mapping[str, float]) -> KnownTarget:
+def _target_prior(config: EstimatorConfig, kernel: MomentumKernel, given: Mapping[str, float]) -> KnownTarget:
     """Return the prior of a target link that the robot description describes as well as `given`."""
     target, name = kernel.target, f'known_links.{kernel.target.name[:60]}'
     stds = [given.get(part, 0.0) for part in ('mass_relative_std', 'com_std', 'inertia_relative_std')]

@@ -48,7 +48,7 @@ def make_estimator(
     """
     _check_imu(config)
     if not kernel.errors.count:
-        kernel = kernel.with_uncertainty(declared_errors(kernel, config.known_links))
+        kernel = kernel.with_errors(declared_errors(kernel, config.known_links))
     if before is not None and (config.method != 'trajectory' or _has_capture(config)):
         raise ParameterError(
             f"parameter 'continue_from' goes on with a run; method is {config.method}, capture.phase "
@@ -62,7 +62,7 @@ def make_estimator(
     if config.method == 'trajectory':
         known = known or nominal_model(config, kernel)
         second = _trajectory(config, known, reporting, before)
-        if config.disturbance.constant != 'none' or config.imu.alone or _varies(config):
+        if config.disturbance.constant != 'none' or config.imu.alone or _has_varying_wrench(config):
             return second  # the first stage takes the momentum for constant, and needs poses
         if config.flexible.joints:
             return second  # nor does it know of joints that swing
@@ -70,7 +70,7 @@ def make_estimator(
     return _paper(config, kernel)
 
 
-def _varies(config: EstimatorConfig) -> bool:
+def _has_varying_wrench(config: EstimatorConfig) -> bool:
     """Return whether a torque or force from outside is declared that varies in a motion."""
     push = config.disturbance
     return (push.torque_std > 0.0 and push.torque_time > 0.0) or (push.force_std > 0.0 and push.force_time > 0.0)
@@ -105,7 +105,7 @@ def _refuse_unused(config: EstimatorConfig, known: KnownRobot) -> None:
     disturbance, target = config.disturbance, known.uncertainty.target
     unused = {
         f"'disturbance.constant' is '{disturbance.constant}'": disturbance.constant != 'none',
-        "'disturbance.torque_time' or '.force_time' is above 0": _varies(config),
+        "'disturbance.torque_time' or '.force_time' is above 0": _has_varying_wrench(config),
         f"'known_links.{known.kernel.target.name[:60]}' is of the link that is identified": isinstance(
             target, KnownTarget
         ),

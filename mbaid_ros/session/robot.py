@@ -18,7 +18,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import CapturePhase, Debris, Estimate, debris
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.urdf_document import kept_words
+from mbaid_ros.core.robot.urdf_document import captured_stderr
 from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.trajectory.solution import carry_target
 from mbaid_ros.files import require_regular
@@ -43,7 +43,7 @@ def mesh_points(name: str) -> Array:
     if path.stat().st_size > limits.MESH_BYTES:
         raise ModelError(f"mesh '{name}' has more than {limits.MESH_BYTES} bytes, which is the limit")
     try:
-        with kept_words([]):
+        with captured_stderr([]):
             return np.asarray(coal.MeshLoader().load(str(path), np.ones(3)).vertices())
     except (ValueError, RuntimeError) as error:
         lines = [line for line in str(error).splitlines() if not line.startswith('Hint:')]
@@ -90,8 +90,8 @@ class Robot:
         self.model = load_model(urdf, config.base_link)
         self.urdf = urdf
         self.target_link = config.target_link or self.model.last_link
-        kernel = MomentumKernel(self.model, self.target_link).storing(storage(config.wheels, self.model))
-        kernel = kernel.swinging(springs(config.flexible, self.model))
+        kernel = MomentumKernel(self.model, self.target_link).with_storage(storage(config.wheels, self.model))
+        kernel = kernel.with_springs(springs(config.flexible, self.model))
         halves = kernel.springs.rate[carry_target(kernel)] * config.window / np.pi
         self.window = (2.0 if np.any(np.abs(halves - 1.0) < _HALF_A_PERIOD) else 1.0) * config.window
         self.kernel, self._link_covariance = with_known_errors(kernel, config.known_links)

@@ -14,7 +14,7 @@ from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator, Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.sensors.external_momentum import Thrust
-from mbaid_ros.core.sensors.levels import FoundNoise
+from mbaid_ros.core.sensors.levels import NoiseEstimator
 from mbaid_ros.core.trajectory.posterior import Continuation
 from mbaid_ros.core.window_checks import Check, HeldBase, JointRates, WindowChecks
 from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY, Intake, MessageQueue, make_gyro
@@ -58,7 +58,7 @@ class Segment:
             config.maximum_gap,
             WindowChecks(checks, JointRates(model.joint_names)),
             self.thrust,
-            FoundNoise(
+            NoiseEstimator(
                 noise.declared,
                 described.model.joints,
                 noise.undeclared,
@@ -120,7 +120,7 @@ class Segment:
         return end
 
     def captured(self, newest: int | None) -> str:
-        """Take the body for captured at a stamp (ns, None before the first), as `Session.capture` does."""
+        """Set the capture at a stamp (ns, None before the first), as `Session.capture` does."""
         capture = self._capture
         if capture is None:
             raise DataError(
@@ -135,5 +135,5 @@ class Segment:
             return f'captured {time:.3f} s after the first sample'
         if not time > before:
             raise DataError(f'the capture was announced before, at {before:.6g} s; accepted: a later one, or reset')
-        capture.move(time)
+        capture.restart_at(time)
         return f'captured {time:.3f} s after the first sample, not {before:.3f} s: the estimate since then is dropped'

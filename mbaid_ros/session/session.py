@@ -86,7 +86,7 @@ class Session:
         self._segment = Segment(self.config, self.robot, self._make, self._before)
         self.intake, self.thrust = self._segment.intake, self._segment.thrust
         if self.restarts:
-            self._segment.identifier.note(self.restarts[-1])
+            self._segment.identifier.add_note(self.restarts[-1])
 
     # Messages
 
@@ -123,29 +123,29 @@ class Session:
         frame, stamp, wrench = wrench_of(message)
         frame = frame.removeprefix(self.config.frame_prefix)
         newest = self.queue.latest
-        if self.thrust.changes(frame, stamp, wrench, newest):
+        if self.thrust.affects_samples(frame, stamp, wrench, newest):
             # Earlier messages are processed without it, however the calls are spread.
-            self._ready += self._work()
-        self.thrust.command(frame, stamp, wrench, newest)
+            self._ready += self._process()
+        self.thrust.add_command(frame, stamp, wrench, newest)
         for noted, text in ((self.thrust.late, LATE_THRUST), (self.thrust.exact, EXACT_THRUST)):
             if noted:
-                self._segment.identifier.note(text)
+                self._segment.identifier.add_note(text)
         if self.thrust.shared:
             self.intake.faults.name('thrust', stamp, SHARED_THRUST.format(self.thrust.shared))
 
     def add_stored_momentum(self, message: Any) -> None:
         """Add a Vector3Stamped of the momentum that wheels or gyros store."""
-        self.intake.stored_momentum.take(*vector_of(message))
+        self.intake.stored_momentum.add_sample(*vector_of(message))
 
     def process(self) -> list[Estimate]:
         """Process the added messages and return the new estimates; how calls are spread makes no difference to them."""
-        estimates = self._ready + self._work()
+        estimates = self._ready + self._process()
         self._ready = []
         return estimates
 
     def finish(self) -> list[Estimate]:
         """Return the estimates of windows that wait for later ones, after the last `process` of a recording."""
-        return self._work(last=True)
+        return self._process(last=True)
 
     def run_slice(self) -> bool:
         """Run a time slice of the method's background task; return whether some of it is left.
@@ -165,7 +165,7 @@ class Session:
 
         Raises DataError: The run did not begin before a capture, has had it, or has no samples yet.
         """
-        self._ready += self._work()
+        self._ready += self._process()
         return self._segment.captured(self.queue.latest)
 
     # State
@@ -179,7 +179,7 @@ class Session:
 
     def posterior(self) -> Posterior | None:
         """Return the posterior of the run; None if its method has none, or none yet."""
-        return self._segment.identifier.knowledge()
+        return self._segment.identifier.posterior()
 
     @property
     def frames(self) -> Frames:
@@ -199,10 +199,10 @@ class Session:
     @property
     def used(self) -> int:
         """Number of samples that went into windows."""
-        return self._used_earlier + self.taken
+        return self._used_earlier + self.collected
 
     @property
-    def taken(self) -> int:
+    def collected(self) -> int:
         """Number of samples since the segment began, with those of the open window."""
         return self._segment.identifier.used
 
@@ -213,7 +213,7 @@ class Session:
 
     @property
     def replaced(self) -> Counter[str]:
-        """Messages of which a part was unusable and replaced by parameters, by cause."""
+        """Messages with an unusable part, which parameters replace, by cause."""
         return self._replaced_earlier + self.intake.odometry_reader.replaced
 
     def _add(self, name: str, message: Any) -> bool:
@@ -222,7 +222,7 @@ class Session:
         if jumped is None:
             return self._segment.is_due(name, stamp, self.queue)
         if jumped:
-            self._ready += self._work(last=True)
+            self._ready += self._process(last=True)
             self._start_again(jumped)
         self.queue.confirm_jump(name, message)
         return True
@@ -231,12 +231,12 @@ class Session:
         """Begin a new segment."""
         self._earlier += self._segment.dropped
         self._replaced_earlier = self.replaced
-        self._used_earlier += self.taken
+        self._used_earlier += self.collected
         self.restarts = [*self.restarts[1 - _RESTARTS_KEPT :], f'{reason}; started again']
         self.restarted += 1
         self._begin()
 
-    def _work(self, *, last: bool = False) -> list[Estimate]:
+    def _process(self, *, last: bool = False) -> list[Estimate]:
         messages = self.queue.take_all()
         self.received.update({name: number_of(each) for name, each in messages.items()})
         try:

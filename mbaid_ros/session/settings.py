@@ -117,7 +117,7 @@ def storage(config: WheelsConfig, model: RobotModel) -> Storage:
     wheels = make_storage(config.names, config.axes, config.spin_inertias, model, _WHEEL_SPEED_STD)
     if not config.momentum_frame:
         return wheels
-    return wheels + Storage.published(model.link(config.momentum_frame), config.momentum_std)
+    return wheels + Storage.from_published(model.link(config.momentum_frame), config.momentum_std)
 
 
 def springs(config: FlexibleConfig, model: RobotModel) -> Springs:

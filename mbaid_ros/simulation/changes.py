@@ -13,9 +13,9 @@ from mbaid_ros.core.robot.model import Link, RobotModel, load_model
 from mbaid_ros.core.robot.momentum import physical, standard
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.simulation.dynamics import State
-from mbaid_ros.simulation.environment import Push, Surroundings, Wheels
+from mbaid_ros.simulation.environment import BodyWrench, Environment, Wheels
 from mbaid_ros.simulation.motion import Driven, Motion
-from mbaid_ros.simulation.simulation import ChangingSimulation, Simulation, Truth, total_momentum
+from mbaid_ros.simulation.simulation import PiecewiseSimulation, Simulation, Truth, total_momentum
 
 
 @dataclass(frozen=True)
@@ -40,22 +40,22 @@ class Pulse:
         return np.concatenate((rotation @ self.wrench[:3], rotation @ self.wrench[3:]))
 
 
-class ThrustSimulation(ChangingSimulation):
+class ThrustSimulation(PiecewiseSimulation):
     """A run of the free-floating robot with a pulse of thrust, which stays in `pulse`; parameters as of Simulation."""
 
     def __init__(
-        self, model: RobotModel, motion: Motion, initial: State, pulse: Pulse, surroundings: Surroundings | None = None
+        self, model: RobotModel, motion: Motion, initial: State, pulse: Pulse, environment: Environment | None = None
     ) -> None:
         self.pulse = pulse
-        around = surroundings or Surroundings()
+        around = environment or Environment()
 
-        def change(time: float, push: Push | None) -> tuple[float, Callable[[Truth], Simulation]]:
-            return time, lambda at: Simulation(model, motion.later(time), _state(at), push, around.later(time))
+        def change(time: float, push: BodyWrench | None) -> tuple[float, Callable[[Truth], Simulation]]:
+            return time, lambda at: Simulation(model, motion.from_time(time), _state(at), push, around.from_time(time))
 
         super().__init__(
-            Simulation(model, motion, initial, surroundings=around),
+            Simulation(model, motion, initial, environment=around),
             [
-                change(pulse.begin + pulse.delay, Push.on(pulse.link, pulse.actual)),
+                change(pulse.begin + pulse.delay, BodyWrench.on_link(pulse.link, pulse.actual)),
                 change(pulse.end + pulse.delay, None),
             ],
         )
@@ -86,15 +86,15 @@ def with_target(model: RobotModel, target: Target) -> RobotModel:
     return load_model(text, model.base_link)
 
 
-class CaptureSimulation(ChangingSimulation):
+class CaptureSimulation(PiecewiseSimulation):
     """A run of the free-floating robot with a capture in it; parameters as of Simulation, the joints are driven.
 
     Attributes
     ----------
     target : as given
-    joined : the robot after the capture
-    brought : (6,) momentum (P, L) of the target before it, odometry frame, L about its origin
-    momentum : (6,) that of the whole after it
+    joined_model : the robot after the capture
+    target_momentum : (6,) momentum (P, L) of the target before it, odometry frame, L about its origin
+    total_momentum : (6,) that of the whole after it
     """
 
     def __init__(
@@ -103,31 +103,31 @@ class CaptureSimulation(ChangingSimulation):
         motion: Driven,
         initial: State,
         target: Target,
-        surroundings: Surroundings | None = None,
+        environment: Environment | None = None,
     ) -> None:
-        around, time = surroundings or Surroundings(), target.time
-        self.target, self.joined = target, with_target(model, target)
+        around, time = environment or Environment(), target.time
+        self.target, self.joined_model = target, with_target(model, target)
         # Where the capture happens follows from the motion alone: a run of its own finds it.
-        at = Simulation(model, motion, initial, surroundings=around).advance(np.array([time]))
-        self.brought = _momentum(model, at, target)
-        self.momentum: Array = total_momentum(model, at, around.wheels)[0] + self.brought
-        start = _joined(self.joined, at, self.momentum, around.wheels)
-        after = Simulation(self.joined, motion.later(time), start, surroundings=around.later(time))
-        super().__init__(Simulation(model, motion, initial, surroundings=around), [(time, lambda _: after)])
+        at = Simulation(model, motion, initial, environment=around).advance(np.array([time]))
+        self.target_momentum = _target_momentum(model, at, target)
+        self.total_momentum: Array = total_momentum(model, at, around.wheels)[0] + self.target_momentum
+        start = _joined_state(self.joined_model, at, self.total_momentum, around.wheels)
+        after = Simulation(self.joined_model, motion.from_time(time), start, environment=around.from_time(time))
+        super().__init__(Simulation(model, motion, initial, environment=around), [(time, lambda _: after)])
 
 
-def _momentum(model: RobotModel, at: Truth, target: Target) -> Array:
+def _target_momentum(model: RobotModel, at: Truth, target: Target) -> Array:
     """Return (P, L) of the target where the link is at the capture, (6,)."""
     link = model.link(target.link)
     configuration = Kinematics(model).configure(rotation_from_quaternion(at.base_orientation), at.joint_position)
-    rotation, position = (values[0] for values in configuration.link(link))
+    rotation, position = (values[0] for values in configuration.link_pose(link))
     centre = at.base_position[0] + position + rotation @ target.body[1:4]
     linear = target.body[0] * target.velocity
     inertia = rotation @ unvec(target.body[4:]) @ rotation.T
     return np.concatenate((linear, cross(centre, linear) + inertia @ target.spin))
 
 
-def _joined(model: RobotModel, at: Truth, momentum: Array, wheels: Wheels | None) -> State:
+def _joined_state(model: RobotModel, at: Truth, momentum: Array, wheels: Wheels | None) -> State:
     """Return the state with the same poses and joint rates, and the base's twist that gives the momentum."""
     # The momentum is linear in the twist: a base at rest and six unit twists determine it.
     twists = np.concatenate((np.zeros((1, 6)), np.eye(6)))

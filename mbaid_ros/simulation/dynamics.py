@@ -12,7 +12,7 @@ import pinocchio
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, configurations, parse
-from mbaid_ros.simulation.environment import BodyPoses, Effect, Push, Springs
+from mbaid_ros.simulation.environment import BodyPoses, BodyWrench, Effect, Springs
 
 # Smallest eigenvalue, relative to the largest, of the joint-space inertia scaled to a unit diagonal. Rounding leaves
 # 1e-16; the stiffest of the robots tested has 1e-5.
@@ -66,7 +66,7 @@ class Dynamics:
     def __init__(
         self,
         model: RobotModel,
-        push: Push | None = None,
+        push: BodyWrench | None = None,
         effects: Sequence[Effect] = (),
         springs: Springs | None = None,
     ) -> None:
@@ -77,7 +77,7 @@ class Dynamics:
         self._forces = pinocchio.StdVec_Force([pinocchio.Force.Zero()] * self._pinocchio.njoints)
         self._inertial = push if push is not None and push.body is None else None
         if push is not None and push.body is not None:
-            self._act(push.body, push.force, push.torque)
+            self._apply_wrench(push.body, push.force, push.torque)
         self._effects = tuple(effects)
         self._pushed = np.array([force.vector for force in self._forces])[1:]
         self._refuse_singular()
@@ -99,7 +99,7 @@ class Dynamics:
         """
         generalised = np.concatenate((np.zeros(6), torque))
         configuration = self._configuration(state)
-        self._act_all(time, state, configuration)
+        self._apply_wrenches(time, state, configuration)
         result = pinocchio.aba(self._pinocchio, self._data, configuration, state.velocity, generalised, self._forces)
         if not math.isfinite(result.sum()):
             raise ModelError(DIVERGED)
@@ -122,7 +122,7 @@ class Dynamics:
         """
         configuration = self._configuration(state)
         if self._effects:
-            self._act_all(time, state, configuration)
+            self._apply_wrenches(time, state, configuration)
         forces = (self._forces,) if self._effects else ()
         # Nothing else drives the base, nor springs their joints: their rows of the inverse dynamics give how they
         # accelerate.
@@ -147,8 +147,8 @@ class Dynamics:
             torque[self._springs.joints] = self._springs.torque(state.joint_position, state.joint_velocity)
         return torque
 
-    def _act_all(self, time: float, state: State, configuration: Array) -> None:
-        """Give pinocchio everything that acts and depends on time or state."""
+    def _apply_wrenches(self, time: float, state: State, configuration: Array) -> None:
+        """Apply the external wrenches that depend on time or state in pinocchio."""
         inertial = None
         if self._inertial is not None:
             inertial = self._inertial.on_base(state.base_position, state.base_orientation)
@@ -161,12 +161,12 @@ class Dynamics:
             if inertial is not None:
                 wrenches[0] += np.concatenate(inertial)
             for body, wrench in enumerate(wrenches):
-                self._act(body, wrench[:3], wrench[3:])
+                self._apply_wrench(body, wrench[:3], wrench[3:])
         elif inertial is not None:
-            self._act(0, *inertial)
+            self._apply_wrench(0, *inertial)
 
-    def _act(self, body: int, force: Array, torque: Array) -> None:
-        """Give pinocchio the external wrench on a body, in its axes."""
+    def _apply_wrench(self, body: int, force: Array, torque: Array) -> None:
+        """Apply an external wrench on a body, in its axes, in pinocchio."""
         # Its universe comes before the bodies.
         self._forces[body + 1] = pinocchio.Force(force, torque)
 

@@ -1,4 +1,4 @@
-"""What acts on the bodies of a simulated robot beside the torques of its joints: pushes, tides, wheels, springs."""
+"""External wrenches, gravity gradient, wheels and springs of a simulated robot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mbaid_ros.simulation import quaternions
 
 @dataclass(frozen=True)
 class Springs:
-    """f joints that a spring draws to zero and a damper slows."""
+    """Springs and dampers of f joints."""
 
     joints: Integers  # (f,) indices
     # stiffness, damping: (f,) N m/rad, N m s/rad; N/m, N s/m for a prismatic joint
@@ -25,8 +25,10 @@ class Springs:
     damping: Array
 
     @staticmethod
-    def of(model: RobotModel, names: Sequence[str], frequencies: Sequence[float], ratios: Sequence[float]) -> Springs:
-        """Return those of joints with natural frequencies, Hz, all else held, and damping ratios."""
+    def from_frequencies(
+        model: RobotModel, names: Sequence[str], frequencies: Sequence[float], ratios: Sequence[float]
+    ) -> Springs:
+        """Return the springs of joints with natural frequencies, Hz, all else held, and damping ratios."""
         joints = np.array([model.joint_names.index(name) for name in names], dtype=np.intp)
         inertia = np.sum(Kinematics(model).cantilever[joints] * model.body_parameters(), axis=(1, 2))
         rate = 2.0 * np.pi * np.array(frequencies)
@@ -48,7 +50,7 @@ class BodyPoses:
 
 
 @dataclass(frozen=True)
-class Push:
+class BodyWrench:
     """A force and torque on a body, constant in its axes; or on the base, constant in those of the odometry frame."""
 
     body: int | None  # index of the moving body; None for the odometry frame
@@ -57,15 +59,15 @@ class Push:
     torque: Array
 
     @staticmethod
-    def on(link: Link | None, wrench: Array) -> Push:
+    def on_link(link: Link | None, wrench: Array) -> BodyWrench:
         """Return a (6,) force and torque about the origin of a link's frame, or of the odometry frame, in its axes."""
         if link is None:
-            return Push(None, wrench[:3], wrench[3:])
+            return BodyWrench(None, wrench[:3], wrench[3:])
         force = link.rotation @ wrench[:3]
-        return Push(link.body, force, np.cross(link.position, force) + link.rotation @ wrench[3:])
+        return BodyWrench(link.body, force, np.cross(link.position, force) + link.rotation @ wrench[3:])
 
-    def about(self, origin: Array) -> Push:
-        """Return the same where positions count from another place (3,) of the odometry frame."""
+    def with_origin(self, origin: Array) -> BodyWrench:
+        """Return the wrench with positions relative to another origin (3,) in the odometry frame."""
         return self if self.body is not None else replace(self, torque=self.torque - np.cross(origin, self.force))
 
     def on_base(self, position: Array, orientation: Array) -> tuple[Array, Array]:
@@ -77,12 +79,12 @@ class Push:
         orientation : (4,) quaternion (x, y, z, w), base to odometry frame
         """
         back = quaternions.conjugate(orientation)
-        return quaternions.rotate(back, self.force), quaternions.rotate(back, self.about(position).torque)
+        return quaternions.rotate(back, self.force), quaternions.rotate(back, self.with_origin(position).torque)
 
 
 @dataclass(frozen=True, eq=False)
-class Tide:
-    """The gravity that remains in the frame that falls along."""
+class GravityGradient:
+    """The gravity gradient in the falling frame."""
 
     orbit: Orbit  # Orbit
     origin: Array  # (3,) m, which the bodies' positions count from
@@ -92,21 +94,21 @@ class Tide:
     inertia: Array
 
     @staticmethod
-    def on(model: RobotModel, orbit: Orbit, origin: Array) -> Tide:
+    def on_robot(model: RobotModel, orbit: Orbit, origin: Array) -> GravityGradient:
         """Return the effects on a robot whose positions count from an origin (3,) m in the falling frame."""
         bodies = model.body_parameters()
         massive = bodies[:, 0] > 0.0
         values = np.zeros_like(bodies)
         values[massive] = [physical(body) for body in bodies[massive]]
-        return Tide(orbit, origin, values[:, 0], values[:, 1:4], unvec(values[:, 4:]))
+        return GravityGradient(orbit, origin, values[:, 0], values[:, 1:4], unvec(values[:, 4:]))
 
     def wrenches(self, now: BodyPoses) -> Array:
         """Return m G x at each centre of mass and 3 mu/r^3 up x I up, about the bodies' origins, (n + 1, 6)."""
         instant = np.array([now.time])
-        up = rotate_back(now.rotation, np.broadcast_to(self.orbit.upward(instant), now.position.shape))
+        up = rotate_back(now.rotation, np.broadcast_to(self.orbit.zenith_at(instant), now.position.shape))
         place = self.origin + now.position + rotate(now.rotation, self.centre)
         force = rotate_back(now.rotation, self.mass[:, None] * (place @ self.orbit.gradient(instant)[0]))
-        torque = 3.0 * self.orbit.strength(instant) * cross(up, rotate(self.inertia, up))
+        torque = 3.0 * self.orbit.gradient_strength(instant) * cross(up, rotate(self.inertia, up))
         return np.concatenate((force, torque + cross(self.centre, force)), axis=1)
 
 
@@ -124,27 +126,27 @@ class Wheels:
         """Return the (N, w) speeds at (N,) times, rad/s."""
         return np.asarray(self.start + self.slope * time[:, None])
 
-    def stored(self, speeds: Array) -> Array:
+    def momentum(self, speeds: Array) -> Array:
         """Return the (N, 3) angular momentum that they store at (N, w) speeds, N m s, base axes."""
         return np.asarray((self.spin_inertias * speeds) @ self.axes)
 
     def wrenches(self, now: BodyPoses) -> Array:
         """Return the reaction of their motors and their gyroscopic torque on the base: -(h' + w x h)."""
-        stored = self.stored(self.speeds(np.array([now.time])))[0]
+        stored = self.momentum(self.speeds(np.array([now.time])))[0]
         wrenches = np.zeros((len(now.position), 6))
-        wrenches[0, 3:] = -self.stored(self.slope) - np.cross(now.angular_velocity, stored)
+        wrenches[0, 3:] = -self.momentum(self.slope) - np.cross(now.angular_velocity, stored)
         return wrenches
 
-    def later(self, time: float) -> Wheels:
-        """Return the same wheels, begun at a time (s) of this one."""
+    def from_time(self, time: float) -> Wheels:
+        """Return the wheels with time 0 at a time (s) of these."""
         return replace(self, start=self.speeds(np.array([time]))[0])
 
 
-Effect = Tide | Wheels  # has the wrenches (n + 1, 6) on all bodies: force (N) and torque (N m) about their origins
+Effect = GravityGradient | Wheels  # with the wrenches (n + 1, 6) on all bodies: N, N m about their origins
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class Environment:
     """Lasting effects on the bodies."""
 
     wheels: Wheels | None = None  # inside the base; None where there are none
@@ -153,13 +155,13 @@ class Surroundings:
 
     def effects(self, model: RobotModel, origin: Array) -> tuple[Effect, ...]:
         """Return the effects on a robot whose positions count from an origin (3,) m in the odometry frame."""
-        tide = () if self.orbit is None else (Tide.on(model, self.orbit, origin),)
+        tide = () if self.orbit is None else (GravityGradient.on_robot(model, self.orbit, origin),)
         return (*tide, *(() if self.wheels is None else (self.wheels,)))
 
-    def later(self, time: float) -> Surroundings:
-        """Return the same, begun at a time (s) of this one."""
-        return Surroundings(
-            None if self.wheels is None else self.wheels.later(time),
-            None if self.orbit is None else self.orbit.later(time),
+    def from_time(self, time: float) -> Environment:
+        """Return the environment with time 0 at a time (s) of this one."""
+        return Environment(
+            None if self.wheels is None else self.wheels.from_time(time),
+            None if self.orbit is None else self.orbit.with_epoch(time),
             self.springs,
         )

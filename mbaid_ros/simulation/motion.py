@@ -25,7 +25,7 @@ class Passive:
         """Return None: nothing drives the joints."""
         return
 
-    def later(self, time: float) -> Passive:  # noqa: ARG002 - as of Driven
+    def from_time(self, time: float) -> Passive:  # noqa: ARG002 - as of Driven
         """Return itself."""
         return self
 
@@ -38,8 +38,8 @@ class Driven(ABC):
         """Return position, velocity and acceleration of the joints at a time, (n,) each."""
 
     @abstractmethod
-    def later(self, time: float) -> Driven:
-        """Return the same motion, begun at a time (s) of this one."""
+    def from_time(self, time: float) -> Driven:
+        """Return the motion with time 0 at a time (s) of this one."""
 
     def command(self, time: float, position: Array, velocity: Array) -> Array:
         """Return the joint accelerations to give (n,): the reference's, corrected by the tracking error."""
@@ -67,8 +67,8 @@ class Sinusoids(Driven):
         position = self.start + (sine - self.amplitude * np.sin(self.phase)).sum(axis=1)
         return position, (speed * np.cos(angle)).sum(axis=1), -(rate * rate * sine).sum(axis=1)
 
-    def later(self, time: float) -> Sinusoids:
-        """Return the same motion, begun at a time (s) of this one."""
+    def from_time(self, time: float) -> Sinusoids:
+        """Return the motion with time 0 at a time (s) of this one."""
         phase = self.phase + 2.0 * np.pi * time * self.frequency
         return Sinusoids(self.reference(time)[0], self.amplitude, self.frequency, phase)
 
@@ -100,8 +100,8 @@ def sinusoids(start: Array, amplitudes: Array, frequencies: Array, phases: Array
     return Sinusoids(start, amplitudes.reshape(shape), frequencies.reshape(shape), phases.reshape(shape))
 
 
-def among(driven: Flags, motion: Sinusoids, start: Array) -> Sinusoids:
-    """Return a motion of k joints that start at (k,) and of which the driven ones move."""
+def with_resting_joints(driven: Flags, motion: Sinusoids, start: Array) -> Sinusoids:
+    """Return a motion of k joints from their start (k,), whose driven joints move."""
     if driven.all():
         return motion
     parts = []
@@ -164,7 +164,7 @@ def independent_limits(model: RobotModel) -> tuple[Array, Array, Array]:
 
 
 def within_limits(motion: Sinusoids, model: RobotModel, *, start_given: bool) -> Sinusoids:
-    """Return a motion of the k independent joints made as much smaller as their limits ask for, and else as it is.
+    """Return a motion of the k independent joints, scaled down to their limits.
 
     Where the start is not given, it moves to where the motion fits.
 
@@ -195,7 +195,7 @@ def within_limits(motion: Sinusoids, model: RobotModel, *, start_given: bool) ->
     return Sinusoids(start, motion.amplitude * scale[:, None], motion.frequency, motion.phase)
 
 
-def followed(motion: Sinusoids, transmission: Transmission) -> Sinusoids:
+def with_mimic_joints(motion: Sinusoids, transmission: Transmission) -> Sinusoids:
     """Return the motion of all n joints from that of the k independent ones."""
     if transmission.direct:
         return motion

@@ -14,8 +14,8 @@ from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.simulation import quaternions
-from mbaid_ros.simulation.simulation import ChangingSimulation, Simulation, Truth
-from mbaid_ros.simulation.true_robot import misread
+from mbaid_ros.simulation.simulation import PiecewiseSimulation, Simulation, Truth
+from mbaid_ros.simulation.true_robot import as_measured
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Imu:
         placed = self._kinematics.configure(np.tile(np.eye(3), (len(rate), 1, 1)), truth.joint_position)
         twist = np.concatenate((np.zeros_like(rate), rate), axis=1)
         bodies = self._kinematics.body_twists(placed, truth.joint_velocity, twist)
-        turned, _ = placed.link(self._link)  # to base axes
+        turned, _ = placed.link_pose(self._link)  # to base axes
         own = quaternion_from_rotation(turned)
         return quaternions.product(orientation, own), rotate_back(turned, bodies[:, self._link.body, 3:])
 
@@ -188,7 +188,7 @@ class Sensors:
 
     def _without_noise(self, truth: Truth) -> Truth:
         seen = truth if self._view is None else self._view(truth)
-        return seen if self._errors is None else misread(seen, self._errors)
+        return seen if self._errors is None else as_measured(seen, self._errors)
 
 
 class SensedSimulation:
@@ -203,7 +203,7 @@ class SensedSimulation:
 
     def __init__(
         self,
-        simulation: Simulation | ChangingSimulation,
+        simulation: Simulation | PiecewiseSimulation,
         sensors: Sensors,
         joint_rate: float,
         odometry_rate: float,

@@ -17,7 +17,7 @@ from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.dynamics import DIVERGED, Dynamics, State
-from mbaid_ros.simulation.environment import Push, Surroundings, Wheels
+from mbaid_ros.simulation.environment import BodyWrench, Environment, Wheels
 from mbaid_ros.simulation.motion import Motion
 
 LONGEST_STEP = 0.1  # s, of the integrator, which may be ahead by so much
@@ -43,7 +43,7 @@ class Truth(ArrayRecord):
     wheel_speed: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        """Take it that there are no wheels where nothing is said."""
+        """Default to no wheels."""
         if self.wheel_speed.shape[:-1] != self.time.shape:
             object.__setattr__(self, 'wheel_speed', np.zeros((*self.time.shape, 0)))
 
@@ -60,7 +60,7 @@ class Simulation:
     motion : of the joints
     initial : state at time 0
     push : constant external wrench on the robot
-    surroundings : further effects on its bodies
+    environment : further effects on its bodies
     """
 
     def __init__(
@@ -68,16 +68,16 @@ class Simulation:
         model: RobotModel,
         motion: Motion,
         initial: State,
-        push: Push | None = None,
-        surroundings: Surroundings | None = None,
+        push: BodyWrench | None = None,
+        environment: Environment | None = None,
     ) -> None:
         self.model = model
         self.motion = motion
         # Positions count from the start: far from the odometry origin their rounding would show in the velocities.
         self._origin = initial.base_position
-        around = surroundings or Surroundings()
+        around = environment or Environment()
         self._wheels = around.wheels
-        push = None if push is None else push.about(self._origin)
+        push = None if push is None else push.with_origin(self._origin)
         self._dynamics = Dynamics(model, push, around.effects(model, self._origin), around.springs)
         start = replace(initial, base_position=np.zeros(3)).array
         tolerances = {'rtol': _RELATIVE, 'atol': _ABSOLUTE, 'max_step': LONGEST_STEP}
@@ -139,8 +139,8 @@ class Simulation:
         )
 
 
-class ChangingSimulation:
-    """A run in which the integrator begins anew where something changes, so that its steps stay smooth.
+class PiecewiseSimulation:
+    """A run whose integrator restarts at each change of the dynamics.
 
     Parameters
     ----------
@@ -157,28 +157,24 @@ class ChangingSimulation:
         while self._changes and len(instants) and instants[-1] >= self._changes[0][0]:
             time, change = self._changes.pop(0)
             early = instants < time
-            part = self._now(np.append(instants[early], time))
+            part = self._advance_stage(np.append(instants[early], time))
             parts.append(part[: len(part) - 1])
             instants = instants[~early]
             self._start, self._simulation = time, change(part[len(part) - 1 :])
-        parts.append(self._now(instants))
+        parts.append(self._advance_stage(instants))
         return Truth.concatenate(parts)
 
-    def _now(self, instants: Array) -> Truth:
+    def _advance_stage(self, instants: Array) -> Truth:
         return replace(self._simulation.advance(instants - self._start), time=instants)
 
 
 def total_momentum(model: RobotModel, truth: Truth, wheels: Wheels | None = None) -> Array:
-    """Return the momentum of the whole robot, from the masses of its URDF.
+    """Return the momentum (P, L) of the whole robot, (N, 6), odometry axes, L about the odometry origin.
 
     Parameters
     ----------
     truth : of N instants
     wheels : whose momentum counts, too
-
-    Returns
-    -------
-    (N, 6) array (P, L), odometry axes, L about the odometry origin: kg m/s, kg m^2/s
     """
     orientation = truth.base_orientation
     kinematics = Kinematics(model)
@@ -190,12 +186,12 @@ def total_momentum(model: RobotModel, truth: Truth, wheels: Wheels | None = None
     total: Array = momentum(bodies, twists).sum(axis=1)
     total[:, 3:] += cross(truth.base_position, total[:, :3])
     if wheels is not None:
-        total[:, 3:] += quaternions.rotate(orientation, wheels.stored(truth.wheel_speed))
+        total[:, 3:] += quaternions.rotate(orientation, wheels.momentum(truth.wheel_speed))
     return total
 
 
 def without_linear_momentum(model: RobotModel, state: State) -> State:
-    """Return the state with the base's linear velocity replaced by the one that brings the robot's momentum P to zero.
+    """Return the state with a linear velocity of the base for which the robot's momentum P is zero.
 
     In orbit: the odometry frame then moves with the system's centre of mass.
     """
@@ -219,7 +215,7 @@ def without_linear_momentum(model: RobotModel, state: State) -> State:
 
 
 def seen_from_orbit(orbit: Orbit, truth: Truth, *, relative_twist: bool) -> Truth:
-    """Return a motion in the falling frame as the frame sees it that turns with the orbit.
+    """Return a motion in the falling frame as seen from the frame that turns with the orbit.
 
     Parameters
     ----------
@@ -227,7 +223,7 @@ def seen_from_orbit(orbit: Orbit, truth: Truth, *, relative_twist: bool) -> Trut
     truth : in the falling frame
     relative_twist : whether the twist is that relative to the turning frame, or stays that to the falling one
     """
-    turn = orbit.turned(truth.time)
+    turn = orbit.to_inertial(truth.time)
     place = rotate_back(turn, truth.base_position)
     back = quaternions.conjugate(quaternion_from_rotation(turn))
     orientation = quaternions.product(back, truth.base_orientation)

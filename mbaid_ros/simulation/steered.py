@@ -19,7 +19,7 @@ _NEAR = 0.05  # rad or m, by which a trajectory may begin elsewhere than the joi
 
 
 @dataclass(frozen=True, eq=False)
-class Followed(Driven):
+class TrajectoryMotion(Driven):
     """Joints that follow a trajectory from a time on, and rest before it and after it."""
 
     trajectory: JointTrajectory  # of the k joints that it moves, the others of the n rest
@@ -30,17 +30,17 @@ class Followed(Driven):
     def reference(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration of the joints at a time, (n,) each."""
         position, velocity, acceleration = self.start.copy(), np.zeros(len(self.start)), np.zeros(len(self.start))
-        parts = self.trajectory.at(np.asarray(time - self.begin))
+        parts = self.trajectory.state_at(np.asarray(time - self.begin))
         position[self.places], velocity[self.places], acceleration[self.places] = parts
         return position, velocity, acceleration
 
-    def later(self, time: float) -> Followed:
-        """Return the same motion, begun at a time (s) of this one."""
-        return Followed(self.trajectory, self.start, self.places, self.begin - time)
+    def from_time(self, time: float) -> TrajectoryMotion:
+        """Return the motion with time 0 at a time (s) of this one."""
+        return TrajectoryMotion(self.trajectory, self.start, self.places, self.begin - time)
 
 
-class Steered(Driven):
-    """A motion, and trajectories that are given on the way, each of which takes over when its time has come.
+class SteeredMotion(Driven):
+    """A motion, and trajectories added during the run, each of which replaces it from its time on.
 
     Parameters
     ----------
@@ -49,19 +49,19 @@ class Steered(Driven):
 
     def __init__(self, first: Driven) -> None:
         self._first = first
-        self._orders: list[Followed] = []  # with times of `first`
+        self._orders: list[TrajectoryMotion] = []  # with times of `first`
         self._offset = 0.0
 
-    def follow(self, trajectory: JointTrajectory, model: RobotModel, begin: float) -> None:
-        """Follow a trajectory from a time (s) on that is still to come; joints that it does not name rest from there.
+    def add_trajectory(self, trajectory: JointTrajectory, model: RobotModel, begin: float) -> None:
+        """Follow a trajectory from a future time (s) on; joints that it does not name rest from there.
 
         Raises DataError: It names joints that the robot does not have, or begins where the joints are not.
         """
         place, rate, bend = self.reference(begin)
-        every = of_all_joints(trajectory, model)
+        every = with_mimic_joints(trajectory, model)
         places = _places(every, model)
         joined = _joined(every, place[places], rate[places], bend[places])
-        self._orders.append(Followed(joined, place, places, begin + self._offset))
+        self._orders.append(TrajectoryMotion(joined, place, places, begin + self._offset))
 
     def reference(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity and acceleration of the joints at a time, (n,) each."""
@@ -71,15 +71,15 @@ class Steered(Driven):
                 return order.reference(now)
         return self._first.reference(now)
 
-    def later(self, time: float) -> Steered:
-        """Return the same motion, begun at a time (s) of this one; changes of either apply to both."""
-        other = Steered(self._first)
+    def from_time(self, time: float) -> SteeredMotion:
+        """Return the motion with time 0 at a time (s) of this one; trajectories added to either apply to both."""
+        other = SteeredMotion(self._first)
         other._orders, other._offset = self._orders, self._offset + time
         return other
 
 
-def of_all_joints(trajectory: JointTrajectory, model: RobotModel) -> JointTrajectory:
-    """Return a trajectory with those joints, too, that follow the ones it moves.
+def with_mimic_joints(trajectory: JointTrajectory, model: RobotModel) -> JointTrajectory:
+    """Return a trajectory extended to the joints that mimic its own.
 
     Raises DataError: It names a joint that the robot does not have, or that follows another.
     """
@@ -106,7 +106,7 @@ def of_all_joints(trajectory: JointTrajectory, model: RobotModel) -> JointTrajec
     )
 
 
-def made_to_follow(trajectory: JointTrajectory, model: RobotModel, start: Array | None, begin: float) -> Followed:
+def motion_along(trajectory: JointTrajectory, model: RobotModel, start: Array | None, begin: float) -> TrajectoryMotion:
     """Return the motion of a robot that follows a trajectory from a time (s) on.
 
     Raises DataError: The trajectory is of other joints, or begins elsewhere.
@@ -117,13 +117,13 @@ def made_to_follow(trajectory: JointTrajectory, model: RobotModel, start: Array 
     start : (n,) where its joints are before; None for zero, and where the trajectory begins
     begin : s
     """
-    every = of_all_joints(trajectory, model)
+    every = with_mimic_joints(trajectory, model)
     places = _places(every, model)
     if start is None:
         start = model.transmission.positions(np.zeros(len(model.independent_joints)))
         start[places] = every.position[0]
     rest = np.zeros(len(places))
-    return Followed(_joined(every, start[places], rest, rest), start, places, begin)
+    return TrajectoryMotion(_joined(every, start[places], rest, rest), start, places, begin)
 
 
 def _places(trajectory: JointTrajectory, model: RobotModel) -> Places:

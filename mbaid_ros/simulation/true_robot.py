@@ -10,7 +10,7 @@ import numpy as np
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.model_errors import ModelErrors, changing_link, in_frame_of, relative_factor, with_bodies
+from mbaid_ros.core.robot.model_errors import ModelErrors, heaviest_link, in_link_frame, relative_factor, with_bodies
 from mbaid_ros.core.robot.momentum import is_physical, physical
 from mbaid_ros.core.robot.urdf_edit import displace_joint, replace_inertial
 from mbaid_ros.simulation import quaternions
@@ -18,7 +18,7 @@ from mbaid_ros.simulation.simulation import Truth
 
 
 def true_robot(model: RobotModel, errors: ModelErrors, fixed: Sequence[str] = ()) -> RobotModel:
-    """Return the robot that has these errors: its bodies and its joints' frames, as by `with_bodies` and `displaced`.
+    """Return the robot that has these errors: its bodies and its joints' frames, by `with_bodies` and `displaced`.
 
     Zeros and mount are no part of it: they are in its sensors' readings. Without errors it is the same object.
 
@@ -44,7 +44,7 @@ _STREAM = 6  # of a seed's: the noise of the sensors has 0 to 5
 
 
 @dataclass(frozen=True)
-class ErrorSizes:
+class ErrorStds:
     """Standard deviations of a robot's differences from its URDF; 0 is exact."""
 
     links_relative_std: float = 0.0  # of each moving body, as `relative_factor` has it
@@ -61,7 +61,7 @@ def generator(seed: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
 
 
-def draw(model: RobotModel, target: str, sizes: ErrorSizes, rng: np.random.Generator) -> ModelErrors:
+def draw(model: RobotModel, target: str, sizes: ErrorStds, rng: np.random.Generator) -> ModelErrors:
     """Draw the errors of a robot: Gaussian, a body's as `relative_factor` has them, the target link's inertia exact.
 
     Each block, and each body, has a stream of its own: a size changes its own errors, and nothing else. A draw that
@@ -102,12 +102,12 @@ def _bodies(model: RobotModel, target: str, std: float, rng: np.random.Generator
 
 def _body(model: RobotModel, target: str, body: int, factor: Array, rng: np.random.Generator) -> Array:
     """Draw the (10,) errors of one moving body, such that the link that takes them can exist."""
-    link = changing_link(model, body, (target,))
+    link = heaviest_link(model, body, (target,))
     if link is None:
         return np.zeros(10)
     for _ in range(_DRAWS):
         change = factor @ rng.standard_normal(10)
-        if is_physical(link.parameters + in_frame_of(link, change)):
+        if is_physical(link.parameters + in_link_frame(link, change)):
             return change
     raise ModelError(
         f"of {_DRAWS} draws of link '{link.name}' none is a body that can exist; accepted: a smaller relative standard "
@@ -115,8 +115,8 @@ def _body(model: RobotModel, target: str, body: int, factor: Array, rng: np.rand
     )
 
 
-def misread(truth: Truth, errors: ModelErrors) -> Truth:
-    """Return a motion as read by encoders with wrong zeros and an odometry that is mounted elsewhere.
+def as_measured(truth: Truth, errors: ModelErrors) -> Truth:
+    """Return a motion as measured by encoders with wrong zeros and an odometry with a mount error.
 
     Parameters
     ----------

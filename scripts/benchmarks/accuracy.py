@@ -17,7 +17,7 @@ from mbaid_ros.core.identifier import Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
-from mbaid_ros.core.sensors.levels import CHANNELS, FoundNoise
+from mbaid_ros.core.sensors.levels import CHANNELS, NoiseEstimator
 from mbaid_ros.replay.campaigns.statistics import coverage, mean, nees, nees_band, rmse
 from mbaid_ros.session.methods import make_estimator
 
@@ -73,7 +73,7 @@ class Identification:
             **(settings or {}),
         }
         config = build(EstimatorConfig, values)
-        found = FoundNoise(self.noise, self.kernel.model.joints, estimate=METHODS[method].finds_noise)
+        found = NoiseEstimator(self.noise, self.kernel.model.joints, estimate=METHODS[method].finds_noise)
         return Identifier(make_estimator(config, self.kernel), config.window, MAXIMUM_GAP, noise=found)
 
     def estimates(self, method: str, joints: JointStream, base: BaseStream) -> list[Estimate]:

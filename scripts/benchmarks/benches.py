@@ -17,10 +17,10 @@ from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.recordings.recording import resource
 from mbaid_ros.recordings.spot import BASE, COMMANDS_FILE
 from mbaid_ros.simulation.dynamics import State
-from mbaid_ros.simulation.environment import Push
+from mbaid_ros.simulation.environment import BodyWrench
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth
-from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
+from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator, true_robot
 
 _ENCODER = 1.5e-3  # rad, one step
 _COMMAND = 10  # rows of the log of 2023 that a command lasts
@@ -54,7 +54,7 @@ def spot_2021(folder: Path, seed: int, duration: float = 32.0, tracking: float =
     )  # fmt: skip
     base[[4, 7]] = base[9] / 2.0
     true = load_model(replace_inertial(described.urdf, BASE, base))
-    sizes = ErrorSizes(links_relative_std=0.02, zero_std=0.05, origin_std=0.01)
+    sizes = ErrorStds(links_relative_std=0.02, zero_std=0.05, origin_std=0.01)
     errors = draw(true, BASE, sizes, generator(seed))
     robot, lag = true_robot(true, errors, (BASE,)), rng.uniform(0.2, 0.35)
     motion = _arm(rng)
@@ -102,7 +102,7 @@ def _pulled(robot: RobotModel, motion: Sinusoids, slope: Array) -> Simulation:
     mass, first = bodies[:, 0].sum(), bodies[:, 1:4].sum(axis=0)
     force = np.append(mass * slope, 0.0)
     wrench = np.concatenate((force, np.cross(first / mass, force)))
-    return Simulation(robot, motion, start, Push.on(None, wrench))
+    return Simulation(robot, motion, start, BodyWrench.on_link(None, wrench))
 
 
 def _wrapped(angle: Array) -> Array:
@@ -119,7 +119,7 @@ def spot_2023(folder: Path, seed: int, duration: float = 60.0, links: float = 0.
     described = load_model(resource('spot_2023.urdf'))
     body = np.array([10.8, rng.uniform(0.25, 0.35), rng.uniform(-0.05, 0.05), 0.0, 0.1, 0.0, 0.0, 0.1, 0.0, 0.2])
     true = load_model(replace_inertial(described.urdf, 'hand', body))
-    errors = draw(true, 'hand', ErrorSizes(links_relative_std=links, zero_std=2e-3, origin_std=5e-4), generator(seed))
+    errors = draw(true, 'hand', ErrorStds(links_relative_std=links, zero_std=2e-3, origin_std=5e-4), generator(seed))
     robot, motion = true_robot(true, errors, ('hand',)), _arm(rng)
     scale = rng.uniform(0.7, 1.1)
     time = np.arange(0.0, duration, 0.05)
@@ -151,7 +151,7 @@ def _pushed(robot: RobotModel, motion: Sinusoids, time: Array, wrenches: Array) 
     parts, base = [], robot.link(BASE)
     for begin, wrench in zip(range(0, len(time), _COMMAND), wrenches, strict=False):
         instants = time[begin : begin + _COMMAND + 1]
-        run = Simulation(robot, motion.later(float(instants[0])), state, Push.on(base, wrench))
+        run = Simulation(robot, motion.from_time(float(instants[0])), state, BodyWrench.on_link(base, wrench))
         # The last one is where the next wrench begins.
         instants = np.append(instants, instants[-1] + time[1]) if len(instants) <= _COMMAND else instants
         part = run.advance(instants - instants[0])

@@ -78,7 +78,7 @@ def bound(case: Case, truth: Truth, times: tuple[float, ...]) -> Array:
         for start in range(done, end, _BATCH):
             chosen = range(start, min(start + _BATCH, end))
             blocks = window_rows(robot, [samples[k : k + 1] for k in chosen], case.noise, origin)
-            information = information + maximum_likelihood(problem.space.of(blocks), unknowns).information
+            information = information + maximum_likelihood(problem.space.restricted(blocks), unknowns).information
         done = end
         result[row] = problem.deviations(information)
     return result

@@ -30,7 +30,7 @@ from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
-from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
+from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator, true_robot
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 ROBOTS = {
@@ -123,7 +123,7 @@ def target(robot: str) -> Array:
     return physical(kernel(robot).target.parameters)
 
 
-def drawn(robot: str, sizes: ErrorSizes, seed: int) -> ModelErrors:
+def drawn(robot: str, sizes: ErrorStds, seed: int) -> ModelErrors:
     """Return the errors of a robot's URDF, drawn as the simulator draws them."""
     return draw(model(robot), model(robot).last_link, sizes, generator(seed))
 

@@ -37,7 +37,7 @@ class InMuJoCo:
         around: Orbit | None = None,
         springs: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
-        self.errors = errors or ModelErrors.none(robot.joints)
+        self.errors = errors or ModelErrors.zero(robot.joints)
         self.around = around
         spec = mujoco.MjSpec.from_string(robot.urdf)
         base = spec.body(robot.base_link)
@@ -73,7 +73,7 @@ class InMuJoCo:
         if around is None:
             return
         angle, square = around.mean_motion * data.time, around.mean_motion**2
-        up = np.cos(angle) * around.up + np.sin(angle) * np.cross(around.normal, around.up)
+        up = np.cos(angle) * around.zenith + np.sin(angle) * np.cross(around.normal, around.zenith)
         for body in range(1, model.nbody):
             mass, at, axes = float(model.body_mass[body]), data.xipos[body], data.ximat[body].reshape(3, 3)
             inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T

@@ -88,7 +88,7 @@ def _smooth(stamps: Array, values: Array, time: Array) -> Array:
 def _orbit(told: dict[str, float]) -> Orbit:
     """Return the orbit that `convert` has put into the parameters."""
     circle = Orbit.inertial(told['mean_motion'], np.array(told['nadir']), np.array(told['normal']))
-    return circle.eccentric(told['eccentricity'], told['true_anomaly'])
+    return circle.with_eccentricity(told['eccentricity'], told['true_anomaly'])
 
 
 def _varying(time: Array, std: float, constant: float, rng: np.random.Generator) -> Array:
@@ -119,8 +119,8 @@ def _stored(
     rest = (mobility @ moving[..., None])[..., 0]
     own = np.linalg.solve(mobility[:, 3:, 3:], (rotate(rotation, rate) + rest[:, 3:])[..., None])[..., 0]
     central = np.linalg.inv(mobility[:, 3:, 3:])
-    up = orbit.upward(time - time[0])
-    torque = torque + 3.0 * orbit.strength(time - time[0])[:, None] * np.cross(up, rotate(central, up))
+    up = orbit.zenith_at(time - time[0])
+    torque = torque + 3.0 * orbit.gradient_strength(time - time[0])[:, None] * np.cross(up, rotate(central, up))
     steps = 0.5 * (torque[1:] + torque[:-1]) * np.diff(time)[:, None]
     pushed = np.concatenate((np.zeros((1, 3)), np.cumsum(steps, axis=0)))
     return rotate_back(rotation, begin + own[0] + pushed - own)

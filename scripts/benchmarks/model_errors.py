@@ -52,10 +52,10 @@ from mbaid_ros.session.known_robot import declared_errors
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.session.settings import declared_uncertainty
 from mbaid_ros.simulation.simulation import Truth
-from mbaid_ros.simulation.true_robot import ErrorSizes
+from mbaid_ros.simulation.true_robot import ErrorStds
 
 # The defaults of the estimator's parameters.
-DEFAULT = ErrorSizes(0.01, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
+DEFAULT = ErrorStds(0.01, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
 # By block, the fields of ErrorSizes and the parameters that declare them.
 BLOCKS = {
     'links': {'links_relative_std': 'known_links.relative_std'},
@@ -80,8 +80,8 @@ class Variant:
 
     robot: str  # name of a URDF of config/
     name: str  # errors and priors, in words
-    sizes: ErrorSizes  # that robots are drawn with
-    believed: ErrorSizes  # the priors
+    sizes: ErrorStds  # that robots are drawn with
+    believed: ErrorStds  # the priors
     spatial: bool = False  # whether a planar robot's errors may lead out of its plane
     links: str = AS_DECLARED  # distribution of their errors
 
@@ -112,7 +112,7 @@ class Variant:
         return changed
 
 
-def settings(sizes: ErrorSizes) -> dict[str, object]:
+def settings(sizes: ErrorStds) -> dict[str, object]:
     """Return the estimator's parameters that declare such robots, with the sensors' noise."""
     names = {field: name for block in BLOCKS.values() for field, name in block.items()}
     return {**{names[field]: value for field, value in vars(sizes).items()}, **declared(NOISE)}
@@ -122,10 +122,10 @@ def monte_carlo(robot: str) -> Iterator[Variant]:
     """Yield the variants of a robot: all blocks, one at a time, and with wrong priors."""
     yield Variant(robot, 'all', DEFAULT, DEFAULT)
     for name, fields in BLOCKS.items():
-        block = ErrorSizes(**{field: getattr(DEFAULT, field) for field in fields})
+        block = ErrorStds(**{field: getattr(DEFAULT, field) for field in fields})
         yield Variant(robot, name, block, block)
     for words, factor in (('twice', 2.0), ('half', 0.5)):
-        priors = ErrorSizes(**{field: factor * value for field, value in vars(DEFAULT).items()})
+        priors = ErrorStds(**{field: factor * value for field, value in vars(DEFAULT).items()})
         yield Variant(robot, f'all, priors {words} as large', DEFAULT, priors)
     for way in (WHOLE, APART):
         yield Variant(robot, f'all, links off {way}', DEFAULT, DEFAULT, links=way)
@@ -195,11 +195,11 @@ def run(work: tuple[Variant, int]) -> Outcome:
     return Outcome(np.array(last.status), last.parameters - truth, last.std, *best, *map(np.asarray, norms))
 
 
-def attainable(robot: str, truth: Truth, errors: ModelErrors, sizes: ErrorSizes) -> Array:
+def attainable(robot: str, truth: Truth, errors: ModelErrors, sizes: ErrorStds) -> Array:
     """Return (2, 10) attainable deviations, and errors without noise; NaN for what a planar motion leaves open."""
     config = build(EstimatorConfig, settings(sizes))
     own = kernel(robot)
-    own = own.with_uncertainty(declared_errors(own, config.known_links))
+    own = own.with_errors(declared_errors(own, config.known_links))
     uncertainty = declared_uncertainty(config, own.model)
     windows, origin, detector = _windows(robot, truth, errors, config.window)
     layout = layout_of(own, uncertainty, detector)

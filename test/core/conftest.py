@@ -9,7 +9,7 @@ from benchmarks.honesty import paths
 from floating import float_freely
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model_errors import declared
+from mbaid_ros.core.robot.model_errors import independent_errors
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth
 from observed import configured_motion, kernel
@@ -77,7 +77,7 @@ def robot() -> MomentumKernel:
 def servicer7() -> MomentumKernel:
     """Return the momentum of the seven-joint servicer, whose known bodies are in doubt."""
     robot = kernel('servicer7')
-    return robot.with_uncertainty(declared(robot.known, LINKS))
+    return robot.with_errors(independent_errors(robot.known, LINKS))
 
 
 @pytest.fixture(scope='session')

@@ -113,7 +113,7 @@ def test_a_capture_called_too_early_can_be_moved(method: str) -> None:
     for window in pieces():
         found += moved.update([window], 0)
         if moved.time < BEGIN and window.time[-1] > BEGIN - 0.3:
-            moved.move(BEGIN)
+            moved.restart_at(BEGIN)
     assert np.array_equal(found[-1].parameters, expected[-1].parameters)
     assert np.array_equal(found[-1].covariance, expected[-1].covariance)
     assert moved.phase == 'post_capture'
@@ -157,7 +157,7 @@ def test_a_wrong_known_model_is_doubted_before_and_after() -> None:
     robot = chaser()
     change = np.zeros_like(robot.known)
     change[0] = 0.3 * robot.known[0]
-    wrong = robot.corrected(change)
+    wrong = robot.with_body_changes(change)
     run = CaptureEstimator(wrong, lambda: estimator(wrong, MID), MID, 2.0)
     run.time = BEGIN
     made = run.update(pieces(), 0)

@@ -102,7 +102,7 @@ class Stage:
         """Have nothing to do."""
         return False
 
-    def knowledge(self) -> Posterior | None:
+    def posterior(self) -> Posterior | None:
         """Know nothing."""
         return None
 

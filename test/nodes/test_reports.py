@@ -116,7 +116,7 @@ def test_the_likeliest_cause_of_a_contradiction_comes_first() -> None:
 def test_the_noise_that_counts_is_reported_first() -> None:
     levels = SensorLevels(
         declared=np.array([1e-4, np.nan, 1e-3, np.nan, 1e-3, 1e-4]),
-        found=np.array([2e-4, 1e-3, np.nan, np.nan, 1e-3, 1e-4]),
+        estimated=np.array([2e-4, 1e-3, np.nan, np.nan, 1e-3, 1e-4]),
         assumed=np.array([np.nan, np.nan, np.nan, 1e-4, np.nan, np.nan]),
         correlation_time=0.0,
         used=np.array([False, True, False, False, True, False]),

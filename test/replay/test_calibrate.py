@@ -28,7 +28,7 @@ from mbaid_ros.replay.start import replay
 from mbaid_ros.session.known_robot import declared_errors
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.simulation import Truth
-from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
+from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator, true_robot
 from observed import configured_motion, kernel, true_body
 from servicers import LINKS, PRIORS, free_motion, motion_of, sensed
 
@@ -266,7 +266,7 @@ def test_one_declaration_serves_calibration_and_estimator_and_the_whole_robot_ma
 def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the calibration of a robot that is not its URDF, and a bag of it with the target in hand."""
     folder = described(tmp_path_factory.mktemp('drawn'))
-    errors = draw(free_model(), 'link7', ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3), generator(5))
+    errors = draw(free_model(), 'link7', ErrorStds(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3), generator(5))
     before = motion_of(true_robot(free_model(), errors, ('link7',)), 4, 60.0)
     recorded.write(folder / 'before', free_model(), sensed(before, 1, errors))
     after = configured_motion('servicer7', 30.0, 20.0, errors)

@@ -100,7 +100,7 @@ def test_a_simulated_robot_follows_it(result: Path, tmp_path: Path) -> None:
     assert simulate([*MODEL, *motion, *rates, '--output', str(tmp_path / 'bag')]) == 0
     with BagReader(str(tmp_path / 'bag')) as bag:
         positions = np.array([message.position for _, message, _ in bag.read(['/joint_states'])])
-    expected = read_trajectory(result.parent / 'motion.yaml').at(np.arange(51) / 10.0 - 0.5)[0]
+    expected = read_trajectory(result.parent / 'motion.yaml').state_at(np.arange(51) / 10.0 - 0.5)[0]
     assert positions == pytest.approx(expected, abs=1e-6)
     truth = json.loads((tmp_path / 'bag' / 'truth.json').read_text())
     assert truth['parameters']['motion.trajectory_file'] == str(result.parent / 'motion.yaml')

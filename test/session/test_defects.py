@@ -18,7 +18,7 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.sensors.outliers import OUTLIER, REPEATED_POSE
-from mbaid_ros.core.two_stage import YOUNG
+from mbaid_ros.core.two_stage import FIRST_ESTIMATE
 from mbaid_ros.messages.fields import (
     stamp_of,
 )
@@ -160,7 +160,7 @@ def test_noise_that_is_declared_wrong_makes_no_difference_where_it_is_found(fact
     last = estimates(ROBOT, clean(), {**wrong, 'noise.estimate': True})[0][-1]
     assert last.status == undisturbed().status
     assert last.noise is not None
-    assert last.noise.found == pytest.approx([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4], rel=0.12)
+    assert last.noise.estimated == pytest.approx([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4], rel=0.12)
     assert np.all(np.abs(last.std / undisturbed().std - 1.0) < 0.15)
 
 
@@ -177,7 +177,7 @@ def test_a_recording_that_ends_before_its_noise_is_known_uses_all_of_its_windows
 
 def test_the_first_numbers_say_that_they_are_first() -> None:
     reported = [each for each in estimates(ROBOT, clean())[0] if each.identifiable.any()]
-    young = [YOUNG in each.warnings for each in reported]
+    young = [FIRST_ESTIMATE in each.warnings for each in reported]
     assert young == [each.time < reported[0].time + 6.0 for each in reported]
     assert young[0]
     assert not young[-1]
@@ -190,7 +190,7 @@ def test_undeclared_noise_is_estimated() -> None:
     assert last.noise is not None
     assert last.noise.used.all()
     assert np.isnan(last.noise.declared).all()
-    assert last.noise.found == pytest.approx([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4], rel=0.12)
+    assert last.noise.estimated == pytest.approx([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4], rel=0.12)
     assert last.noise.differences()[-1].startswith('no noise is declared for joint position (')
     assert np.all(np.abs(last.std / undisturbed().std - 1.0) < 0.15)
     # Of one sensor it is declared, five times too large: that one counts as declared.
@@ -215,7 +215,7 @@ def test_slow_poses_of_undeclared_noise_contradict_nothing() -> None:
     assert last.status != 'inconsistent'
     assert last.residual < 1.3
     assert last.noise is not None
-    assert last.noise.found[2] == pytest.approx(0.02, rel=0.2)
+    assert last.noise.estimated[2] == pytest.approx(0.02, rel=0.2)
 
 
 def test_slow_odometry_that_is_declared_ten_times_too_precise_contradicts_nothing() -> None:

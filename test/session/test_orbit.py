@@ -194,6 +194,6 @@ def test_a_capture() -> None:
     assert nees(last, run.target_inertia) < LIMIT
     capture = into.robot.captured(last)
     assert capture is not None
-    off = capture.momentum - run.brought
+    off = capture.momentum - run.target_momentum
     assert float(off @ np.linalg.solve(capture.covariance, off)) < chi2.isf(1e-3, 6)
-    assert np.linalg.norm(off[:3]) < 0.05 * np.linalg.norm(run.brought[:3])
+    assert np.linalg.norm(off[:3]) < 0.05 * np.linalg.norm(run.target_momentum[:3])

@@ -11,7 +11,7 @@ import pytest
 
 import defects
 from defects import JOINTS, ODOMETRY, Arrival, arrivals, estimates, in_order
-from mbaid_ros.bags import Recorded
+from mbaid_ros.bags import Batch
 from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, packer
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
@@ -77,7 +77,7 @@ class Packing:
     def __init__(self) -> None:
         self._packers = {JOINTS: packer(JOINT_STATE_TYPE), ODOMETRY: packer(ODOMETRY_TYPE)}
 
-    def recorded(self, messages: Sequence[tuple[str, bytes, int]]) -> Recorded:
+    def recorded(self, messages: Sequence[tuple[str, bytes, int]]) -> Batch:
         """Return messages by their topics."""
         by_topic: dict[str, Sequence[Any]] = {}
         for topic, pack in self._packers.items():
@@ -87,7 +87,7 @@ class Packing:
                 together = pack.many(given)
                 by_topic[topic] = [pack(data) for data in given] if together is None else together
         times = {name: np.array([time for topic, _, time in messages if topic == name]) for name in by_topic}
-        return Recorded([topic for topic, _, _ in messages], by_topic, times)
+        return Batch([topic for topic, _, _ in messages], by_topic, times)
 
 
 def said(found: Sequence[Estimate]) -> list[tuple[Any, ...]]:

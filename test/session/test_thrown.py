@@ -155,7 +155,7 @@ def test_first_windows_that_lead_astray_do_not_keep_a_throw_from_its_solution(
     record(tmp_path, {'imu.rate': 2000.0, 'initial.base_angular_velocity': [1.8, -2.0, 14.7]}, 0.5)
     iterate, counts = iteration._iterate, list[int]()
 
-    def astray(motions: Sequence[iteration.Motion], common: Array, momenta: Array) -> iteration.Converged:
+    def astray(motions: Sequence[iteration.Motion], common: Array, momenta: Array) -> iteration.CalibrationSolution:
         """Settle few windows at a body that none is: negative moments, as a tenth of a second of a throw gave."""
         found, count = iterate(motions, common, momenta), len(motions[0].windows)
         counts.append(count)
@@ -163,7 +163,7 @@ def test_first_windows_that_lead_astray_do_not_keep_a_throw_from_its_solution(
             return found
         wrong = found.common.copy()
         wrong[4:10] *= -5.0
-        return replace(found, stays=True, common=wrong)
+        return replace(found, converged=True, common=wrong)
 
     monkeypatch.setattr(iteration, '_iterate', astray)
     assert np.abs(off(calibrated(tmp_path, BELIEVED))).max() < 4.0

@@ -10,14 +10,14 @@ import pytest
 
 from checked import central_difference
 from floating import true_momentum
-from mbaid_ros.calibration.unknowns import Normals, make_prior
+from mbaid_ros.calibration.unknowns import StandardNormals, make_prior
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model_errors import relative_factor
-from mbaid_ros.core.robot.momentum import OF_A_THRUSTER
+from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust
 from mbaid_ros.core.trajectory.solution import thrusters as estimated_thrusters
@@ -112,14 +112,14 @@ def commanded(wrench: Array, delay: float = 0.0, *, late: bool = False) -> tuple
     for place, part in enumerate(parts):
         if late and place == last:
             _reported(thrust, wrench, delay)
-        found.append(thrust.applied(part, 0))
+        found.append(thrust.with_impulse(part, 0))
     impulse, columns = (np.concatenate([getattr(part, name) for part in found]) for name in ('impulse', 'thrust'))
-    return impulse, columns.reshape(-1, 6, OF_A_THRUSTER)
+    return impulse, columns.reshape(-1, 6, THRUSTER_ERRORS)
 
 
 def _reported(thrust: Thrust, wrench: Array, delay: float) -> list[Samples]:
-    thrust.command('link3', round((ON + delay) * 1e9), wrench, None)
-    thrust.command('link3', round((OFF + delay) * 1e9), np.zeros(6), None)
+    thrust.add_command('link3', round((ON + delay) * 1e9), wrench, None)
+    thrust.add_command('link3', round((OFF + delay) * 1e9), np.zeros(6), None)
     return []
 
 
@@ -128,7 +128,7 @@ def test_columns_are_what_other_commands_would_have_brought() -> None:
         turned = [(1.0 + off[0]) * part + np.cross(off[1:4], part) for part in np.split(FORCE_TORQUE, 2)]
         return commanded(np.concatenate(turned), off[4])[0]
 
-    expected = central_difference(impulse, np.zeros(OF_A_THRUSTER), 1e-3)
+    expected = central_difference(impulse, np.zeros(THRUSTER_ERRORS), 1e-3)
     found, time = commanded(FORCE_TORQUE)[1], observe(pushed(), MID).time
     assert found[..., :4] == pytest.approx(expected[..., :4], abs=1e-9)
     # A delay of nothing is not half of one that is too early and one that is late: of each change, for one sample.
@@ -144,7 +144,7 @@ def test_the_momentum_depends_on_them_by_these_columns() -> None:
     _, columns = commanded(FORCE_TORQUE)
     states = servicer.states(replace(samples, thrust=columns.reshape(len(samples), -1)))
     unknown = thrusters(['link3'], 0.1, 0.05, 0.02)
-    assert unknown.count == OF_A_THRUSTER
+    assert unknown.count == THRUSTER_ERRORS
     moved = columns.copy()
     moved[:, 3:] -= np.cross(samples.base_position[:, :, None], columns[:, :3], axisa=1, axisb=1, axisc=1)
     assert unknown.momentum_columns(servicer, states) == pytest.approx(-moved, abs=1e-12)
@@ -154,13 +154,13 @@ def test_calibrate_reports_their_deviations() -> None:
     servicer = kernel('servicer7')
     uncertainty = Uncertainty(thrusters=['link3'], thrust_scale=0.1, thrust_direction=0.05, thrust_delay=0.02)
     prior = make_prior(servicer, [relative_factor(servicer.target.parameters, 0.01)])
-    before = Normals.before(prior, servicer, uncertainty)
+    before = StandardNormals.from_prior(prior, servicer, uncertainty)
     (found,) = estimated_thrusters(before.values_of(Thrusters))
     assert (found.scale, found.scale_std, found.delay, found.delay_std) == pytest.approx((1.0, 0.1, 0.0, 0.02))
     assert found.turn_std == pytest.approx(np.full(3, 0.05))
     mean = before.gaussian.mean.copy()
     place = 10 + sum(each.count for each in before.unknowns[: before.unknowns.index(_thrusters(before))])
-    mean[place : place + OF_A_THRUSTER] = [2.0, 0.0, -1.0, 0.0, 3.0]
+    mean[place : place + THRUSTER_ERRORS] = [2.0, 0.0, -1.0, 0.0, 3.0]
     after = replace(before, gaussian=UnknownsPrior(mean, 0.5 * before.gaussian.factor))
     (found,) = estimated_thrusters(after.values_of(Thrusters))
     assert found.frame == 'link3'
@@ -169,7 +169,7 @@ def test_calibrate_reports_their_deviations() -> None:
     assert found.delay == pytest.approx(0.06 / 1.2)  # of a thruster that is stronger
 
 
-def _thrusters(normals: Normals) -> Thrusters:
+def _thrusters(normals: StandardNormals) -> Thrusters:
     return next(each for each in normals.unknowns if isinstance(each, Thrusters))
 
 
@@ -234,7 +234,7 @@ def test_a_late_command_is_reported_and_not_lost() -> None:
     assert LATE_THRUST in last.warnings
     assert session.thrust.late
     truth = true_momentum(kernel('servicer7'), observe(pushed(), MID))
-    assert session.thrust.brought == pytest.approx(truth[-1] - truth[0], abs=0.1)
+    assert session.thrust.impulse == pytest.approx(truth[-1] - truth[0], abs=0.1)
     # The windows that were solved without it have seen a momentum that jumps.
     assert last.status == 'inconsistent'
 
@@ -242,9 +242,9 @@ def test_a_late_command_is_reported_and_not_lost() -> None:
 def test_reset_forgets_it() -> None:
     session = make()
     estimates_of(session, thrust_messages(0, *pulse()))
-    assert np.any(session.thrust.brought)
+    assert np.any(session.thrust.impulse)
     session.reset()
-    assert not np.any(session.thrust.brought)
+    assert not np.any(session.thrust.impulse)
 
 
 def test_two_publishers_of_one_frame_are_the_first_cause() -> None:

@@ -62,7 +62,7 @@ def test_by_their_momentum() -> None:
     (run, messages), into = spinning(publish='stored_momentum'), session(wheels__momentum_frame='base_link')
     last = feed(messages, into)[-1]
     assert agrees(last, run)
-    assert into.intake.stored_momentum.taken == round(SECONDS * 50) + 1
+    assert into.intake.stored_momentum.used == round(SECONDS * 50) + 1
     assert np.mean(last.std / by_speeds('trajectory')[0].std) == pytest.approx(1.0, abs=0.05)
 
 

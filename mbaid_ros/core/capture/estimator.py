@@ -10,11 +10,11 @@ import numpy as np
 
 from mbaid_ros.core.capture.known_momentum import ENOUGH, Capture, KnownMomentum
 from mbaid_ros.core.geometry import Array, unvec
-from mbaid_ros.core.identifier import Deferring, Estimator, knowledge_of
+from mbaid_ros.core.identifier import Estimator, HasBackgroundTask, posterior_of
 from mbaid_ros.core.results.estimate import CapturePhase, Estimate, determined
 from mbaid_ros.core.results.status import Reason, notes, with_reasons
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.momentum import brought
+from mbaid_ros.core.robot.momentum import momentum_change
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.posterior import Posterior
 
@@ -50,9 +50,9 @@ class CaptureEstimator:
         *,
         detect: bool = False,
     ) -> None:
-        self._make, self._after = make, make()
-        self.method = self._after.method
-        self.needs_rates = self._after.needs_rates
+        self._make, self._method = make, make()
+        self.method = self._method.method
+        self.needs_rates = self._method.needs_rates
         self.time: float | None = None
         self.kernel = kernel
         self._largest_residual = largest_residual
@@ -61,20 +61,20 @@ class CaptureEstimator:
         self._known = KnownMomentum(kernel, noise)
         self._waiting: deque[Samples] = deque()  # windows that may yet turn out to lie within the margin
         self._latest = -np.inf  # s, end of the last window
-        self._found: deque[Estimate] = deque(maxlen=_REMEMBERED)
-        self._place: tuple[float, Array, Array] | None = None  # s from the capture; R, r of the target link then
-        self._until: Samples | None = None  # the last sample before the capture
+        self._estimates: deque[Estimate] = deque(maxlen=_REMEMBERED)
+        self._target_pose: tuple[float, Array, Array] | None = None  # s from the capture; R, r of the target link then
+        self._last_before: Samples | None = None  # the last sample before the capture
 
     @property
     def phase(self) -> CapturePhase:
         """Where the run is."""
         if self.time is None or self._latest < self.time:
             return 'pre_capture'
-        return 'post_capture' if self._found else 'capture'
+        return 'post_capture' if self._estimates else 'capture'
 
-    def knowledge(self) -> Posterior | None:
+    def posterior(self) -> Posterior | None:
         """Return the posterior of the method since the capture."""
-        return knowledge_of(self._after)
+        return posterior_of(self._method)
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
         """Return the estimates of closed windows, of the momentum alone before the capture; origin: ns, at time 0."""
@@ -83,44 +83,44 @@ class CaptureEstimator:
         for window in windows:
             self._latest = float(window.time[-1])
             if self.time is None or self._latest < self.time - _SLACK:
-                made.append(self._before(window, origin))
-                self._until = window[-1:]
+                made.append(self._pre_capture_estimate(window, origin))
+                self._last_before = window[-1:]
                 continue
-            self._use(self.time - MARGIN)
+            self._add_known_windows(self.time - MARGIN)
             self._waiting.clear()
-            if self._place is None or not self._found:
-                self._look(window, self.time)
+            if self._target_pose is None or not self._estimates:
+                self._note_target_pose(window, self.time)
             if window.time[0] > self.time + MARGIN - _SLACK:
-                later.append(self._since(window))
-        found = self._after.update(later, origin) if later else []
-        self._found.extend(found)
+                later.append(self._with_tide_since_capture(window))
+        found = self._method.update(later, origin) if later else []
+        self._estimates.extend(found)
         doubts = notes(self._doubts())
         return [*made, *(with_reasons(each, doubts) for each in found)]
 
-    def move(self, time: float) -> None:
+    def restart_at(self, time: float) -> None:
         """Move the capture to a later time (s) and begin the method anew."""
-        self.time, self._after, self._place = time, self._make(), None
-        self._found.clear()
+        self.time, self._method, self._target_pose = time, self._make(), None
+        self._estimates.clear()
 
-    def _since(self, window: Samples) -> Samples:
+    def _with_tide_since_capture(self, window: Samples) -> Samples:
         """Return a window with the orbit's momentum since the capture only: the captured body was not there before."""
-        if self._until is None or not window.tide.shape[1]:
+        if self._last_before is None or not window.tide.shape[1]:
             return window
-        return replace(window, tide=window.tide - self._until.tide)
+        return replace(window, tide=window.tide - self._last_before.tide)
 
-    def _until_then(self) -> Array:
+    def _tide_before_capture(self) -> Array:
         """Return the orbit's momentum of the robot alone until the capture, (6,)."""
-        if self._until is None or not self._until.tide.shape[1]:
+        if self._last_before is None or not self._last_before.tide.shape[1]:
             return np.zeros(6)
-        return brought(self._until, self._own_bodies()) - self._until.impulse[-1]
+        return momentum_change(self._last_before, self._robot_parameters()) - self._last_before.impulse[-1]
 
-    def _own_bodies(self) -> Array:
+    def _robot_parameters(self) -> Array:
         """Return the (n + 1, 10) standard parameters of the robot alone."""
-        return self.kernel.with_target(self.kernel.target.parameters)
+        return self.kernel.body_parameters(self.kernel.target.parameters)
 
     def run_slice(self) -> bool:
         """Run a time slice of the method's background task, if it has one; return whether work is left."""
-        return isinstance(self._after, Deferring) and self._after.run_slice()
+        return isinstance(self._method, HasBackgroundTask) and self._method.run_slice()
 
     def capture(self, body: Array | None) -> Capture | None:
         """Return the capture, None while there was none.
@@ -131,23 +131,23 @@ class CaptureEstimator:
         """
         if self.phase == 'pre_capture' or self.time is None:
             return None
-        chaser, total = self._known.chaser(), self._total()
+        chaser, total = self._known.chaser(), self._undisturbed_estimate()
         if chaser is None or total is None:
             nothing: Array = np.full(6, np.nan)
             return Capture(self.time, chaser, nothing, np.full((6, 6), np.nan), nothing[:3], nothing[:3])
         momentum, covariance = _known_part(
-            total.momentum - total.impulse - chaser.momentum - self._until_then(),
+            total.momentum - total.impulse - chaser.momentum - self._tide_before_capture(),
             total.momentum_covariance + chaser.covariance,
         )
         velocity, spin = self._motion(momentum, body)
         return Capture(self.time, chaser, momentum, covariance, velocity, spin)
 
-    def _before(self, window: Samples, origin: int) -> Estimate:
+    def _pre_capture_estimate(self, window: Samples, origin: int) -> Estimate:
         self._waiting.append(window)
         time = float(window.time[-1])
         if self._detect and self.time is None:
-            self._watch(window)
-        self._use((time if self._suspect is None else float(self._suspect.time[0])) - MARGIN)
+            self._detect_capture(window)
+        self._add_known_windows((time if self._suspect is None else float(self._suspect.time[0])) - MARGIN)
         chaser = self._known.chaser()
         estimate = Estimate(
             method=self.method, status='waiting', phase='pre_capture', time=time, stamp=origin + round(time * 1e9)
@@ -160,27 +160,27 @@ class CaptureEstimator:
             momentum_covariance=chaser.covariance,
             residual=chaser.residual,
             samples=chaser.samples,
-        ).after_thrust(brought(window, self._own_bodies()))
+        ).after_thrust(momentum_change(window, self._robot_parameters()))
         return with_reasons(measured, [*(Reason(text, 'conflict') for text in self._doubts()), Reason(BEFORE)])
 
-    def _watch(self, window: Samples) -> None:
-        """Take it for the capture when this window shows, as did the one before, that the momentum has jumped."""
-        if self._known.surprise(window) < _JUMP:
+    def _detect_capture(self, window: Samples) -> None:
+        """Detect the capture: the momentum has jumped in this window and in the one before."""
+        if self._known.innovation_squared(window) < _JUMP:
             self._suspect = None
         elif self._suspect is None:
             self._suspect = window
         else:
             self.time = float(self._suspect.time[0])
-            self._look(self._suspect, self.time)
+            self._note_target_pose(self._suspect, self.time)
 
-    def _use(self, end: float) -> None:
-        """Let the known model have the windows that end before a time, s."""
+    def _add_known_windows(self, end: float) -> None:
+        """Add the windows that end before a time, s, to the momentum of the known model."""
         while self._waiting and self._waiting[0].time[-1] < end - _SLACK:
             window = self._waiting.popleft()
             self._known.add(window)
 
     def _doubts(self) -> tuple[str, ...]:
-        """Return why the known model is not to be trusted."""
+        """Return the reasons to distrust the known model."""
         chaser = self._known.chaser()
         if chaser is None or self._known.redundancy <= ENOUGH or not chaser.residual > self._largest_residual:
             return ()
@@ -190,27 +190,27 @@ class CaptureEstimator:
         )
         return (doubt,)
 
-    def _total(self) -> Estimate | None:
-        """Return the last estimate whose momentum nothing but the capture has changed."""
-        if not self._found:
+    def _undisturbed_estimate(self) -> Estimate | None:
+        """Return the last estimate whose momentum only the capture has changed."""
+        if not self._estimates:
             return None
-        times = [event.time for event in self._found[-1].events]
-        undisturbed = [estimate for estimate in self._found if not times or estimate.time <= min(times)]
-        return undisturbed[-1] if undisturbed else self._found[0]
+        times = [event.time for event in self._estimates[-1].events]
+        undisturbed = [estimate for estimate in self._estimates if not times or estimate.time <= min(times)]
+        return undisturbed[-1] if undisturbed else self._estimates[0]
 
-    def _look(self, window: Samples, time: float) -> None:
-        """Remember where the target link is in the sample nearest to the capture."""
+    def _note_target_pose(self, window: Samples, time: float) -> None:
+        """Note the pose of the target link in the sample nearest to the capture."""
         nearest = int(np.argmin(np.abs(window.time - time)))
         apart = abs(float(window.time[nearest]) - time)
-        if self._place is None or apart < self._place[0]:
+        if self._target_pose is None or apart < self._target_pose[0]:
             state = self.kernel.states(window[nearest : nearest + 1])
-            self._place = (apart, state.rotation[0], window.base_position[nearest] + state.position[0])
+            self._target_pose = (apart, state.rotation[0], window.base_position[nearest] + state.position[0])
 
     def _motion(self, momentum: Array, body: Array | None) -> tuple[Array, Array]:
         """Return velocity of the CoM and spin of the captured body before the capture; NaN where not known."""
-        if body is None or self._place is None:
+        if body is None or self._target_pose is None:
             return np.full(3, np.nan), np.full(3, np.nan)
-        _, rotation, position = self._place
+        _, rotation, position = self._target_pose
         centre = position + rotation @ body[1:4]
         inertia = rotation @ unvec(body[4:]) @ rotation.T
         about_centre = momentum[3:] - np.cross(centre, momentum[:3])

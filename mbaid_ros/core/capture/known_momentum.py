@@ -26,7 +26,7 @@ class Chaser:
 
 
 class KnownMomentum:
-    """The total momentum of a robot of which every body is known, from window after window.
+    """The total momentum of a robot whose bodies are all known, updated window by window.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class KnownMomentum:
         self._windows += 1
         self._samples += len(window)
 
-    def surprise(self, window: Samples) -> float:
+    def innovation_squared(self, window: Samples) -> float:
         """Return how far a window's momentum is from that of the others: chi-square of six numbers if nothing acts.
 
         Noise that has turned out larger than the parameters is allowed for.

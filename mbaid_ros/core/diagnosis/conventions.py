@@ -91,7 +91,7 @@ def _targets(kernel: MomentumKernel) -> Iterator[Convention]:
     for body, name in last.items() if len(kernel.unknown) == 1 else ():
         if body != kernel.target.body:
             text = f'the unknown body seems to be held by {name}, not {kernel.target.name}: set target_link: {name}'
-            yield Convention(text, kernel.identifying(name), left=_RIGHT)
+            yield Convention(text, kernel.with_unknown_link(name), left=_RIGHT)
 
 
 def _masses(kernel: MomentumKernel) -> Iterator[Convention]:
@@ -106,14 +106,14 @@ def _masses(kernel: MomentumKernel) -> Iterator[Convention]:
                 change = np.zeros_like(kernel.known)
                 change[link.body] = (1.0 / unit - 1.0) * kernel.known[link.body]
                 text = f'link {link.name} is {unit:g} times as heavy as it is: a wrong unit or body in the URDF?'
-                yield Convention(text, kernel.corrected(change))
+                yield Convention(text, kernel.with_body_changes(change))
     moving = ', '.join(link.name for link in kernel.model.links if link.body and link.parameters[0] > 0.0)
     for unit in _UNITS:
         change = (1.0 / unit - 1.0) * kernel.known
         change[0] = 0.0
         yield Convention(
             f'the moving links ({moving}) are {unit:g} times as heavy as they are: a wrong unit?',
-            kernel.corrected(change),
+            kernel.with_body_changes(change),
         )
 
 

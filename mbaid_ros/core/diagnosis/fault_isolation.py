@@ -160,7 +160,7 @@ class FaultIsolation:
             least = min((cause.gain for cause in found.causes), default=run.lead)
             lead = run.lead if leading.physical else min(run.lead, least)
             inquired.setdefault(leading.cause, (lead, leading.physical))
-        latest = self._noise.found_in(self._samples[-1])
+        latest = self._noise.for_window(self._samples[-1])
         return ranked(inquired, found.innovations, joint_noise_factor(self._samples, latest.joint_position))
 
 

@@ -16,7 +16,7 @@ from mbaid_ros.core.geometry import Array, Flags, Integers
 from mbaid_ros.core.results.status import Severity
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.samples import JointStream, Stamps
-from mbaid_ros.core.sensors.turns import steps_of
+from mbaid_ros.core.sensors.unwrapping import position_steps
 
 _FEWEST = 10  # readings with a symptom, from which it is no accident
 _SOURCES = 0.02  # share of readings from another source: single outliers, which are dropped, are fewer
@@ -110,8 +110,8 @@ class _View:
 
     @cached_property
     def steps(self) -> tuple[Array, Array, Array]:
-        """As of `steps_of`, (N - 1, k)."""
-        return steps_of(JointStream(self.stamp, self.position, self.velocity))
+        """As of `position_steps`, (N - 1, k)."""
+        return position_steps(JointStream(self.stamp, self.position, self.velocity))
 
     @cached_property
     def step(self) -> Array:

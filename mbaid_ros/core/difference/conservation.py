@@ -36,7 +36,7 @@ class Jump:
 
     time: float  # s since the first sample, start of the first window after it
     value: Array  # (c,) in the unknowns that the momentum is
-    fall: float  # of the sum of squared residuals, over the scale of the noise
+    cost_reduction: float  # of the sum of squared residuals, over the scale of the noise
     first_seen: float  # s, its time when it was first found
 
 
@@ -90,7 +90,7 @@ class Conservation:
         # Noise that is larger than declared is no jump: the scale of the residuals of a jump.
         scale = max((window.linear.cost - falls[best]) / (redundancy + surplus), 1.0)
         fall, time = float(falls[best]) / scale, float(starts[best])
-        if fall > (self._limit if jump is None else jump.fall):
+        if fall > (self._limit if jump is None else jump.cost_reduction):
             self.jump = Jump(time, changes[best], fall, time if jump is None else jump.first_seen)
 
 

@@ -53,7 +53,7 @@ class Linearisation:
     information: Array  # (u, u)
     equations: int  # number of equations
 
-    def at(self, step: Array) -> Linearisation:
+    def expanded_at(self, step: Array) -> Linearisation:
         """Return the same form around x + step, (u,)."""
         slope = self.information @ step
         cost = self.cost + float(step @ (2.0 * self.gradient + slope))
@@ -61,7 +61,7 @@ class Linearisation:
 
 
 @dataclass(frozen=True)
-class White(ArrayRecord):
+class WhitenedBlocks(ArrayRecord):
     """K blocks at one x in units of their noise."""
 
     residual: Array  # (K, r)
@@ -91,7 +91,7 @@ def whitener_of(noise: Array) -> Array:
     return whitener[None] if single else whitener
 
 
-def whitened(blocks: Blocks, x: Array) -> White:
+def whitened(blocks: Blocks, x: Array) -> WhitenedBlocks:
     """Return residuals and corrected rows at x (u,) in units of their noise."""
     residual = blocks.rows @ x + blocks.offset
     noise = noise_at(blocks, x)  # (4)
@@ -100,10 +100,10 @@ def whitened(blocks: Blocks, x: Array) -> White:
     white_noise = whitener @ noise
     adjustment = -(white_residual[:, None] @ white_noise)  # eta (6), (K, 1, z)
     corrected = blocks.rows + (adjustment[:, None] @ blocks.noise_rows)[:, :, 0]
-    return White(white_residual, whitener @ corrected, white_noise, whitener)
+    return WhitenedBlocks(white_residual, whitener @ corrected, white_noise, whitener)
 
 
-def normal_equations(white: White) -> Linearisation:
+def normal_equations(white: WhitenedBlocks) -> Linearisation:
     """Return the likelihood's gradient and Gauss-Newton information where the blocks were whitened."""
     rows, residual = white.rows.reshape(-1, white.rows.shape[-1]), white.residual.reshape(-1)
     return Linearisation(white.cost, rows.T @ residual, rows.T @ rows, len(residual))
@@ -114,7 +114,7 @@ def maximum_likelihood(blocks: Blocks, x: Array) -> Linearisation:
     return normal_equations(whitened(blocks, x))
 
 
-def own_information(blocks: Blocks, white: White) -> Array:
+def row_noise_information(blocks: Blocks, white: WhitenedBlocks) -> Array:
     """Return the expected information that noise in the rows adds to each block, (K, u, u)."""
     shape = blocks.noise_rows.shape
     rows = (white.whitener @ blocks.noise_rows.reshape(*shape[:2], -1)).reshape(shape)
@@ -130,7 +130,7 @@ def uncertain_share(blocks: Blocks, x: Array, spread: Array) -> float:
     return float(np.sum(uncertain**2)) / blocks.offset.size
 
 
-def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation, Array, Array]:
+def bias_compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation, Array, Array]:
     """Return the weighted least squares less the expected contribution of the noise in the rows, as a form around zero.
 
     It is quadratic: x enters through its weights alone, which account for the uncertainty of x.
@@ -160,7 +160,7 @@ def compensated(blocks: Blocks, x: Array, spread: Array) -> tuple[Linearisation,
     return form, own, whitener
 
 
-class Sums:
+class NormalSums:
     """The squares of equations A x + y over z = (x, 1), with the weights of one x (u,), added up.
 
     Attributes
@@ -214,7 +214,7 @@ def first_solutions(blocks: Blocks, information: Array, right_side: Array) -> li
     found = []
     for compensate in (False, False, True, True):
         try:
-            sums = Sums(blocks, x)
+            sums = NormalSums(blocks, x)
             found.append(sums.total_least_squares(information, right_side))
         except FloatingPointError:
             break

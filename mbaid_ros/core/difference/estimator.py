@@ -24,7 +24,7 @@ from mbaid_ros.core.results.reporting import Reporting, Solution
 from mbaid_ros.core.results.status import Reason
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.robot.momentum import brought
+from mbaid_ros.core.robot.momentum import momentum_change
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
@@ -49,7 +49,7 @@ class DifferenceSettings:
     linear_momentum_std: float  # N s, of the total linear momentum about zero; 0 is no prior
 
 
-class Run:
+class DifferenceRun:
     """The likelihood of the unknowns x = (m, h, I_o, P_0, L_0), as far as the motion excites them, and its tests.
 
     Parameters
@@ -131,7 +131,7 @@ class Run:
         return (Event(jump.time, 'step', change[:3], change[3:] + cross(self.origin, change[:3]), _CAUSE),)
 
     def _reasons(self, share: float) -> Iterator[Reason]:
-        """Yield why the momentum is not constant, or its noise not as declared, and whether the model limits it.
+        """Yield the reasons to distrust the run: a jump of the momentum, excess innovations, a dominant model error.
 
         `share` is that of the consider parameters in the variance of the body.
         """
@@ -176,7 +176,7 @@ class DifferenceEstimator:
         self._reporting = reporting
         self._considered = ConsiderParameters(self._kernel, unknowns, prior)
         self._plane = PlaneDetector(kernel.model)
-        self._run: Run | None = None
+        self._run: DifferenceRun | None = None
         self._samples = 0
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
@@ -189,20 +189,20 @@ class DifferenceEstimator:
             self._plane.update(window)
             run = self._run = self._current_run(start)
             columns = self._considered.columns([window], run.body)
-            block = run.space.of(rows[k : k + 1])
+            block = run.space.restricted(rows[k : k + 1])
             solution = run.add(block, run.space.rows @ columns, float(window.time[0]))
             self._samples += len(window)
             time = float(window.time[-1])
             stamp = origin + round(time * 1e9)
             now = Estimate(self.method, 'waiting', time, stamp, samples=self._samples, events=run.events)
-            impulse = brought(window, self._kernel.with_target(solution.x[BODY]))
+            impulse = momentum_change(window, self._kernel.body_parameters(solution.x[BODY]))
             estimates.append(self._reporting.estimate(solution, now).after_thrust(impulse))
         return estimates
 
-    def _current_run(self, start: Array) -> Run:
+    def _current_run(self, start: Array) -> DifferenceRun:
         """Return the run; a new one where the motion has turned out spatial: its past had half the equations."""
         if self._run is not None and self._run.space.planar == self._plane.planar:
             return self._run
         space, scale = subspace(self._plane, self._kernel), unknown_scale(self._kernel)
         restarted = self._run is not None
-        return Run(space, start, scale, self._settings, self._considered, restarted=restarted)
+        return DifferenceRun(space, start, scale, self._settings, self._considered, restarted=restarted)

@@ -1,4 +1,4 @@
-"""The windows that have left the sliding window, as a prior, and what all windows imply for the consider parameters."""
+"""The prior of the windows that have left the sliding window, and the cross-information of consider parameters."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class CrossInformation:
     """The parts of the normal equations by e consider parameters: C (u, e), and the diagonal (e,) of their own."""
 
     cross: Array
-    own: Array
+    diagonal: Array
 
     @staticmethod
     def from_rows(rows: Array, columns: Array) -> CrossInformation:
@@ -27,14 +27,14 @@ class CrossInformation:
 
     def __add__(self, other: CrossInformation) -> CrossInformation:
         """Return the sums over the windows of both."""
-        return CrossInformation(self.cross + other.cross, self.own + other.own)
+        return CrossInformation(self.cross + other.cross, self.diagonal + other.diagonal)
 
     def surplus(self, covariance: Array) -> float:
         """Return the expected part of the parameters, of variance one, in the sum of squared residuals.
 
         `covariance` (u, u) is that of the unknowns by noise alone.
         """
-        left = self.own - np.sum(self.cross * (covariance @ self.cross), axis=0)
+        left = self.diagonal - np.sum(self.cross * (covariance @ self.cross), axis=0)
         return float(np.sum(np.maximum(left, 0.0)))
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.difference import errors_in_variables as eiv
-from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, White, first_solutions
+from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, WhitenedBlocks, first_solutions
 from mbaid_ros.core.difference.marginalised import CrossInformation, MarginalisedPrior
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.linear_algebra import chi_square_limit, solve_definite, solve_symmetric
@@ -49,7 +49,7 @@ class LinearisedWindows:
 
     def __init__(self, x: Array) -> None:
         self.equations = WindowEquations(*np.zeros((5, 0)))
-        self._white = White(np.zeros((0, 0)), *np.zeros((3, 0, 0, 0)))
+        self._white = WhitenedBlocks(np.zeros((0, 0)), *np.zeros((3, 0, 0, 0)))
         self._own: Array = np.zeros(0)
         self.x = x
 
@@ -58,7 +58,7 @@ class LinearisedWindows:
         return len(self.equations)
 
     @property
-    def white(self) -> White:
+    def white(self) -> WhitenedBlocks:
         """All windows in units of their noise at the linearisation point; FloatingPointError where undefined."""
         done = len(self._white)
         if done < len(self):
@@ -72,21 +72,21 @@ class LinearisedWindows:
 
     @property
     def noise_information(self) -> Array:
-        """The information that noise alone brings to each window at the linearisation point, (K, u, u)."""
+        """The information of noise alone in each window at the linearisation point, (K, u, u)."""
         done = len(self._own)
         if done < len(self):
-            own = eiv.own_information(self.equations[done:], self.white[done:])
+            own = eiv.row_noise_information(self.equations[done:], self.white[done:])
             self._own = np.concatenate((self._own, own)) if done else own
         return self._own
 
-    def whitened_at(self, x: Array) -> White | None:
+    def whitened_at(self, x: Array) -> WhitenedBlocks | None:
         """Return the windows whitened at another x, (u,); None where undefined."""
         try:
             return eiv.whitened(self.equations, x)
         except FloatingPointError:
             return None
 
-    def linearise(self, x: Array, white: White | None = None) -> None:
+    def linearise(self, x: Array, white: WhitenedBlocks | None = None) -> None:
         """Move the linearisation point to x, (u,); `white` holds the windows there, if known already."""
         self.x = x
         self._white = self._white[:0] if white is None else white
@@ -206,7 +206,7 @@ class SlidingWindow:
             linear = eiv.normal_equations(white)
             self._marginalised.add(replace(linear, information=linear.information - own), own, x)
         else:
-            linear, own, whitener = eiv.compensated(window, *self._regularised(self.x))
+            linear, own, whitener = eiv.bias_compensated(window, *self._regularised(self.x))
             self._marginalised.add(linear, own, np.zeros(len(x)))
             rows, columns = whitener @ window.rows, whitener @ window.columns
         self._past_cross += CrossInformation.from_rows(rows, columns)
@@ -224,7 +224,7 @@ class SlidingWindow:
             step = -solve(linear.information, linear.gradient)
             if -float(linear.gradient @ step) < close**2:
                 self.x = windows.x + step
-                form = linear.at(step)
+                form = linear.expanded_at(step)
                 return replace(form, cost=form.cost + self._prior_cost(windows.x) - self._prior_cost(self.x))
             if not self._step(step, linear.cost + self._prior_cost(windows.x)):
                 break

@@ -14,7 +14,7 @@ from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Plane, PlaneDetector
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.robot.momentum import of_bodies, of_link
+from mbaid_ros.core.robot.momentum import link_columns, summed_over_bodies
 from mbaid_ros.core.robot.sensitivity import sensitivity
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.unknowns.declaration import Unknown
@@ -43,7 +43,7 @@ class Subspace:
         """Whether equations and unknowns out of the plane are left out."""
         return self.plane is not None
 
-    def of(self, blocks: Blocks) -> Blocks:
+    def restricted(self, blocks: Blocks) -> Blocks:
         """Return the blocks' equations in the unknowns of this subspace."""
         return blocks.restrict(self.rows, self.basis) if self.planar else blocks
 
@@ -56,12 +56,12 @@ class Subspace:
 
 
 def subspace(detector: PlaneDetector, kernel: MomentumKernel) -> Subspace:
-    """Return the subspace that the motion so far allows.
+    """Return the subspace that the motion has excited.
 
     In a plane: mass, first moment in the plane, moment of inertia about its normal, linear momentum in the plane and
     angular momentum about its normal.
     """
-    rows, plane = detector.rows(), detector.plane(kernel.target)
+    rows, plane = detector.equation_selection(), detector.plane(kernel.target)
     if plane is None:
         return Subspace(rows, np.eye(UNKNOWNS), None)
     return Subspace(rows, np.asarray(block_diag(plane.basis, rows.T)), plane)
@@ -80,7 +80,7 @@ def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoi
     -------
     Blocks of K windows, 6 equations, 10 unknowns a link and 6, twice 2 n + 12 + c error sources
     """
-    samples, counts = joined(windows)
+    samples, counts = concatenated(windows)
     known, target = _mean_rows(kernel, samples, counts)
     position = mean_of_each(samples.base_position - origin, counts)
     equations = np.concatenate((target, -_transport(position)), axis=2)
@@ -98,7 +98,7 @@ def window_rows(kernel: MomentumKernel, windows: list[Samples], noise: SensorNoi
     return Blocks(equations, known, noise_known[..., 0], noise_rows)
 
 
-def joined(windows: Sequence[Samples]) -> tuple[Samples, Counts]:
+def concatenated(windows: Sequence[Samples]) -> tuple[Samples, Counts]:
     """Return the samples of K windows, none empty, and the number in each, (K,)."""
     return Samples.concatenate(windows), np.array([len(window) for window in windows])
 
@@ -132,8 +132,8 @@ def _mean_rows(kernel: MomentumKernel, samples: Samples, counts: Counts) -> tupl
     known = states.known_momentum - thrust
     regressors = np.concatenate([states.regressor_of(link) for link in kernel.unknown], axis=2)
     if samples.tide.shape[1]:  # without the momentum that an orbit adds, the rest is constant
-        known -= of_bodies(states.tide, kernel.known)
-        regressors -= np.concatenate([of_link(states.tide, link) for link in kernel.unknown], axis=2)
+        known -= summed_over_bodies(states.tide, kernel.known)
+        regressors -= np.concatenate([link_columns(states.tide, link) for link in kernel.unknown], axis=2)
     return mean_of_each(known, counts), mean_of_each(regressors, counts)
 
 
@@ -163,10 +163,10 @@ def _derivatives(kernel: MomentumKernel, point: Samples) -> tuple[Array, Array]:
     target[:, 3:, place, bodies : bodies + 3] = np.swapaxes(skew(np.eye(3)), 0, 1)
     known[:, 3:, place, 0] = -skew(point.impulse[:, :3])
     if point.tide.shape[1]:  # likewise L - p x P of the momentum that an orbit adds
-        known[:, 3:, place, 0] -= skew(of_bodies(states.tide, kernel.known)[:, :3])
-        linear = np.concatenate([of_link(states.tide, link)[:, :3] for link in kernel.unknown], axis=-1)
+        known[:, 3:, place, 0] -= skew(summed_over_bodies(states.tide, kernel.known)[:, :3])
+        linear = np.concatenate([link_columns(states.tide, link)[:, :3] for link in kernel.unknown], axis=-1)
         target[:, 3:, place, :bodies] -= np.moveaxis(skew(np.moveaxis(linear, 1, -1)), 1, -1)
-    known[:, :, rest.stop :, 0] = kernel.storage.columns(states.configuration.rotation)
+    known[:, :, rest.stop :, 0] = kernel.storage.jacobian(states.configuration.rotation)
     return known, target
 
 
@@ -244,11 +244,11 @@ class ConsiderParameters:
         """
         if not self.count:
             return np.zeros((len(windows), 6, 0))
-        samples, counts = joined(windows)
+        samples, counts = concatenated(windows)
         target = self._kernel.target
         change = np.zeros_like(self._kernel.known)
         change[target.body] = express(body, target.rotation, target.position)
-        kernel = self._kernel.corrected(change)
+        kernel = self._kernel.with_body_changes(change)
         few, kept = _thinned(samples, counts)
         states = kernel.states(few)
         # What a force or torque adds up to takes every sample.

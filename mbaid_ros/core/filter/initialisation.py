@@ -294,4 +294,4 @@ def resolved_frequencies(layout: Layout, distribution: MeanAndCovariance, second
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, SpringErrors):
             relative = np.abs(unknown.factor @ distribution.deviation[place])[::2]
-    return resolved(springs.rate, springs.ratio, relative, seconds)
+    return resolved(springs.frequency, springs.damping_ratio, relative, seconds)

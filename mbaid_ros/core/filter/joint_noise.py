@@ -24,7 +24,7 @@ from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import Stack
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.passive import along_passive, spring_constants
+from mbaid_ros.core.robot.passive import passive_momenta, spring_constants
 from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
 from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.unknowns.flexible import SwingNoise
@@ -124,8 +124,8 @@ def _of_swing(
     assert bodies.passive is not None, 'there are passive joints'
     inertias, gamma = bodies.passive.inertias, sensitivity_to_joints(kernel, states)[1]
     # Deflections by constant errors of the joints, and their accelerations, (B, f, n); the base's twist by their rates.
-    _, errors = inertias.solve(-gamma, -along_passive(kernel, states.configuration.joint_twist, gamma))
-    by_joints = inertias.free @ (spring_constants(kernel, bodies.parameters)[0][:, None] * errors)
+    _, errors = inertias.solve(-gamma, -passive_momenta(kernel, states.configuration.joint_twist, gamma))
+    by_joints = inertias.mobility_of_joints @ (spring_constants(kernel, bodies.parameters)[0][:, None] * errors)
     turned = -inertias.mobility @ np.swapaxes(inertias.gamma, 1, 2)
     processes = np.flatnonzero(np.isfinite(layout.times))
     own = processes < swing.shape[-1] - (BODY.stop - LINEAR.start)
@@ -140,14 +140,14 @@ def _of_swing(
         if isinstance(unknown, SwingNoise):
             variance[:, begin : begin + count] = unknown.driven(rates)
         begin += count
-    ends = np.minimum(1.0 / (np.sqrt(2.0) * springs.rate), length[:, 0] / np.sqrt(3.0)) * rates
+    ends = np.minimum(1.0 / (np.sqrt(2.0) * springs.frequency), length[:, 0] / np.sqrt(3.0)) * rates
     return stepped, variance, turned[:, ANGULAR_FIRST] * ends[:, None]
 
 
 def _by_readings(bodies: Bodies) -> Array:
     """Return the effect of the noise of each reading of stored momentum on the twist, (N, 6, c)."""
     storage, placed = bodies.states.storage, bodies.states.configuration
-    columns = bodies.mobility @ storage.columns(placed.rotation)
+    columns = bodies.mobility @ storage.jacobian(placed.rotation)
     return np.asarray(columns[:, ANGULAR_FIRST] * storage.noises)
 
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Flags, cross, exp, log, moved_base
-from mbaid_ros.core.robot.momentum import OF_A_THRUSTER, about
+from mbaid_ros.core.geometry import Array, Flags, cross, exp, log, mounted_base
+from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS, about_points
 from mbaid_ros.core.samples import ArrayRecord, Samples
 
 # Knots that a window needs of its neighbours, before and after, for its fourth-order formulas.
@@ -97,7 +97,7 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
         impulse=mean(_columns_about(joined('impulse'), origin, 1)),
         stored=mean(joined('stored')),
         tide=mean(_columns_about(joined('tide'), origin, 10)),
-        thrust=mean(_columns_about(joined('thrust'), origin, OF_A_THRUSTER)),
+        thrust=mean(_columns_about(joined('thrust'), origin, THRUSTER_ERRORS)),
         gyro=mean(joined('gyro')),
         course=np.zeros((len(sizes), 0)),
     )
@@ -106,7 +106,7 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
 def at_the_base(knots: Knots, mount: Array) -> Knots:
     """Return the knots of a base at (6,) `mount` in the measured frame: p + R mu_p, R Exp(mu_R)."""
     twist = knots.base_twist.copy()
-    rotation, away, twist[..., :3] = moved_base(knots.base_rotation, twist[..., :3], twist[..., 3:], mount)
+    rotation, away, twist[..., :3] = mounted_base(knots.base_rotation, twist[..., :3], twist[..., 3:], mount)
     return replace(knots, base_rotation=rotation, base_position=knots.base_position + away, base_twist=twist)
 
 
@@ -132,7 +132,7 @@ def _columns_about(brought: Array, origin: Array, numbers: int) -> Array:
     """Return columns of (P, L), one for each of some numbers, with L about a point."""
     if not brought.shape[1]:
         return brought
-    return about(brought, np.broadcast_to(origin, (len(brought), 3)), numbers).reshape(brought.shape)
+    return about_points(brought, np.broadcast_to(origin, (len(brought), 3)), numbers).reshape(brought.shape)
 
 
 @dataclass(frozen=True)

@@ -41,13 +41,13 @@ def passive_columns(
     springs, count = kernel.springs, right.shape[-1] - 6
     along, force = np.zeros((2, len(right), springs.count, right.shape[-1]))
     joints, kinematics, placed = list(springs.joints), kernel.kinematics, states.configuration
-    by_inertia = springs.rate**2 * deflection + 2.0 * springs.ratio * springs.rate * motion.rates
+    by_inertia = springs.frequency**2 * deflection + 2.0 * springs.damping_ratio * springs.frequency * motion.rates
     for place, bodies, factor in _carried(layout, kernel):
         columns = regressor(placed.rotation[:, bodies], placed.position[:, bodies], states.body_twist[:, bodies])
         carried = kinematics.ancestors[bodies][:, joints].T[..., None]  # (f, b, 1): whether each joint moves it
         loads, turned = (
             (np.einsum('nia,nbak->nibk', vectors, columns) * carried).reshape(len(right), len(joints), -1) @ factor
-            for vectors in (inertias.axes, motion.turned)
+            for vectors in (inertias.axes, motion.axis_rates)
         )
         at_zero = kinematics.cantilever[joints][:, bodies].reshape(len(joints), -1) @ factor
         along[..., place], force[..., place] = -loads, turned - by_inertia[..., None] * at_zero
@@ -66,7 +66,7 @@ def starting_columns(layout: Layout, point: Point) -> Array:
     """Return deflections and rates (2, f) of passive joints at a start, and their derivatives, (2, f, 1 + u)."""
     springs = point.side.kernel.springs
     columns = np.zeros((2, springs.count, 1 + len(point.parameters)))
-    columns[..., 0], begin = springs.start, 17
+    columns[..., 0], begin = springs.initial_state, 17
     for unknown in layout.predicted:
         if isinstance(unknown, StartingSwing | SwingNoise):
             own = np.swapaxes(unknown.factor.reshape(springs.count, 2, -1), 0, 1)
@@ -104,5 +104,5 @@ def _by_springs(kernel: MomentumKernel, motion: PassiveMotion, deflection: Array
     by = np.zeros((*deflection.shape, springs.count, 2))
     each = np.arange(springs.count)
     by[:, each, each, 0] = -2.0 * stiffness * deflection - damping * motion.rates
-    by[:, each, each, 1] = -2.0 * stiffness / springs.rate * motion.rates
+    by[:, each, each, 1] = -2.0 * stiffness / springs.frequency * motion.rates
     return by.reshape(*deflection.shape, -1)

@@ -35,7 +35,7 @@ def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Wi
     target : (10,) standard parameters of its target
     windows : of which the first ones count
     """
-    known, momenta = kernel.with_target(target), []
+    known, momenta = kernel.body_parameters(target), []
     for window in windows[:_FIRST]:
         middle = Stack((window,), (0,)).middle[window.inside].flat
         if np.isfinite(window.noise.pose[-1, -1]) or not middle.gyro.shape[-1] or not np.all(np.isfinite(middle.gyro)):
@@ -225,7 +225,7 @@ def from_loose_swing(batch: BatchIteration) -> list[BatchIteration]:
     """
     layout = batch.layout
     start = [each.factor for each in layout.unknowns if isinstance(each, StartingSwing)]
-    if layout.kernel.springs.fastest < _FAST or not start:
+    if layout.kernel.springs.highest_frequency < _FAST or not start:
         return [batch]
     stages: list[BatchIteration] = []
     for part in _LOOSE:

@@ -18,7 +18,7 @@ from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Configuration, PlaneDetector
 from mbaid_ros.core.robot.model import Link
-from mbaid_ros.core.robot.momentum import OF_A_THRUSTER, body_sizes, of_bodies
+from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS, body_sizes, summed_over_bodies
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown
@@ -59,7 +59,7 @@ class Layout:
     kernel: MomentumKernel  # of the robot as its URDF has it
     unknowns: tuple[Unknown, ...]  # those of the readings last
     known: UnknownsPrior  # their prior
-    # (3, 6) the equations that hold for a planar motion, as `PlaneDetector.rows`; None in space
+    # (3, 6) the equations that hold for a planar motion, as `PlaneDetector.equation_selection`; None in space
     plane: Array | None = None
     imu: Link | None = None  # the link that an IMU is on, where joints move it
 
@@ -220,7 +220,7 @@ def layout_of(kernel: MomentumKernel, uncertainty: Uncertainty, detector: PlaneD
         seen = tuple(unknown.in_plane(detector) for unknown in unknowns)
         known = known and known.of([in_plane_map(*pair) for pair in zip(unknowns, seen, strict=True)])
         unknowns = seen
-    layout = Layout.of(kernel, unknowns, known, detector.rows() if detector.planar else None)
+    layout = Layout.of(kernel, unknowns, known, detector.equation_selection() if detector.planar else None)
     return replace(layout, imu=None if uncertainty.gyro is None else uncertainty.gyro.link)
 
 
@@ -251,9 +251,9 @@ def total_momentum(middle: Midpoints, point: Point, known: Array, brought: tuple
     about_base = angular - cross(middle.base_position, linear)
     parts = [(tide, known)] if tide.shape[1] else []
     if thrust.shape[1] and point.side.thrust.any():
-        parts.append((thrust, point.side.thrust.reshape(-1, OF_A_THRUSTER)))
+        parts.append((thrust, point.side.thrust.reshape(-1, THRUSTER_ERRORS)))
     for columns, numbers in parts:
-        more = of_bodies(columns, numbers)
+        more = summed_over_bodies(columns, numbers)
         linear, about_base = linear + more[:, :3], about_base + more[:, 3:]
     return linear, about_base
 

@@ -104,7 +104,7 @@ class SwingCourse:
             columns = self._followed(parts, passive, x, point)
             step, x = columns[..., 0] - x, columns[..., 0]
             faster = (passive.by_state @ step[..., None])[:, :size, 0]
-            if _largest(step[:, :size], faster / springs.rate) < _CONVERGED and layout is self._layout:
+            if _largest(step[:, :size], faster / springs.frequency) < _CONVERGED and layout is self._layout:
                 break
         prediction.twist[...] += (passive.twist_by_state @ step[..., None])[..., 0]
         prediction.by_parameters[...] += passive.twist_by_state @ columns[..., 1:]

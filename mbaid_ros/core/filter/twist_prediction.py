@@ -20,8 +20,8 @@ from mbaid_ros.core.filter.state import (
 from mbaid_ros.core.geometry import Array, Integers, skew
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.robot.momentum import OF_A_THRUSTER, about, of_link
-from mbaid_ros.core.robot.passive import PassiveInertias, PassiveMotion, along_passive, spring_constants
+from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS, about_points, link_columns
+from mbaid_ros.core.robot.passive import PassiveInertias, PassiveMotion, passive_momenta, spring_constants
 from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
 from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.unknowns.declaration import Unknown
@@ -93,15 +93,15 @@ def predict(layout: Layout, middle: Midpoints, point: Point, along: Array | None
     """
     parameters, kernel = point.parameters, point.side.kernel
     target, kinematics = kernel.target, kernel.kinematics
-    known = kernel.with_target(parameters[6:16])
+    known = kernel.body_parameters(parameters[6:16])
     placed = kinematics.configure(middle.base_rotation, middle.joint_position)
     body_twist = kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
     expressed = express(known, placed.rotation, placed.position)
     mobility, moving = mobility_and_joint_momentum(kernel, middle, expressed, placed, body_twist)
     if layout.plane is not None:
         mobility = in_plane(mobility, layout.plane)
-    tide = about(middle.tide, middle.base_position)
-    thrust = about(middle.thrust, middle.base_position, OF_A_THRUSTER)
+    tide = about_points(middle.tide, middle.base_position)
+    thrust = about_points(middle.thrust, middle.base_position, THRUSTER_ERRORS)
     linear, about_base = total_momentum(middle, point, known, (tide, thrust))
     total = np.concatenate((linear, about_base), axis=1) - moving
     motion: PassiveMotion | None = None
@@ -111,15 +111,15 @@ def predict(layout: Layout, middle: Midpoints, point: Point, along: Array | None
     else:
         joints = list(kernel.springs.joints)
         deflection = middle.joint_position[:, joints] - point.side.zeros[joints]
-        inertias = PassiveInertias.of(kernel, expressed, placed, mobility)
+        inertias = PassiveInertias.from_bodies(kernel, expressed, placed, mobility)
         state, constants = (deflection, along), spring_constants(kernel, known)
-        motion = PassiveMotion.of(kernel, inertias, expressed, (body_twist, total), state, constants)
+        motion = PassiveMotion.from_state(kernel, inertias, expressed, (body_twist, total), state, constants)
         twist, body_twist = motion.twist, motion.body_twist
     states = BodyStates(
         placed,
         body_twist,
         expressed,
-        *placed.link(target),
+        *placed.link_pose(target),
         body_twist[:, target.body],
         kernel.storage,
         middle.stored,
@@ -151,7 +151,7 @@ def _right_hand_sides(
     right[:, 3:, :3] = -skew(position)
     right[..., 6:16] = -states.regressor
     if states.tide.shape[1]:
-        right[..., 6:16] += of_link(states.tide, kernel.target)
+        right[..., 6:16] += link_columns(states.tide, kernel.target)
     column = 16
     for unknown in layout.predicted:
         columns = unknown.momentum_columns(kernel, states)
@@ -172,7 +172,7 @@ def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:
     back = -bodies.mobility
     if bodies.passive is None:
         return back @ by_rate, back @ by_position
-    along = along_passive(kernel, bodies.states.configuration.joint_twist, by_rate)
+    along = passive_momenta(kernel, bodies.states.configuration.joint_twist, by_rate)
     return bodies.passive.inertias.solve(-by_rate, -along)[0], back @ by_position
 
 

@@ -227,7 +227,7 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
     uncertainty.target.apply(mean[BODY], factor[BODY, BODY])
     mean[BODY.stop :] = layout.known.mean
     basis, measured = _planar(layout, detector) if detector.planar else (np.eye(layout.size), np.eye(6))
-    force = detector.rows().T * (_FORCE * typical[10:16] @ np.abs(detector.rows().T))
+    force = detector.equation_selection().T * (_FORCE * typical[10:16] @ np.abs(detector.equation_selection().T))
     scale, known = np.sqrt((basis**2).T @ sizes**2), layout.known.triangle
     constant = ~np.isfinite(layout.times) if layout.times.size else True  # Gauss-Markov processes are forgotten
     return Variables(
@@ -281,7 +281,7 @@ def _typical(layout: Layout, uncertainty: Uncertainty) -> Array:
 
 def _planar(layout: Layout, detector: PlaneDetector) -> tuple[Array, Array]:
     """Return the basis and the measured combinations of a planar motion."""
-    rows = detector.rows()
+    rows = detector.equation_selection()
     measured = np.zeros((3, 6))
     measured[0, :3] = rows[2, 3:]  # the turn about the normal
     measured[1:, 3:] = rows[:2, :3]  # the displacement in the plane

@@ -22,7 +22,7 @@ def on_link(middle: Midpoints, kinematics: Kinematics, link: Link) -> Midpoints:
     flat, shape = middle.flat, middle.turn.shape[:-1]
     placed = kinematics.configure(flat.base_rotation, flat.joint_position)
     gain = np.swapaxes(placed.joint_twist[..., 3:] * kinematics.ancestors[link.body][:, None], 1, 2)
-    axes, _ = placed.link(link)
+    axes, _ = placed.link_pose(link)
     return replace(middle, gyro_axes=axes.reshape(*shape, 3, 3), gyro_gain=gain.reshape(*shape, *gain.shape[1:]))
 
 
@@ -49,7 +49,7 @@ def window_noises(windows: Sequence[Samples], noise: SensorNoise, gyro: float = 
     return [
         WindowNoise(len(window), declared.joint_position, pose, twist, gyro, declared.base_correlation_time)
         for window, pose, twist in zip(windows, poses, twists, strict=True)
-        for declared in [noise.found_in(window)]
+        for declared in [noise.for_window(window)]
     ]
 
 

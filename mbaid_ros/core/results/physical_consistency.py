@@ -55,7 +55,7 @@ def project_planar(standard_parameters: Array, covariance: Array, scale: Array, 
     when its planar pseudo-inertia [[I 1, h], [h^T, m]] is positive definite: mass and the moment about the CoM are
     positive. The open directions are filled in like a ball's.
     """
-    basis, across = plane.basis, plane.across.T
+    basis, across = plane.basis, plane.axes.T
     about = float(np.linalg.norm(vec(plane.normal[:, None] * plane.normal)))
     found: Array = basis.T @ standard_parameters
     distance = 0.0

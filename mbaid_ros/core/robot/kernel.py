@@ -14,7 +14,7 @@ from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.robot.kinematics import Configuration, Kinematics, Springs
 from mbaid_ros.core.robot.model import Link, RobotModel, displaced, express
 from mbaid_ros.core.robot.model_errors import KnownErrors
-from mbaid_ros.core.robot.momentum import OF_A_THRUSTER, Storage, about, momentum, regressor
+from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS, Storage, about_points, momentum, regressor
 from mbaid_ros.core.samples import Index, Samples
 
 
@@ -62,7 +62,7 @@ class BodyStates:
 
     def regressor_of(self, link: Link) -> Array:
         """Return Y of any link, (N, 6, 10)."""
-        rotation, position = self.configuration.link(link)
+        rotation, position = self.configuration.link_pose(link)
         return regressor(rotation, position, self.body_twist[:, link.body])
 
     @property
@@ -100,42 +100,42 @@ class MomentumKernel:
         self.storage = Storage()
         self.springs = Springs()
 
-    def corrected(self, change: Array) -> MomentumKernel:
+    def with_body_changes(self, change: Array) -> MomentumKernel:
         """Return a kernel whose known bodies differ by (n + 1, 10) standard parameters, each in its own frame."""
-        return self._with(known=self.known + change)
+        return self._replaced(known=self.known + change)
 
-    def identifying(self, target: str) -> MomentumKernel:
+    def with_unknown_link(self, target: str) -> MomentumKernel:
         """Return a kernel whose unknown link is another one; the one before is as the robot description has it."""
         other, before = self.model.link(target), self.target.name
         known = (
             self.known + self.model.body_parameters(without=(target,)) - self.model.body_parameters(without=(before,))
         )
-        return self._with(target=other, unknown=(other,), known=known)
+        return self._replaced(target=other, unknown=(other,), known=known)
 
-    def displaced(self, origins: Array, tilts: Array) -> MomentumKernel:
+    def with_displaced_joints(self, origins: Array, tilts: Array) -> MomentumKernel:
         """Return a kernel with displaced joints: (n, 3) m, (n, 3) rad as in `ModelErrors`."""
         model = displaced(self.model, origins, tilts)
-        return self._with(model=model, kinematics=Kinematics(model))
+        return self._replaced(model=model, kinematics=Kinematics(model))
 
-    def with_uncertainty(self, errors: KnownErrors) -> MomentumKernel:
+    def with_errors(self, errors: KnownErrors) -> MomentumKernel:
         """Return a kernel whose known bodies have these errors."""
-        return self._with(errors=errors)
+        return self._replaced(errors=errors)
 
-    def with_target(self, parameters: Array) -> Array:
+    def body_parameters(self, parameters: Array) -> Array:
         """Return the (n + 1, 10) standard parameters of all bodies, given (10,) of the target link in its frame."""
         known = self.known.copy()
         known[self.target.body] += express(parameters, self.target.rotation, self.target.position)
         return known
 
-    def storing(self, storage: Storage) -> MomentumKernel:
+    def with_storage(self, storage: Storage) -> MomentumKernel:
         """Return a kernel of a robot that stores momentum inside bodies."""
-        return self._with(storage=storage)
+        return self._replaced(storage=storage)
 
-    def swinging(self, springs: Springs) -> MomentumKernel:
+    def with_springs(self, springs: Springs) -> MomentumKernel:
         """Return a kernel of a robot with these passive joints."""
-        return self._with(springs=springs)
+        return self._replaced(springs=springs)
 
-    def _with(self, **changed: object) -> MomentumKernel:
+    def _replaced(self, **changed: object) -> MomentumKernel:
         other = copy(self)
         vars(other).update(changed)
         return other
@@ -148,7 +148,8 @@ class MomentumKernel:
         if not samples.tide.shape[1] and not samples.thrust.shape[1]:
             return states
         place = samples.base_position
-        return replace(states, tide=about(samples.tide, place), thrust=about(samples.thrust, place, OF_A_THRUSTER))
+        thrust = about_points(samples.thrust, place, THRUSTER_ERRORS)
+        return replace(states, tide=about_points(samples.tide, place), thrust=thrust)
 
     def states_of(
         self,
@@ -165,7 +166,7 @@ class MomentumKernel:
         count = len(joint_position)
         configuration = self.kinematics.configure(base_rotation, joint_position)
         body_twist = self.kinematics.body_twists(configuration, joint_velocity, base_twist)
-        rotation, position = configuration.link(self.target)
+        rotation, position = configuration.link_pose(self.target)
         return BodyStates(
             configuration=configuration,
             body_twist=body_twist,
@@ -176,7 +177,7 @@ class MomentumKernel:
             storage=self.storage,
             readings=np.zeros((count, self.storage.count)) if readings is None else readings,
             tide=np.zeros((count, 0, 6, 10)),
-            thrust=np.zeros((count, 0, 6, OF_A_THRUSTER)),
+            thrust=np.zeros((count, 0, 6, THRUSTER_ERRORS)),
         )
 
 

@@ -30,7 +30,7 @@ class Configuration(ArrayRecord):
     position: Array  # (N, n + 1, 3) m, body origins relative to the base origin
     joint_twist: Array  # (N, n, 6) unit twist (u, w) of each joint at the base origin (Jacobian columns)
 
-    def link(self, link: Link) -> tuple[Array, Array]:
+    def link_pose(self, link: Link) -> tuple[Array, Array]:
         """Return rotation (N, 3, 3) and position (N, 3) of a link's frame."""
         rotation = self.rotation[:, link.body]
         return rotation @ link.rotation, self.position[:, link.body] + rotate(rotation, link.position)
@@ -63,7 +63,7 @@ class Kinematics:
         for joint, parent in enumerate(model.parents):
             self.ancestors[joint + 1] = self.ancestors[parent]
             self.ancestors[joint + 1, joint] = 1.0
-        self.across = _across(model.axes)
+        self.across = _normal_axes(model.axes)
 
     def configure(self, base_rotation: Array, joint_position: Array) -> Configuration:
         """Return poses and joint twists for base to odometry axes (N, 3, 3) and joints (N, n), rad or m."""
@@ -110,7 +110,7 @@ class Kinematics:
         return base_twist[:, None] + self.ancestors @ (configuration.joint_twist * joint_velocity[..., None])
 
 
-def _across(axis: Array) -> Array:
+def _normal_axes(axis: Array) -> Array:
     """Return (n, 3, 2) two orthonormal columns normal to each of (n, 3) unit vectors."""
     across = np.eye(3)[np.argmin(np.abs(axis), axis=1)]
     first = across - np.sum(across * axis, axis=1, keepdims=True) * axis
@@ -129,7 +129,7 @@ class Plane:
     """The plane of motion in a link's frame, which it never leaves, since all joints turn about its normal."""
 
     normal: Array  # (3,) unit vector
-    across: Array  # (2, 3) orthonormal, in the plane; axes of the link where the normal is one of them
+    axes: Array  # (2, 3) orthonormal, in the plane; axes of the link where the normal is one of them
 
     @property
     def basis(self) -> Array:
@@ -137,7 +137,7 @@ class Plane:
         about = vec(self.normal[:, None] * self.normal)
         basis = np.zeros((10, 4))
         basis[0, 0] = 1.0
-        basis[1:4, 1:3] = self.across.T
+        basis[1:4, 1:3] = self.axes.T
         basis[4:10, 3] = about / np.linalg.norm(about)
         return basis
 
@@ -191,20 +191,20 @@ class PlaneDetector:
             return None
         kinematics = Kinematics(self.model)
         configuration = kinematics.configure(np.eye(3)[None], np.zeros((1, self.model.joints)))
-        normal = configuration.link(link)[0][0].T @ self._axis
+        normal = configuration.link_pose(link)[0][0].T @ self._axis
         along = np.argmax(np.abs(normal))
         if abs(normal[along]) > 1.0 - _PARALLEL:
             return Plane(normal, np.delete(np.eye(3), along, axis=0))
         return Plane(normal, np.linalg.svd(normal[None])[2][1:])
 
-    def plane_of(self, body: int) -> Plane:
+    def plane_of_body(self, body: int) -> Plane:
         """Return the plane in a moving body's frame; ValueError for a spatial motion."""
         plane = self.plane(Link('', body, np.eye(3), np.zeros(3), np.zeros(10)))
         if plane is None:
             raise ValueError('a spatial motion has no plane')
         return plane
 
-    def rows(self) -> Array:
+    def equation_selection(self) -> Array:
         """Return the (k, 6) selection Pi of the equations Pi (P, L) that hold, k = 3 in a plane, else 6."""
         if not self.planar or self._normal is None:
             return np.eye(6)
@@ -241,10 +241,10 @@ class Springs:
 
     joints: tuple[int, ...] = ()  # f indices
     # rate, ratio: (f,) natural angular frequency, rad/s, with all else held; damping ratio
-    rate: Array = field(default_factory=lambda: np.zeros(0))
-    ratio: Array = field(default_factory=lambda: np.zeros(0))
+    frequency: Array = field(default_factory=lambda: np.zeros(0))
+    damping_ratio: Array = field(default_factory=lambda: np.zeros(0))
     # (2, f) deflection and rate at the first instant, rad or m, and per s
-    start: Array = field(default_factory=lambda: np.zeros((2, 0)))
+    initial_state: Array = field(default_factory=lambda: np.zeros((2, 0)))
 
     @property
     def count(self) -> int:
@@ -252,6 +252,6 @@ class Springs:
         return len(self.joints)
 
     @property
-    def fastest(self) -> float:
+    def highest_frequency(self) -> float:
         """The highest natural frequency, Hz; 0 without any."""
-        return float(np.max(self.rate, initial=0.0) / (2.0 * np.pi))
+        return float(np.max(self.frequency, initial=0.0) / (2.0 * np.pi))

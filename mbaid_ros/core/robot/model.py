@@ -13,7 +13,7 @@ import pinocchio
 from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array, exp, rotate, skew, unvec, vec
 from mbaid_ros.core.robot.urdf import Inertial, Limit, Transmission, read_description, transmission
-from mbaid_ros.core.robot.urdf_document import kept_words, on_one_line, tree_of
+from mbaid_ros.core.robot.urdf_document import captured_stderr, on_one_line, tree_of
 
 
 def configurations(model: RobotModel, position: Array) -> Array:
@@ -178,8 +178,8 @@ def parse(model: RobotModel) -> pinocchio.Model:
 def _built(document: str) -> pinocchio.Model:
     complaints: list[str] = []
     try:
-        with kept_words(complaints):
-            model = pinocchio.buildModelFromXML(_with_own_joint_names(document), pinocchio.JointModelFreeFlyer())
+        with captured_stderr(complaints):
+            model = pinocchio.buildModelFromXML(_with_unique_joint_names(document), pinocchio.JointModelFreeFlyer())
     except (ValueError, RuntimeError) as error:
         reason = (
             ' '.join(('; '.join(complaints[:_COMPLAINTS]) or str(error)).replace(_JOINT, '').split())
@@ -192,7 +192,7 @@ def _built(document: str) -> pinocchio.Model:
     return model
 
 
-def _with_own_joint_names(text: str) -> str:
+def _with_unique_joint_names(text: str) -> str:
     """Return a document whose joints are named as no link is, nor a part that pinocchio adds ('root_joint')."""
     robot = tree_of(text)
     for joint in robot.findall('joint'):

@@ -28,14 +28,14 @@ class ModelErrors:
     mount: Array  # (6,) the true base frame in the one that the odometry locates: rotation vector (rad), position (m)
 
     @staticmethod
-    def none(joints: int) -> ModelErrors:
+    def zero(joints: int) -> ModelErrors:
         """Return the errors of a robot that is exactly its URDF."""
         return ModelErrors(
             np.zeros((joints + 1, 10)), np.zeros(joints), np.zeros((joints, 3)), np.zeros((joints, 3)), np.zeros(6)
         )
 
     @property
-    def exact(self) -> bool:
+    def is_zero(self) -> bool:
         """Whether the robot is exactly its URDF."""
         return not any(np.any(block) for block in vars(self).values())
 
@@ -43,17 +43,17 @@ class ModelErrors:
 def with_bodies(model: RobotModel, change: Array, fixed: Sequence[str]) -> RobotModel:
     """Return a robot whose moving bodies differ by (n + 1, 10) standard parameters, each in its own frame.
 
-    The `changing_link` of each body takes the change; a body without one stays.
+    The `heaviest_link` of each body takes the change; a body without one stays.
     """
     changed = {}
     for body in np.flatnonzero(np.any(change, axis=1)).tolist():
-        link = changing_link(model, body, fixed)
+        link = heaviest_link(model, body, fixed)
         if link is not None:
-            changed[link.name] = replace(link, parameters=link.parameters + in_frame_of(link, change[body]))
+            changed[link.name] = replace(link, parameters=link.parameters + in_link_frame(link, change[body]))
     return replace(model, links=tuple(changed.get(link.name, link) for link in model.links))
 
 
-def changing_link(model: RobotModel, body: int, fixed: Sequence[str] = ()) -> Link | None:
+def heaviest_link(model: RobotModel, body: int, fixed: Sequence[str] = ()) -> Link | None:
     """Return the heaviest link of a moving body, other than those in `fixed`; None where none of them has mass."""
     massive = [
         link for link in model.links if link.body == body and link.name not in fixed and link.parameters[0] > 0.0
@@ -61,7 +61,7 @@ def changing_link(model: RobotModel, body: int, fixed: Sequence[str] = ()) -> Li
     return max(massive, key=lambda link: float(link.parameters[0]), default=None)
 
 
-def in_frame_of(link: Link, parameters: Array) -> Array:
+def in_link_frame(link: Link, parameters: Array) -> Array:
     """Return a body's (10,) standard parameters in the frame of one of its links."""
     back = link.rotation.T
     return express(parameters, back, -back @ link.position)
@@ -117,7 +117,7 @@ class BodyDeviations:
     inertia: float
 
     @staticmethod
-    def relative(parameters: Array, std: float) -> BodyDeviations:
+    def from_relative(parameters: Array, std: float) -> BodyDeviations:
         """Return those of a body, of standard parameters (10,), whose errors are of a relative size."""
         return BodyDeviations(std, std * body_length(parameters), std)
 
@@ -130,7 +130,7 @@ class BodyDeviations:
         return np.asarray((turned * deviation)[:, deviation > 0.0])
 
 
-def declared(known: Array, std: float, own: Mapping[int, BodyDeviations] | None = None) -> KnownErrors:
+def independent_errors(known: Array, std: float, own: Mapping[int, BodyDeviations] | None = None) -> KnownErrors:
     """Return independent errors of known bodies (n + 1, 10): `own` by index, others of a relative std (0: exact)."""
     own = own or {}
     factors = {
@@ -142,16 +142,16 @@ def declared(known: Array, std: float, own: Mapping[int, BodyDeviations] | None 
     return KnownErrors(tuple(uncertain), block_diag(*uncertain.values()) if uncertain else np.zeros((0, 0)))
 
 
-def calibrated(links: Sequence[Link], covariance: Array, unknown: Sequence[str] = ()) -> KnownErrors:
+def calibrated_errors(links: Sequence[Link], covariance: Array, unknown: Sequence[str] = ()) -> KnownErrors:
     """Return the errors after a calibration, by the covariance (10 k, 10 k) of k links' standard parameters.
 
     Links in `unknown`, by name, do not count; each link's parameters are in its own frame.
     """
-    bodies, carry = to_bodies(links, unknown)
+    bodies, carry = links_to_bodies(links, unknown)
     return KnownErrors(bodies, _factor(carry @ covariance @ carry.T))
 
 
-def to_bodies(links: Sequence[Link], unknown: Sequence[str] = ()) -> tuple[tuple[int, ...], Array]:
+def links_to_bodies(links: Sequence[Link], unknown: Sequence[str] = ()) -> tuple[tuple[int, ...], Array]:
     """Return the b bodies of k links, without `unknown` ones, and the (10 b, 10 k) matrix from links to bodies."""
     known = [(index, link) for index, link in enumerate(links) if link.name not in unknown]
     bodies = tuple(sorted({link.body for _, link in known}))

@@ -20,7 +20,7 @@ from mbaid_ros.core.samples import Samples
 _GENERATORS = skew(np.eye(3))
 _IDENTITY = np.eye(10)
 _COM = np.arange(1, 4)
-OF_A_THRUSTER = 5  # errors of a thruster: scale, turn about three axes, delay
+THRUSTER_ERRORS = 5  # errors of a thruster: scale, turn about three axes, delay
 
 
 def physical(standard: Array) -> Array:
@@ -161,8 +161,7 @@ def inertia_matrix(parameters: Array) -> Array:
 def regressor(rotation: Array, position: Array, twist: Array) -> Array:
     """Return Y (..., 6, 10) with momentum = Y (m, h, I_o) for a link's parameters in its own frame.
 
-    The standard form: linear in all ten parameters, because the inertia is taken about the link's origin. (The paper's
-    eqs. 9 and 14 take it about the centre of mass, where it is not.)
+    Linear in all ten parameters: the inertia is about the link's origin, not the CoM as in the paper's eqs. 9 and 14.
 
     Parameters
     ----------
@@ -211,18 +210,18 @@ class Storage:
     names: tuple[str, ...] = ()  # c, of each
 
     @staticmethod
-    def wheels(link: Link, names: Sequence[str], axes: Array, inertias: Sequence[float], noise: float) -> Storage:
+    def from_wheels(link: Link, names: Sequence[str], axes: Array, inertias: Sequence[float], noise: float) -> Storage:
         """Return wheels with (w, 3) unit axes in a link's frame, whose speeds are read with a noise (rad/s)."""
         bodies, noises = (link.body,) * len(names), np.full(len(names), noise)
         return Storage(bodies, axes @ link.rotation.T, np.array(inertias, dtype=float), noises, tuple(names))
 
     @staticmethod
-    def published(link: Link, noise: float) -> Storage:
+    def from_published(link: Link, noise: float) -> Storage:
         """Return a momentum that is published in the axes of a link's frame, with a noise (N m s)."""
         return Storage((link.body,) * 3, link.rotation.T.copy(), np.ones(3), np.full(3, noise), ('x', 'y', 'z'))
 
     def __add__(self, other: Storage) -> Storage:
-        """Return both, one after the other."""
+        """Return the storage of both, concatenated."""
         axes, inertias, noises = (
             np.concatenate((getattr(self, name), getattr(other, name))) for name in ('axes', 'inertias', 'noises')
         )
@@ -233,50 +232,50 @@ class Storage:
         """Number c."""
         return len(self.bodies)
 
-    def changed(self, inertias: Array) -> Storage:
-        """Return the same with spin inertias that differ by (c,)."""
+    def with_inertia_changes(self, inertias: Array) -> Storage:
+        """Return the storage with spin inertias changed by (c,)."""
         return replace(self, inertias=self.inertias + inertias)
 
-    def directions(self, rotation: Array) -> Array:
+    def axes_in_odometry(self, rotation: Array) -> Array:
         """Return the (N, c, 3) axes in odometry axes, of bodies with (N, n + 1, 3, 3) axes."""
         return rotate(rotation[:, list(self.bodies)], self.axes)
 
-    def columns(self, rotation: Array) -> Array:
+    def jacobian(self, rotation: Array) -> Array:
         """Return the derivative of the momentum by each reading, (N, 6, c)."""
         columns = np.zeros((len(rotation), 6, self.count))
-        columns[:, 3:] = np.swapaxes(self.inertias[:, None] * self.directions(rotation), 1, 2)
+        columns[:, 3:] = np.swapaxes(self.inertias[:, None] * self.axes_in_odometry(rotation), 1, 2)
         return columns
 
     def momenta(self, rotation: Array, readings: Array) -> Array:
         """Return the stored momentum of each body, (N, n + 1, 3) N m s, odometry axes, for (N, c) readings."""
         stored = np.zeros(rotation.shape[:-1])
-        each = (self.inertias * readings)[..., None] * self.directions(rotation)
+        each = (self.inertias * readings)[..., None] * self.axes_in_odometry(rotation)
         for place, body in enumerate(self.bodies):
             stored[:, body] += each[:, place]
         return stored
 
 
-def about(brought: Array, position: Array, numbers: int = 10) -> Array:
-    """Return (N, 6 numbers b) columns of (P, L) about the origin as (N, b, 6, numbers) ones about (N, 3) points."""
-    columns = brought.reshape(len(brought), brought.shape[1] // (6 * numbers), 6, numbers).copy()
+def about_points(changes: Array, position: Array, numbers: int = 10) -> Array:
+    """Return changes (N, 6 numbers b) of (P, L) about the origin as (N, b, 6, numbers) about (N, 3) points."""
+    columns = changes.reshape(len(changes), changes.shape[1] // (6 * numbers), 6, numbers).copy()
     if not columns.size:
         return columns
     columns[..., 3:, :] -= skew(position)[:, None] @ columns[..., :3, :]
     return columns
 
 
-def of_link(columns: Array, link: Link) -> Array:
+def link_columns(columns: Array, link: Link) -> Array:
     """Return the (N, 6, 10) columns of a link's standard parameters in its own frame, from those of all bodies."""
     to_body = express(np.eye(10), link.rotation, link.position).T
     return np.asarray(columns[:, link.body] @ to_body)
 
 
-def of_bodies(columns: Array, parameters: Array) -> Array:
+def summed_over_bodies(columns: Array, parameters: Array) -> Array:
     """Return the (N, 6) sum of columns times (n + 1, 10) standard parameters of all bodies, each in its own frame."""
     return np.asarray(np.einsum('nbij,bj->ni', columns, parameters))
 
 
-def brought(samples: Samples, parameters: Array) -> Array:
+def momentum_change(samples: Samples, parameters: Array) -> Array:
     """Return the change of (P, L) by thrust and orbit until the last sample, (6,), about the odometry's origin.
 
     `parameters` (n + 1, 10) are the standard ones of all bodies, each in its own frame.
@@ -284,4 +283,4 @@ def brought(samples: Samples, parameters: Array) -> Array:
     impulse = samples.impulse[-1]
     if not samples.tide.shape[1]:
         return impulse
-    return np.asarray(impulse + of_bodies(about(samples.tide[-1:], np.zeros((1, 3))), parameters)[0])
+    return np.asarray(impulse + summed_over_bodies(about_points(samples.tide[-1:], np.zeros((1, 3))), parameters)[0])

@@ -1,4 +1,4 @@
-"""An orbit, odometry of frames that turn with it, and its effect on the momentum: the tide.
+"""An orbit, odometry in frames that turn with it, and the momentum change by its gravity gradient: the tide.
 
 The falling frame does not turn, and has the axes of the odometry's frame at the epoch. Up is away from the centre; the
 orbit turns about its normal, at the mean motion if it is circular.
@@ -34,30 +34,30 @@ class Orbit:
 
     mean_motion: float  # rad/s
     # up, normal: (3,) unit vectors at the epoch, in the frame that falls along
-    up: Array
+    zenith: Array
     normal: Array
-    turning: bool  # whether the frame of the odometry turns with the orbit
+    is_rotating: bool  # whether the frame of the odometry turns with the orbit
     eccentricity: float = 0.0  # 0 is a circle
     anomaly: float = 0.0  # rad, true anomaly at the epoch: how far past the lowest point
 
     @staticmethod
-    def turning_with(mean_motion: float, frame: Turning) -> Orbit:
+    def rotating(mean_motion: float, frame: Turning) -> Orbit:
         """Return the orbit of a frame of the odometry that turns with it."""
-        return Orbit(mean_motion, *_TURNING[frame], turning=True)
+        return Orbit(mean_motion, *_TURNING[frame], is_rotating=True)
 
     @staticmethod
     def inertial(mean_motion: float, nadir: Array, normal: Array) -> Orbit:
         """Return the orbit of a frame that does not turn, with (3,) nadir, projected, and normal at the epoch."""
         across = normal / np.linalg.norm(normal)
         down = nadir - (nadir @ across) * across
-        return Orbit(mean_motion, -down / np.linalg.norm(down), across, turning=False)
+        return Orbit(mean_motion, -down / np.linalg.norm(down), across, is_rotating=False)
 
-    def eccentric(self, eccentricity: float, anomaly: float) -> Orbit:
+    def with_eccentricity(self, eccentricity: float, anomaly: float) -> Orbit:
         """Return the same with an eccentricity below 1, at a true anomaly (rad) at the epoch."""
         return replace(self, eccentricity=eccentricity, anomaly=anomaly)
 
-    def swept(self, time: Array) -> Array:
-        """Return the (N,) angles by which the direction to the centre has turned, rad, (N,) s after the epoch."""
+    def swept_angle(self, time: Array) -> Array:
+        """Return the (N,) changes of the true anomaly, rad, (N,) s after the epoch."""
         passed, e = self.mean_motion * np.asarray(time), self.eccentricity
         if e == 0.0:
             return passed
@@ -70,38 +70,38 @@ class Orbit:
         true = 2.0 * np.arctan2(ratio * np.sin(0.5 * eccentric), np.cos(0.5 * eccentric))
         return np.asarray(true - self.anomaly)
 
-    def strength(self, time: Array) -> Array:
+    def gradient_strength(self, time: Array) -> Array:
         """Return the (N,) mu / r^3, 1/s^2, (N,) s after the epoch."""
-        return np.asarray(self.mean_motion**2 * self._nearness(time) ** 3)
+        return np.asarray(self.mean_motion**2 * self._axis_over_radius(time) ** 3)
 
     def rate(self, time: Array) -> Array:
         """Return the (N, 3) angular velocities of the turning frame, rad/s, in the axes of either frame."""
-        pace = self.mean_motion * np.sqrt(1.0 - self.eccentricity**2) * self._nearness(time) ** 2
+        pace = self.mean_motion * np.sqrt(1.0 - self.eccentricity**2) * self._axis_over_radius(time) ** 2
         return np.asarray(pace[:, None] * self.normal)
 
-    def _nearness(self, time: Array) -> Array:
+    def _axis_over_radius(self, time: Array) -> Array:
         """Return the (N,) ratios of the semi-major axis to the distance from the centre."""
-        anomaly = self.anomaly + self.swept(time)
+        anomaly = self.anomaly + self.swept_angle(time)
         return np.asarray((1.0 + self.eccentricity * np.cos(anomaly)) / (1.0 - self.eccentricity**2))
 
-    def later(self, time: float) -> Orbit:
-        """Return the same orbit with the epoch at a time (s) of this one; for a frame that does not turn."""
+    def with_epoch(self, time: float) -> Orbit:
+        """Return the orbit with its epoch a time (s) later; for a frame that does not turn."""
         begin = np.array([time])
-        return replace(self, up=self.upward(begin)[0], anomaly=self.anomaly + float(self.swept(begin)[0]))
+        return replace(self, zenith=self.zenith_at(begin)[0], anomaly=self.anomaly + float(self.swept_angle(begin)[0]))
 
-    def turned(self, time: Array) -> Array:
+    def to_inertial(self, time: Array) -> Array:
         """Return the (N, 3, 3) rotations from the turning frame's axes to inertial ones, (N,) s after the epoch."""
-        return exp(self.swept(time)[:, None] * self.normal)
+        return exp(self.swept_angle(time)[:, None] * self.normal)
 
-    def upward(self, time: Array) -> Array:
+    def zenith_at(self, time: Array) -> Array:
         """Return the (N, 3) unit vectors away from the centre, inertial axes, (N,) s after the epoch."""
-        angle = self.swept(time)[:, None]
-        return np.asarray(np.cos(angle) * self.up + np.sin(angle) * cross(self.normal, self.up))
+        angle = self.swept_angle(time)[:, None]
+        return np.asarray(np.cos(angle) * self.zenith + np.sin(angle) * cross(self.normal, self.zenith))
 
     def gradient(self, time: Array) -> Array:
         """Return the (N, 3, 3) gradients G of gravity, 1/s^2: at x from the origin a body falls by G x faster."""
-        up = self.upward(time)
-        return np.asarray(self.strength(time)[:, None, None] * (3.0 * up[:, :, None] * up[:, None, :] - np.eye(3)))
+        up, strength = self.zenith_at(time), self.gradient_strength(time)[:, None, None]
+        return np.asarray(strength * (3.0 * up[:, :, None] * up[:, None, :] - np.eye(3)))
 
 
 def orbit_fixed_frame(rate: float) -> str:
@@ -115,7 +115,7 @@ def momentum_rates(orbit: Orbit, time: Array, configuration: Configuration, base
     `time` (N,) s after the epoch, `configuration` and `base_position` (N, 3) m at these instants.
     """
     rotation, place = configuration.rotation, base_position[:, None] + configuration.position
-    gradient, up = orbit.gradient(time)[:, None], orbit.upward(time)[:, None]
+    gradient, up = orbit.gradient(time)[:, None], orbit.zenith_at(time)[:, None]
     pull = (gradient @ place[..., None])[..., 0]
     first = gradient @ rotation
     seen = rotate_back(rotation, np.broadcast_to(up, place.shape))
@@ -123,7 +123,7 @@ def momentum_rates(orbit: Orbit, time: Array, configuration: Configuration, base
     rates[..., :3, 0], rates[..., :3, 1:4] = pull, first
     rates[..., 3:, 0] = cross(place, pull)
     rates[..., 3:, 1:4] = skew(place) @ first - skew(pull) @ rotation
-    strength = orbit.strength(time)[:, None, None, None]
+    strength = orbit.gradient_strength(time)[:, None, None, None]
     rates[..., 3:, 4:] = 3.0 * strength * (rotation @ (skew(seen) @ bracket(seen)))
     return rates
 
@@ -155,14 +155,14 @@ class FallingFrame:
         self._before: tuple[float, Array] | None = None  # time of the last sample, and its rates
         self._total: Array = np.zeros(0)
 
-    def falling(self, measured: BaseStream) -> BaseStream:
+    def to_falling_frame(self, measured: BaseStream) -> BaseStream:
         """Return measurements in the frame of the odometry as seen from the falling one."""
-        if not self._orbit.turning:
+        if not self._orbit.is_rotating:
             return measured
         if self.epoch is None:
             self.epoch = int(measured.stamp[0])
         passed = (measured.stamp - self.epoch) * 1e-9
-        turn, rate = self._orbit.turned(passed), self._orbit.rate(passed)
+        turn, rate = self._orbit.to_inertial(passed), self._orbit.rate(passed)
         linear, angular = measured.linear_velocity, measured.angular_velocity
         if self._relative:
             linear = linear + cross(rate, measured.position)
@@ -184,7 +184,7 @@ class FallingFrame:
             pose_covariance=covariance,
         )
 
-    def applied(self, window: Samples, origin: int) -> Samples:
+    def with_tide(self, window: Samples, origin: int) -> Samples:
         """Return the next window with the tide until each of its samples; `origin` is the stamp at time 0, ns."""
         if self.epoch is None:
             self.epoch = origin

@@ -22,11 +22,11 @@ def spring_constants(kernel: MomentumKernel, known: Array) -> tuple[Array, Array
     """Return stiffness and damping (f,) of the passive joints, all bodies (n + 1, 10) known; SI units."""
     springs = kernel.springs
     inertia = np.sum(kernel.kinematics.cantilever[list(springs.joints)] * known, axis=(1, 2))
-    return inertia * springs.rate**2, 2.0 * springs.ratio * inertia * springs.rate
+    return inertia * springs.frequency**2, 2.0 * springs.damping_ratio * inertia * springs.frequency
 
 
-def above(kernel: MomentumKernel) -> Array:
-    """Return which passive joint moves which other, or is it, (f, f) True or False."""
+def moves(kernel: MomentumKernel) -> Array:
+    """Return whether each passive joint moves each other one, or is it, (f, f)."""
     joints = list(kernel.springs.joints)
     return np.asarray(kernel.kinematics.ancestors[np.array(joints) + 1][:, joints].T > 0.0)
 
@@ -40,12 +40,12 @@ class PassiveInertias(ArrayRecord):
     gamma: Array
     inertia: Array  # (N, f, 6, 6) of all that each carries
     mobility: Array  # (N, 6, 6) M^-1, the passive joints held
-    free: Array  # (N, f, f) inverse of H - Gamma^T M^-1 Gamma
+    mobility_of_joints: Array  # (N, f, f) inverse of H - Gamma^T M^-1 Gamma
 
     @staticmethod
-    def of(kernel: MomentumKernel, known: Array, placed: Configuration, mobility: Array) -> PassiveInertias:
-        """Return them; `known` (N, n + 1, 10) are all bodies at the base's origin, odometry axes."""
-        joints, up = list(kernel.springs.joints), above(kernel)
+    def from_bodies(kernel: MomentumKernel, known: Array, placed: Configuration, mobility: Array) -> PassiveInertias:
+        """Return the inertias by all bodies `known` (N, n + 1, 10) at the base's origin, odometry axes."""
+        joints, up = list(kernel.springs.joints), moves(kernel)
         axes = placed.joint_twist[:, joints]
         inertia = inertia_matrix(kernel.kinematics.ancestors.T[joints] @ known)
         gamma = (inertia @ axes[..., None])[..., 0]
@@ -57,14 +57,14 @@ class PassiveInertias(ArrayRecord):
     def solve(self, total: Array, along: Array) -> tuple[Array, Array]:
         """Return base twists (N, 6, c) and rates (N, f, c) with momenta (N, 6, c) and (N, f, c) along the joints."""
         moved = self.mobility @ total
-        rates = self.free @ (along - self.gamma @ moved)
+        rates = self.mobility_of_joints @ (along - self.gamma @ moved)
         return moved - self.mobility @ (np.swapaxes(self.gamma, 1, 2) @ rates), rates
 
     @property
     def free_mobility(self) -> Array:
         """(M - Gamma H^-1 Gamma^T)^-1, (N, 6, 6): from momentum to twist, the momenta along the joints held."""
         across = self.gamma @ self.mobility
-        return np.asarray(self.mobility + np.swapaxes(across, 1, 2) @ self.free @ across)
+        return np.asarray(self.mobility + np.swapaxes(across, 1, 2) @ self.mobility_of_joints @ across)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,14 +78,14 @@ class PassiveMotion:
     rates: Array  # (N, f) of the deflections
     forces: Array  # (N, f) rate of s
     gyroscopic: Array  # (N, f, 6) derivative of the rate of s by the base's twist
-    by_rate: Array  # (N, f, f) derivative of the rate of s by the deflections' rates
-    turned: Array  # (N, f, 6) rate of change of the axes, V_p x X
+    force_by_rate: Array  # (N, f, f) derivative of the rate of s by the deflections' rates
+    axis_rates: Array  # (N, f, 6) rate of change of the axes, V_p x X
     # along_by, force_by: (N, f, f) derivative of s, and of its rate, by the deflections at fixed twists
-    along_by: Array
-    force_by: Array
+    momentum_by_deflection: Array
+    force_by_deflection: Array
 
     @staticmethod
-    def of(
+    def from_state(
         kernel: MomentumKernel,
         inertias: PassiveInertias,
         known: Array,
@@ -93,7 +93,7 @@ class PassiveMotion:
         state: tuple[Array, Array],
         constants: tuple[Array, Array],
     ) -> PassiveMotion:
-        """Return it for a robot with bodies (N, n + 1, 10), so expressed.
+        """Return the motion of a robot with bodies (N, n + 1, 10) at the base's origin, odometry axes.
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class PassiveMotion:
         """
         body_twist, total = moving
         deflection, along = state
-        joints, up = list(kernel.springs.joints), above(kernel)
+        joints, up = list(kernel.springs.joints), moves(kernel)
         subtrees = kernel.kinematics.ancestors.T[joints]
         strictly = up & ~np.eye(len(joints), dtype=bool)
         axes, gamma, inertia = inertias.axes, inertias.gamma, inertias.inertia
@@ -135,15 +135,15 @@ class PassiveMotion:
         total, along, force : (N, 6, c), (N, f, c), (N, f, c) what each number adds to the momentum, to s and to the
             rate of s at fixed twists and x
         """
-        swept, nothing = np.swapaxes(self.gyroscopic, 1, 2), np.zeros_like(self.by_rate)
+        swept, nothing = np.swapaxes(self.gyroscopic, 1, 2), np.zeros_like(self.force_by_rate)
         total = np.concatenate((total, -swept, np.zeros_like(swept)), axis=-1)
-        along = np.concatenate((along, -self.along_by, nothing + np.eye(nothing.shape[-1])), axis=-1)
-        force = np.concatenate((force, self.force_by, nothing), axis=-1)
+        along = np.concatenate((along, -self.momentum_by_deflection, nothing + np.eye(nothing.shape[-1])), axis=-1)
+        force = np.concatenate((force, self.force_by_deflection, nothing), axis=-1)
         twist, rates = self.inertias.solve(total, along)
-        return twist, np.concatenate((rates, self.by_rate @ rates + self.gyroscopic @ twist + force), axis=1)
+        return twist, np.concatenate((rates, self.force_by_rate @ rates + self.gyroscopic @ twist + force), axis=1)
 
 
-def along_passive(kernel: MomentumKernel, axes: Array, gamma: Array) -> Array:
+def passive_momenta(kernel: MomentumKernel, axes: Array, gamma: Array) -> Array:
     """Return the momenta (N, f, n) along the passive joints of unit rates of all joints, the base at rest.
 
     `axes` (N, n, 6) are the unit twists of all joints, `gamma` (N, 6, n) the momenta of their unit rates.

@@ -29,12 +29,12 @@ class Sensitivity:
 
 def sensitivity(kernel: MomentumKernel, states: BodyStates) -> Sensitivity:
     """Return the derivatives of the momentum by the measurements, at N states."""
-    members, owner, twists = _moving(kernel, states)
+    members, owner, twists = _movers_and_twists(kernel, states)
     joint_twist = states.configuration.joint_twist
     parts = []
     for link in kernel.unknown:
         moves = members[:, link.body]  # 1 where the joint moves the link
-        rotation, position = states.configuration.link(link)
+        rotation, position = states.configuration.link_pose(link)
         # The regressor is linear in the twist: that of the unit twists, (N, 6, 60), makes all others.
         units = regressor(rotation[:, None], position[:, None], np.eye(6)).reshape(-1, 6, 60)
         moving = np.concatenate(
@@ -47,7 +47,7 @@ def sensitivity(kernel: MomentumKernel, states: BodyStates) -> Sensitivity:
 
 def sensitivity_of_known(kernel: MomentumKernel, states: BodyStates) -> Array:
     """Return the (N, 6, 2 n + 9) derivatives of the known bodies' momentum alone."""
-    members, owner, twists = _moving(kernel, states)
+    members, owner, twists = _movers_and_twists(kernel, states)
     composite = members @ states.known
     momenta = members @ states.momenta  # of the bodies that the joints move, and of the whole
     joint_twist = states.configuration.joint_twist
@@ -60,7 +60,7 @@ def sensitivity_to_joints(kernel: MomentumKernel, states: BodyStates) -> tuple[A
     return positions, velocities
 
 
-def _moving(kernel: MomentumKernel, states: BodyStates) -> tuple[Array, Array, Array]:
+def _movers_and_twists(kernel: MomentumKernel, states: BodyStates) -> tuple[Array, Array, Array]:
     """Return the bodies moved by each joint, and (last) the base, (n + 1, n + 1); the mover of each twist; the twists.
 
     The (N, 2 n + 6, 6) twists: the changes of the joints' children by turning, the joints' own, the base's unit twists.

@@ -16,7 +16,6 @@ from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.urdf_document import (
     Branch,
-    carried,
     floating_link,
     names_of,
     number,
@@ -25,6 +24,7 @@ from mbaid_ros.core.robot.urdf_document import (
     quantity,
     read_tree,
     refuse,
+    subtree_links,
     triple,
 )
 
@@ -64,7 +64,7 @@ def transmission(joints: Sequence[str], mimics: Mapping[str, Mimic]) -> Transmis
     place = {joints[index]: k for k, index in enumerate(independent)}
     driver, multiplier, offset = [], [], []
     for name in joints:
-        leader, gain, shift = _traced(name, mimics, place)
+        leader, gain, shift = _driver_of(name, mimics, place)
         driver.append(place[leader])
         multiplier.append(gain)
         offset.append(shift)
@@ -72,7 +72,7 @@ def transmission(joints: Sequence[str], mimics: Mapping[str, Mimic]) -> Transmis
     return Transmission(own, np.array(driver, dtype=np.intp), np.array(multiplier), np.array(offset), direct)
 
 
-def _traced(name: str, mimics: Mapping[str, Mimic], independent: Mapping[str, int]) -> tuple[str, float, float]:
+def _driver_of(name: str, mimics: Mapping[str, Mimic], independent: Mapping[str, int]) -> tuple[str, float, float]:
     """Return the independent joint that moves a joint in the end, the multiplier and the offset."""
     leader, gain, shift = name, 1.0, 0.0
     for _ in range(len(mimics) + 1):
@@ -175,7 +175,7 @@ def _refuse_all(problems: list[str]) -> None:
 
 
 @contextmanager
-def _noted(problems: list[str]) -> Iterator[None]:
+def _collected_problems(problems: list[str]) -> Iterator[None]:
     """Add a ModelError within the block to a list, and continue behind it."""
     try:
         yield
@@ -190,7 +190,7 @@ def _claims_mass(link: ET.Element) -> bool:
 
 def _cut_off(robot: ET.Element, base: str, branches: dict[str, Branch]) -> tuple[str, ...]:
     """Remove everything that the floating link does not carry from a document; return a line about it."""
-    kept = carried(base, branches)
+    kept = subtree_links(base, branches)
     links = [link for link in robot.findall('link') if link.get('name', '') not in kept]
     if not links:
         return ()
@@ -208,7 +208,7 @@ def _inertials(robot: ET.Element, problems: list[str]) -> tuple[dict[str, Inerti
         element = link.find('inertial')
         if element is None:
             continue
-        with _noted(problems):
+        with _collected_problems(problems):
             inertial = _inertial(link.get('name', ''), element)
             if inertial is None:
                 link.remove(element)
@@ -245,7 +245,7 @@ def _joints(
     mimics, bounds, axes = {}, {}, {}
     for joint in robot.findall('joint'):
         name, kind = joint.get('name', ''), joint.get('type', '')
-        with _noted(problems):
+        with _collected_problems(problems):
             _check_kind(joint, name, kind)
             for key in ('xyz', 'rpy'):  # pinocchio's parser would refuse these without naming the joint
                 triple(f"joint '{name}' has origin", joint.find('origin'), key)

@@ -173,7 +173,7 @@ class Branch:
     """The joint that carries a link: its name and type, and the name of the parent link."""
 
     joint: str
-    kind: str
+    joint_type: str
     parent: str
 
 
@@ -207,7 +207,7 @@ def floating_link(links: Sequence[str], branches: Mapping[str, Branch], massive:
     wanted : name of a link; empty for none
     """
     roots = [name for name in links if name not in branches]
-    tied = set(links).difference(*(carried(root, branches) for root in roots))
+    tied = set(links).difference(*(subtree_links(root, branches) for root in roots))
     if tied:
         refuse(f'joints tie links in a loop: {listing(sorted(tied))}; the robot must be a tree')
     if wanted:
@@ -222,7 +222,7 @@ def floating_link(links: Sequence[str], branches: Mapping[str, Branch], massive:
     return _off_the_ground(roots[0], branches, massive)
 
 
-def carried(base: str, branches: Mapping[str, Branch]) -> set[str]:
+def subtree_links(base: str, branches: Mapping[str, Branch]) -> set[str]:
     """Return a link and all that it carries."""
     children: dict[str, list[str]] = {}
     for child, branch in branches.items():
@@ -238,7 +238,7 @@ def carried(base: str, branches: Mapping[str, Branch]) -> set[str]:
 def _off_the_ground(root: str, branches: Mapping[str, Branch], massive: set[str]) -> str:
     """Return the root, or the link that it carries if the root is the ground that the robot floats over."""
     on = {child: branch for child, branch in branches.items() if branch.parent == root}
-    loose = root not in massive and len(on) == 1 and next(iter(on.values())).kind in _LOOSE
+    loose = root not in massive and len(on) == 1 and next(iter(on.values())).joint_type in _LOOSE
     if root != GROUND and not loose:
         return root
     if len(on) != 1:
@@ -246,10 +246,10 @@ def _off_the_ground(root: str, branches: Mapping[str, Branch], massive: set[str]
             f"root link '{root}' carries {listing(on)}; one of them floats, or the link that parameter base_link names"
         )
     child, branch = next(iter(on.items()))
-    if branch.kind not in {'fixed', *_LOOSE}:
+    if branch.joint_type not in {'fixed', *_LOOSE}:
         refuse(
-            f"joint '{branch.joint}' ties '{child}' to root link '{root}' by a {branch.kind} joint; accepted: a fixed "
-            'or floating one, or parameter base_link with the link that floats'
+            f"joint '{branch.joint}' ties '{child}' to root link '{root}' by a {branch.joint_type} joint; accepted: a "
+            'fixed or floating one, or parameter base_link with the link that floats'
         )
     return child
 
@@ -261,7 +261,7 @@ _one_at_a_time = threading.Lock()
 
 
 @contextmanager
-def kept_words(complaints: list[str]) -> Iterator[None]:
+def captured_stderr(complaints: list[str]) -> Iterator[None]:
     """Capture the lines that C++ code writes on stderr during a block, and add its complaints to a list, in order."""
     with _one_at_a_time:
         try:

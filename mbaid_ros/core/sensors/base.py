@@ -75,7 +75,7 @@ def _slopes(
     times = length * 1e-9, np.where(earlier <= maximum_gap, earlier * 1e-9, 0.0)
     steps = _parabola(step, base.position[left] - base.position[before], *times)
     turns = _parabola(turn, -log(back @ base.rotation[before]), *times)
-    return _given(velocity, steps), _given(rate, turns)
+    return _finite_or(velocity, steps), _finite_or(rate, turns)
 
 
 def _parabola(step: Array, before: Array, length: Array, earlier: Array) -> tuple[Array, Array]:
@@ -87,7 +87,7 @@ def _parabola(step: Array, before: Array, length: Array, earlier: Array) -> tupl
     return mean - half, mean + half
 
 
-def _given(slopes: tuple[Array, Array], others: tuple[Array, Array]) -> tuple[Array, Array]:
+def _finite_or(slopes: tuple[Array, Array], others: tuple[Array, Array]) -> tuple[Array, Array]:
     """Return slopes, and others in their place where they are not finite."""
     start, end = (np.where(np.isfinite(one), one, other) for one, other in zip(slopes, others, strict=True))
     return start, end
@@ -172,29 +172,29 @@ def block_std(covariance: Array) -> Array:
 _SMALLEST, _LARGEST = 1e-24, 1e12
 
 
-class Usable(NamedTuple):
+class UsableCovariance(NamedTuple):
     """A covariance (6, 6) that can weight data."""
 
     matrix: Array
-    own: tuple[bool, bool]  # whether its linear and its angular block are as given
+    is_given: tuple[bool, bool]  # whether its linear and its angular block are as given
     wrong: bool  # whether a given block was not used; zeros mean not set
 
 
-def usable_covariance(given: Array, default: Array) -> Usable:
+def usable_covariance(given: Array, default: Array) -> UsableCovariance:
     """Return a covariance that can weight data from one (6, 6) that may be unset.
 
     A block (linear or angular) that is not finite, symmetric, of a possible size and positive definite is replaced by
     the default's, without correlation between the two.
     """
     if _is_covariance(given):
-        return Usable(given, (True, True), wrong=False)
+        return UsableCovariance(given, (True, True), wrong=False)
     used, kept = default.copy(), np.zeros((6, 6))
     blocks = slice(0, 3), slice(3, 6)
     linear, angular = (_is_covariance(given[block, block]) for block in blocks)
     for block, good in zip(blocks, (linear, angular), strict=True):
         if good:
             used[block, block] = kept[block, block] = given[block, block]
-    return Usable(used, (linear, angular), wrong=not np.array_equal(kept, given))
+    return UsableCovariance(used, (linear, angular), wrong=not np.array_equal(kept, given))
 
 
 def _is_covariance(matrix: Array) -> bool:

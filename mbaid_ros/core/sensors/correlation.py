@@ -42,7 +42,7 @@ class Variances:
 
     variance: Array
     counts: Array
-    apart: Array
+    strides: Array
 
     @property
     def weight(self) -> Array:
@@ -52,20 +52,20 @@ class Variances:
 
 @dataclass(frozen=True)
 class Candidates(ArrayRecord):
-    """What the errors of a sensor may be: correlation times (c,) in s, and for each twice the negative log-likelihood.
+    """Possible error models of a sensor: correlation times (c,) in s, and for each twice the negative log-likelihood.
 
     Attributes
     ----------
     time, cost : (c,)
-    level, found : (c, 2) logarithms of the variances of a reading over the declared ones: in use, and of the data
-    wrong : (c, 2) whether the latter are far from the declared ones
+    level, estimated : (c, 2) logarithms of the variances of a reading over the declared ones: in use, and of the data
+    contradicted : (c, 2) whether the latter are far from the declared ones
     """
 
     time: Array
     cost: Array
     level: Array
-    found: Array
-    wrong: Flags
+    estimated: Array
+    contradicted: Flags
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Correlation(ArrayRecord):
 
 
 def candidates(seen: Variances, time: float, declared: str) -> Candidates:
-    """Return what explains the variances of sixth differences.
+    """Return the error models that explain the variances of sixth differences.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def candidates(seen: Variances, time: float, declared: str) -> Candidates:
     unclear = Candidates(
         np.zeros(1), np.zeros(1), np.zeros((1, 2)), np.full((1, 2), np.nan), np.zeros((1, 2), dtype=bool)
     )
-    if np.any(seen.counts[:, 0] < FEWEST) or np.any(variance[:, 0] <= 0.0) or np.any(seen.apart < _STAMP):
+    if np.any(seen.counts[:, 0] < FEWEST) or np.any(variance[:, 0] <= 0.0) or np.any(seen.strides < _STAMP):
         return unclear
     logarithm = np.log(np.maximum(variance, 1e-300))
     growth, doubt = np.diff(logarithm, axis=1), 1.0 / np.sqrt(weight)
@@ -106,7 +106,7 @@ def candidates(seen: Variances, time: float, declared: str) -> Candidates:
                 return unclear
             used = slice(1)
     times = np.array([time]) if time else _TIMES if used.stop > 1 else _TIMES[:1]
-    decay = -seen.apart[used, None] / np.maximum(times, 1e-9)[:, None, None]
+    decay = -seen.strides[used, None] / np.maximum(times, 1e-9)[:, None, None]
     expected = np.log(np.exp(np.maximum(decay * np.arange(7), -700.0)) @ _AUTOCORRELATION)[:, None]
     weight = weight[:, used]
     left = logarithm[:, used] - expected
@@ -121,25 +121,25 @@ def candidates(seen: Variances, time: float, declared: str) -> Candidates:
     if np.min(cost) > _NO_FIT * 2 * used.stop:
         return unclear if declared == 'yes' else every[:1]
     longest = times[cost <= np.min(cost) + _LIKELY][-1]
-    if not time and cost[0] <= np.min(cost) + _CLEAR and longest < 2.0 * seen.apart[0]:
+    if not time and cost[0] <= np.min(cost) + _CLEAR and longest < 2.0 * seen.strides[0]:
         return every[:1]
     return every[times > 0.0] if np.argmin(cost) or longest else every[:1]
 
 
-def chosen(pose: Candidates, twist: Candidates, drift: Variances, ratio: Array) -> Correlation:
-    """Return the errors of poses and twists; of correlation times that explain the data as well, the longest.
+def likeliest(pose: Candidates, twist: Candidates, drift: Variances, ratio: Array) -> Correlation:
+    """Return the likeliest errors of poses and twists; of equally likely correlation times, the longest.
 
     Parameters
     ----------
-    pose, twist : what they may be
+    pose, twist : their possible models
     drift : first differences of poses less the integrated twist, over the variance declared of poses
     ratio : (2,) 1/s, standard deviations declared of twists over those of poses
     """
-    cost, shortest = pose.cost[:, None] + twist.cost, drift.apart[0] / 32.0  # s: half of the time between readings
+    cost, shortest = pose.cost[:, None] + twist.cost, drift.strides[0] / 32.0  # s: half of the time between readings
     known = np.all(drift.counts >= _SOME, axis=0) & np.all(drift.variance > 0.0, axis=0)
     if known.any():
-        of_pose = -np.expm1(-drift.apart / np.maximum(pose.time, 1e-9)[:, None])
-        share = drift.apart / np.maximum(twist.time, shortest)[:, None]
+        of_pose = -np.expm1(-drift.strides / np.maximum(pose.time, 1e-9)[:, None])
+        share = drift.strides / np.maximum(twist.time, shortest)[:, None]
         of_twist = np.maximum(twist.time, shortest)[:, None] ** 2 * (share + np.expm1(-share))
         expected = np.exp(pose.level)[:, None, :, None] * of_pose[:, None, None]
         expected = expected + (np.exp(twist.level) * ratio**2)[:, :, None] * of_twist[:, None]
@@ -153,8 +153,8 @@ def chosen(pose: Candidates, twist: Candidates, drift: Variances, ratio: Array) 
 
 def _longest(sensor: Candidates, likely: Flags) -> Correlation:
     last = int(np.flatnonzero(likely)[-1])
-    used, contradicted = np.abs(sensor.level[last]) > _NEAR, np.all(sensor.wrong[likely], axis=0)
-    return Correlation(sensor.time[last : last + 1], np.exp(sensor.found[last]), used, used & contradicted)
+    used, contradicted = np.abs(sensor.level[last]) > _NEAR, np.all(sensor.contradicted[likely], axis=0)
+    return Correlation(sensor.time[last : last + 1], np.exp(sensor.estimated[last]), used, used & contradicted)
 
 
 # Readings from one that is taken to the next: by octaves, up to where motion shows at a hundred hertz.
@@ -174,7 +174,7 @@ class Levels:
     factor : (6,) of CHANNELS, standard deviation over the declared one; NaN for too few readings
     used, contradicted : (6,) whether it takes the declared one's place; whether the latter cannot be right
     times : (2,) s, over which the errors of poses and of twists are correlated; 0 for white noise
-    clear : whether neither motion nor too few readings hide what the errors are
+    clear : whether neither motion nor too few readings hide the errors
     """
 
     factor: Array
@@ -211,7 +211,7 @@ class NoiseLevels:
         self._total, self._new = 0, 0  # differences counted so far; those that have come since, at most
         self._levels = Levels(np.full(6, np.nan), np.zeros(6, dtype=bool), np.zeros(6, dtype=bool), np.zeros(2))
 
-    def take(self, joints: JointStream | None, base: BaseStream | None) -> None:
+    def add_readings(self, joints: JointStream | None, base: BaseStream | None) -> None:
         """Add readings of each kind in the order of their stamps."""
         if joints is not None and len(joints.stamp):
             read = (joints.position[:, self._measured], joints.velocity[:, self._measured])
@@ -224,10 +224,10 @@ class NoiseLevels:
             if self._latest is None:
                 self._ratio = sizes[0, 2:] / sizes[0, :2]
             self._base.add(base.stamp, np.concatenate(parts, axis=1), sizes)
-            self._drift.add(base.stamp, self._drifted(base), sizes[:, :2])
+            self._drift.add(base.stamp, self._drift_of(base), sizes[:, :2])
             self._new += _OF_A_POSE * len(_STRIDES) * len(base.stamp)
 
-    def _drifted(self, base: BaseStream) -> Array:
+    def _drift_of(self, base: BaseStream) -> Array:
         """Return the change (N, 6) of position and orientation less the integrated twist, since the first reading."""
         both = base if self._latest is None else base.concatenate((self._latest[0], base))
         step = (np.diff(both.stamp) * 1e-9)[:, None]
@@ -239,7 +239,7 @@ class NoiseLevels:
         self._latest = base[-1:], drift[-1:]
         return drift if len(drift) == len(base.stamp) else drift[1:]
 
-    def until(self, stamp: int, spacing: float, *, free: tuple[bool, bool]) -> Levels:
+    def levels_at(self, stamp: int, spacing: float, *, free: tuple[bool, bool]) -> Levels:
         """Return the levels of the readings until a stamp, no earlier than that of the call before.
 
         Parameters
@@ -274,7 +274,7 @@ class NoiseLevels:
         )
         numbers = self._drift.counts.sum(axis=1).reshape(2, -1)
         long = Variances(drift.reshape(numbers.shape), numbers, np.array(_LONG_STRIDES) * spacing)
-        found = chosen(poses, twists, long, self._ratio)
+        found = likeliest(poses, twists, long, self._ratio)
         enough = np.concatenate((self._joints.counts.sum(axis=1), counts[..., 0].ravel())) >= FEWEST
         factor = np.sqrt(np.where(enough, np.concatenate((joints, found.variance)), np.nan))
         # Those of the joints stay as declared.

@@ -18,7 +18,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.robot.momentum import OF_A_THRUSTER
+from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS
 from mbaid_ros.core.samples import JointStream, Samples
 
 NOT_FINITE_THRUST = 'thrust with a NaN or infinite value'
@@ -65,7 +65,7 @@ class Thrust:
     Attributes
     ----------
     odometry_frame : name of the frame with the inertial axes; empty while unknown
-    brought : (6,) change of (P, L) since the first sample, odometry frame, L about its origin
+    impulse : (6,) change of (P, L) since the first sample, odometry frame, L about its origin
     commands : number of those used
     late : whether one came after samples that it acts on
     exact : whether one counted as exactly as commanded
@@ -77,12 +77,12 @@ class Thrust:
         self._kinematics = Kinematics(model)
         self._links = {link.name: link for link in model.links}
         self._uncertain = {frame: index for index, frame in enumerate(uncertain)}
-        self._columns: Array = np.zeros((len(uncertain), 6, OF_A_THRUSTER))  # derivatives of `brought` by the errors
+        self._columns: Array = np.zeros((len(uncertain), 6, THRUSTER_ERRORS))  # derivatives of `impulse` by the errors
         self._commands: dict[str, list[_Command]] = {}
         self._origin = 0
         self._past: deque[Samples] = deque()  # windows that were used, of the last seconds and the one before
         self.odometry_frame = ''
-        self.brought: Array = np.zeros(6)
+        self.impulse: Array = np.zeros(6)
         self.commands = 0
         self.late = False
         self.exact = False
@@ -91,14 +91,14 @@ class Thrust:
         self._between: Counter[str] = Counter()  # by frame, commands between two of another publisher
         self._components: dict[str, tuple[set[int], set[int]]] = {}  # of its last two commands, those that are not zero
 
-    def changes(self, frame: str, stamp: int, wrench: Array, newest: int | None) -> bool:
+    def affects_samples(self, frame: str, stamp: int, wrench: Array, newest: int | None) -> bool:
         """Return whether samples up to the newest stamp may depend on the arrival of a command."""
         earlier = self._commands.get(frame, [])
         before = earlier[-1] if earlier else _Command(stamp, np.zeros(6))
         over = newest is not None and newest >= before.stamp + HOLD and bool(np.any(wrench))
         return over or stamp < before.stamp or not np.array_equal(wrench, before.wrench)
 
-    def command(self, frame: str, stamp: int, wrench: Array, newest: int | None) -> None:
+    def add_command(self, frame: str, stamp: int, wrench: Array, newest: int | None) -> None:
         """Add a command.
 
         Parameters
@@ -115,11 +115,11 @@ class Thrust:
         elif frame not in self._links and self.odometry_frame not in {'', frame}:
             self.dropped[UNKNOWN_FRAME] += 1
         else:
-            self._follow(frame, wrench)
+            self._detect_shared_frame(frame, wrench)
             self._insert(frame, _Command(stamp, wrench))
 
-    def _follow(self, frame: str, wrench: Array) -> None:
-        """Look whether forces and torques of a frame come by turns, without any command of both."""
+    def _detect_shared_frame(self, frame: str, wrench: Array) -> None:
+        """Detect a frame with alternating forces and torques, without any command of both."""
         before, between = self._components.get(frame, (set(), set()))
         after = set(np.flatnonzero(wrench).tolist())
         self._components[frame] = between, after
@@ -127,7 +127,7 @@ class Thrust:
             self._between[frame] += 1
             self.shared = frame if self._between[frame] >= _SHARED else self.shared
 
-    def applied(self, window: Samples, origin: int) -> Samples:
+    def with_impulse(self, window: Samples, origin: int) -> Samples:
         """Return the next window with the impulse of thrust until each of its samples; `origin` is ns at time 0."""
         self._origin = origin
         self._past.extend([window] if self._past else [window[:1], window])
@@ -137,7 +137,7 @@ class Thrust:
         if not self.commands:
             return replace(window, thrust=columns.reshape(len(window), -1)) if self._uncertain else window
         joined = self._joined(self._past[-2], window)
-        total = np.tile(self.brought, (len(window), 1))
+        total = np.tile(self.impulse, (len(window), 1))
         for frame in list(self._commands):
             if frame not in self._links and frame != self.odometry_frame:
                 self.dropped[UNKNOWN_FRAME] += len(self._commands.pop(frame))
@@ -149,23 +149,23 @@ class Thrust:
             known, oldest = self._commands[frame], origin + round(float(window.time[-1]) * 1e9) - _REMEMBERED
             while len(known) > 1 and known[1].stamp < oldest:  # nothing depends on it any more
                 del known[0]
-        self.brought, self._columns = total[-1], columns[-1].copy()
+        self.impulse, self._columns = total[-1], columns[-1].copy()
         return replace(window, impulse=total, thrust=columns.reshape(len(window), -1))
 
     def _insert(self, frame: str, command: _Command) -> None:
-        """Add a command, and the difference that it makes to windows that were used already."""
+        """Add a command, and correct the impulse of windows that were used already."""
         time = (command.stamp - self._origin) * 1e-9
         missed = [self._joined(before, window) for before, window in pairwise(self._past) if window.time[-1] > time]
 
         def total() -> Array:
-            return sum((np.sum(self._pulses(frame, part), axis=0) for part in missed), np.zeros((6, OF_A_THRUSTER)))
+            return sum((np.sum(self._pulses(frame, part), axis=0) for part in missed), np.zeros((6, THRUSTER_ERRORS)))
 
         before = total()
         insort(self._commands.setdefault(frame, []), command)
         self.commands += 1
         self.exact = self.exact or (frame not in self._uncertain and bool(np.any(command.wrench)))
         more = total() - before
-        self.brought = self.brought + more[:, 0]
+        self.impulse = self.impulse + more[:, 0]
         if frame in self._uncertain:
             self._columns[self._uncertain[frame]] += more
         self.late = self.late or bool(np.any(more[:, 0]))
@@ -181,7 +181,7 @@ class Thrust:
         Scale, turn and delay: the change by the scale is that by the commands themselves.
         """
         impulses = np.diff(self._impulse(frame, samples.time), axis=0)
-        delayed = -np.diff(self._wrench(frame, samples.time), axis=0)  # what begins or ends is missing or left over
+        delayed = -np.diff(self._wrench(frame, samples.time), axis=0)  # lacking at a late begin, surplus at a late end
         columns = np.concatenate((np.einsum('kij,nj->nik', _BY_ERROR, impulses), delayed[..., None]), axis=2)
         return self._mean_gain(frame, samples) @ columns if np.any(columns) else columns
 
@@ -211,7 +211,7 @@ class Thrust:
         link = self._links.get(frame)
         if link is not None:
             configuration = self._kinematics.configure(samples.base_rotation, samples.joint_position)
-            rotation, position = configuration.link(link)
+            rotation, position = configuration.link_pose(link)
             gain[:, :3, :3] = gain[:, 3:, 3:] = rotation
             gain[:, 3:, :3] = skew(samples.base_position + position) @ rotation
         return np.asarray(0.5 * (gain[1:] + gain[:-1]))
@@ -226,36 +226,36 @@ class StoredMomentum:
 
     Attributes
     ----------
-    taken : number of messages used
+    used : number of messages used
     dropped : those not used, by cause
     other_frame : frame of the last one in another
     """
 
     def __init__(self, model: RobotModel, frame: str) -> None:
-        self._turns: dict[str, Array] = {}
+        self._rotations: dict[str, Array] = {}
         if frame:
             wanted = model.link(frame)
             same = (link for link in model.links if link.body == wanted.body)
-            self._turns = {link.name: wanted.rotation.T @ link.rotation for link in same}
+            self._rotations = {link.name: wanted.rotation.T @ link.rotation for link in same}
         self._stamps: list[int] = []
         self._vectors: list[Array] = []
-        self.taken = 0
+        self.used = 0
         self.dropped: Counter[str] = Counter()
         self.other_frame = ''
 
-    def take(self, frame: str, stamp: int, momentum: Array) -> None:
+    def add_sample(self, frame: str, stamp: int, momentum: Array) -> None:
         """Add a (3,) momentum, N m s, in a frame's axes at a stamp, ns."""
-        if not self._turns:
+        if not self._rotations:
             self.dropped[NOT_ASKED_FOR] += 1
-        elif frame not in self._turns:
+        elif frame not in self._rotations:
             self.other_frame = frame
             self.dropped[OTHER_MOMENTUM_FRAME] += 1
         elif not np.all(np.isfinite(momentum)):
             self.dropped[NOT_FINITE_MOMENTUM] += 1
         else:
-            self.taken += 1
+            self.used += 1
             self._stamps.append(stamp)
-            self._vectors.append(self._turns[frame] @ momentum)
+            self._vectors.append(self._rotations[frame] @ momentum)
 
     def stream(self) -> JointStream | None:
         """Return all momenta since the last call, as rates of three joints without positions; None for none."""

@@ -1,7 +1,7 @@
-"""The angular velocity that an IMU measures, preintegrated: how far it has turned between any two instants.
+"""The preintegrated angular velocity of an IMU: its mean between any two instants.
 
-The integral of a rate in axes that turn along is no rotation; but it is linear in the reading of the gyro, so that bias
-and scale stay bias and scale in it, and its differences are exact means of the rate at any rates of gyro and joints.
+The integral of a rate in body axes is no rotation, but it is linear in the reading of the gyro: bias and scale stay
+bias and scale. Its differences are exact means of the rate at any rates of gyro and joints.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ class _Integrated(ArrayRecord):
 
     stamp: Stamps  # ns
     rate: Array  # (N, 3) rad/s
-    turned: Array  # (N, 3) rad
-    part: Stamps  # number of the part without a gap
+    angle: Array  # (N, 3) rad
+    segment: Stamps  # number of the gap-free segment
 
 
 class Gyro:
@@ -55,7 +55,7 @@ class Gyro:
         self._largest = largest
         none = np.zeros(0, dtype=np.int64)
         self._kept = _Integrated(none, np.zeros((0, 3)), np.zeros((0, 3)), none)
-        self._parts = 0  # so far
+        self._segments = 0  # so far
         self._sampled = _NOWHERE  # in which of them the last sample was
         self._last: Array = np.full(3, np.nan)  # reading
         self._alike = np.zeros(3, dtype=np.int64)  # readings in a row that were the same as this, by axis
@@ -67,14 +67,14 @@ class Gyro:
         if stream is None or not len(stream.stamp):
             return
         self.newest = int(stream.stamp[-1])
-        lost = self._at_the_end(stream.angular_velocity)
+        lost = self._saturated(stream.angular_velocity)
         self.dropped[SATURATED] += int(np.sum(lost))
-        self._add_up(stream, lost)
+        self._integrate(stream, lost)
         self.forget_before(np.iinfo(np.int64).min)
 
-    def sampled(self, stamps: Stamps) -> Array:
+    def integral_at_samples(self, stamps: Stamps) -> Array:
         """Return the integral at samples, in order, (N, 3) rad: NaN in a gap, or else at the first sample after it."""
-        turned, part = self.at(stamps)
+        turned, part = self.integral_at(stamps)
         if not len(stamps):
             return turned
         earlier = np.concatenate(([self._sampled], part[:-1]))
@@ -82,8 +82,8 @@ class Gyro:
         across = (part != earlier) & (earlier != _NOWHERE)
         return np.where(across[:, None], np.nan, turned)
 
-    def at(self, stamps: Stamps) -> tuple[Array, Stamps]:
-        """Return the integral at instants (N, 3), rad, and the number of their part without a gap; NaN, -1 in a gap."""
+    def integral_at(self, stamps: Stamps) -> tuple[Array, Stamps]:
+        """Return the integral at instants (N, 3), rad, and the number of their gap-free segment; NaN, -1 in a gap."""
         known, rate, turned, parts = vars(self._kept).values()
         if not len(known):
             return np.full((len(stamps), 3), np.nan), np.full(len(stamps), _NOWHERE)
@@ -96,34 +96,34 @@ class Gyro:
         return np.where(inside[:, None], value, np.nan), np.where(inside, parts[left], _NOWHERE)
 
     def forget_before(self, stamp: int) -> None:
-        """Drop readings that no instant from a stamp on needs."""
+        """Drop readings that no instant after a stamp needs."""
         count, surplus = len(self._kept), int(np.searchsorted(self._kept.stamp, stamp, side='right')) - 1
         surplus = min(max(surplus, count - LARGEST_BACKLOG), count - 1)  # new readings are added to the last
         if surplus > 0:
             self._kept = self._kept[surplus:]
 
-    def _add_up(self, stream: ImuStream, lost: Flags) -> None:
+    def _integrate(self, stream: ImuStream, lost: Flags) -> None:
         """Integrate measurements (trapezoid); lost ones make a gap."""
         good = ~lost
         if not np.any(good):
-            self._parts += 1
+            self._segments += 1
             return
         stamp, rate = stream.stamp[good], stream.angular_velocity[good]
         breaks = np.cumsum(lost)[good]
         gap = np.diff(breaks, prepend=0) > 0
         last = self._kept[-1:]
         # Without a reading before, the integral begins at the first one.
-        before = last if len(last) else _Integrated(stamp[:1], rate[:1], np.zeros((1, 3)), last.part)
+        before = last if len(last) else _Integrated(stamp[:1], rate[:1], np.zeros((1, 3)), last.segment)
         apart = np.diff(stamp, prepend=before.stamp)
         steps = 0.5e-9 * apart[:, None] * (np.concatenate((before.rate, rate[:-1])) + rate)
         gap |= apart > self._maximum_gap
         # One after the other, from the last sum: the same sums however the stream is cut.
-        turned = np.cumsum(np.concatenate((before.turned, steps)), axis=0)[1:]
-        part = self._parts + np.cumsum(gap)
-        self._parts = int(part[-1]) + int(bool(lost[-1]))  # lost ones at the end part it from the next ones
+        turned = np.cumsum(np.concatenate((before.angle, steps)), axis=0)[1:]
+        part = self._segments + np.cumsum(gap)
+        self._segments = int(part[-1]) + int(bool(lost[-1]))  # lost ones at the end part it from the next ones
         self._kept = _Integrated.concatenate([self._kept, _Integrated(stamp, rate, turned, part)])
 
-    def _at_the_end(self, rate: Array) -> Flags:
+    def _saturated(self, rate: Array) -> Flags:
         """Return which readings are at the end of the gyro's range, or stuck, (N,)."""
         if self._largest > 0.0:
             return np.asarray(np.any(np.abs(rate) >= self._largest * (1.0 - 1e-6), axis=1))

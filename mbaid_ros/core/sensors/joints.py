@@ -15,7 +15,7 @@ from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.samples import JointStream, Stamps
 from mbaid_ros.core.sensors.streams import Reorder
 from mbaid_ros.core.sensors.synchroniser import LARGEST_BACKLOG
-from mbaid_ros.core.sensors.turns import Turns
+from mbaid_ros.core.sensors.unwrapping import TurnCounter
 
 NO_PARTNER = 'no message with the other joints around the stamp'
 PARTNER_GAP = 'gap in the messages with the other joints'
@@ -39,7 +39,7 @@ class _Part:
         self.joints = np.array(joints, dtype=np.intp)
         self.reorder = Reorder[JointStream](reorder_limit)
         self._turning = turning[self.joints]
-        self._turns = Turns(len(joints))
+        self._turns = TurnCounter(len(joints))
         self.waiting = JointStream(np.zeros(0, dtype=np.int64), *np.zeros((2, 0, len(joints))))
         self.own: list[int] = []  # columns of the joints that this part is used for
 
@@ -49,7 +49,7 @@ class _Part:
         if ordered is None:
             return None
         # Whole turns are counted, not angles added up: the count is exact however the stream is cut.
-        turns = np.where(self._turning, self._turns.counted(ordered), 0.0)
+        turns = np.where(self._turning, self._turns.turn_counts(ordered), 0.0)
         return JointStream(ordered.stamp, ordered.position - 2.0 * np.pi * turns, ordered.velocity)
 
 
@@ -123,7 +123,7 @@ class JointMerge:
                 both = JointStream.concatenate((some[joints], own)) if joints in some else own
                 some[joints] = both[np.argsort(both.stamp, kind='stable')]
         for joints, stream in some.items():
-            self._take(joints, stream)
+            self._add(joints, stream)
         if not self._parts or self.missing:
             complete = None if whole is None else self._whole.push(whole)
             if complete is not None:
@@ -148,7 +148,7 @@ class JointMerge:
             part = self._parts[joints] = _Part(joints, self._turning, self._reorder_limit)
             part.own = [joints.index(joint) for joint in new]
 
-    def _take(self, joints: Joints, stream: JointStream) -> None:
+    def _add(self, joints: Joints, stream: JointStream) -> None:
         if joints not in self._parts:
             self._own[REDUNDANT] += len(stream.stamp)
             return

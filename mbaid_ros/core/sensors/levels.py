@@ -34,7 +34,7 @@ class SensorLevels:
 
     Attributes
     ----------
-    declared, found : (6,) of CHANNELS, SI; NaN if undeclared, if not estimated
+    declared, estimated : (6,) of CHANNELS, SI; NaN if undeclared, if not estimated
     assumed : (6,) used for readings that have neither
     correlation_time, twist_correlation_time : s, of the errors of the base's poses and twists; 0 for independent ones
     used : (6,) whether the estimated level is used instead of the declared one
@@ -43,7 +43,7 @@ class SensorLevels:
     """
 
     declared: Array
-    found: Array
+    estimated: Array
     assumed: Array
     correlation_time: float
     used: Flags
@@ -62,25 +62,25 @@ class SensorLevels:
 
         The filter subtracts the expected bias of their noise in the coefficients; too much of it biases estimates.
         """
-        each = zip(CHANNELS, UNITS, self.declared, self.found, self.contradicted, strict=True)
+        each = zip(CHANNELS, UNITS, self.declared, self.estimated, self.contradicted, strict=True)
         replaced = [
             f'{name.replace("_", " ")} {_wrong(found / declared)}: {found:.2g} {unit} is used, not {declared:.2g}'
             for name, unit, declared, found, wrong in each
             if wrong
         ]
         texts = [f'the declared noise of the odometry is wrong: {"; ".join(replaced)}'] if replaced else []
-        declared, found = float(self.declared[0]), max(float(self.found[0]), float(TYPICAL[0]))
+        declared, found = float(self.declared[0]), max(float(self.estimated[0]), float(TYPICAL[0]))
         if self.used[0] or not declared > _FAR_TOO_LARGE * found:
             return texts
         texts.append(
-            f'noise.joint_position is {declared:.2g} rad, the readings scatter by {self.found[0]:.2g}: estimates may '
-            'be biased by more than their intervals; declare the noise of the joints, or set noise.estimate'
+            f'noise.joint_position is {declared:.2g} rad, the readings scatter by {self.estimated[0]:.2g}: estimates '
+            'may be biased by more than their intervals; declare the noise of the joints, or set noise.estimate'
         )
         return texts
 
-    def shown(self) -> list[tuple[str, str, str]]:
+    def rows(self) -> list[tuple[str, str, str]]:
         """Return name and unit of each sensor, and its declared and found level, the one in use first."""
-        each = zip(CHANNELS, UNITS, self.declared, self.found, self.assumed, self.used, strict=True)
+        each = zip(CHANNELS, UNITS, self.declared, self.estimated, self.assumed, self.used, strict=True)
         rows = []
         for name, unit, declared, found, assumed, used in each:
             both = [(declared, 'declared'), (found, 'found')]
@@ -90,9 +90,9 @@ class SensorLevels:
         return rows
 
     def differences(self) -> list[str]:
-        """Return a line for each sensor that is not as declared."""
+        """Return a line for each sensor whose noise is not as declared."""
         lines = []
-        each = zip(CHANNELS, UNITS, self.declared, self.found, self.used, strict=True)
+        each = zip(CHANNELS, UNITS, self.declared, self.estimated, self.used, strict=True)
         for name, unit, declared, found, used in each:
             ratio = found / declared
             if np.isnan(ratio) or 1.0 / _WRONG < ratio < _WRONG:
@@ -100,7 +100,7 @@ class SensorLevels:
             use = '; the data are used' if used else ''
             value = f'your noise value, {declared:.2g} {unit}, is {_wrong(ratio)}'
             lines.append(f'{name.replace("_", " ")}: {value}: {found:.2g} {unit} in the data{use}')
-        if found_alone := self._undeclared(self.found):
+        if found_alone := self._undeclared(self.estimated):
             lines.append(f'no noise is declared for {listing(found_alone)}: estimated from the data')
         if assumed := self._undeclared(self.assumed):
             lines.append(f'no noise is declared for {listing(assumed)}, and the data do not determine it: assumed')
@@ -132,7 +132,7 @@ _SETTLED, _READ, _PATIENCE = 4.0, 80, 10.0
 _NEVER = np.iinfo(np.int64).max
 
 
-class FoundNoise:
+class NoiseEstimator:
     """Estimates the noise levels of the sensors and applies them to windows.
 
     Parameters
@@ -168,14 +168,14 @@ class FoundNoise:
         """Declared standard deviation of a joint position, rad or m."""
         return self._noise.joint_position
 
-    def take(self, joints: JointStream | None, base: BaseStream | None) -> None:
+    def add_readings(self, joints: JointStream | None, base: BaseStream | None) -> None:
         """Add readings in the order of their stamps, without repeated poses and outliers."""
-        self._levels.take(joints, base)
+        self._levels.add_readings(joints, base)
         if base is not None and len(base.stamp):
             first = np.where(base.declared, base.stamp[:, None], _NEVER).min(axis=0)
             self._declared_from[2:] = np.minimum(self._declared_from[2:], first)
 
-    def released(
+    def windows_with_noise(
         self, windows: list[Samples], origin: int, *, last: bool = False
     ) -> list[tuple[Samples, SensorLevels]]:
         """Return the next windows with their noise, and the levels until then; `origin` is the stamp at time 0, ns.
@@ -189,24 +189,24 @@ class FoundNoise:
             self._waiting.append(window)
             if not self._settled:
                 enough = min(max(_SETTLED, _READ * float(median(window.apart))), _PATIENCE)
-                self._settled = end > enough or self.applied(self._waiting[0], origin, end)[1].as_declared
+                self._settled = end > enough or self.with_noise(self._waiting[0], origin, end)[1].as_declared
             if self._settled:
-                released += [self.applied(each, origin, end) for each in self._waiting]
+                released += [self.with_noise(each, origin, end) for each in self._waiting]
                 self._waiting.clear()
         if last and self._waiting:
             end = float(self._waiting[-1].time[-1])
-            released += [self.applied(each, origin, end) for each in self._waiting]
+            released += [self.with_noise(each, origin, end) for each in self._waiting]
             self._waiting.clear()
         return released
 
-    def applied(self, window: Samples, origin: int, until: float | None = None) -> tuple[Samples, SensorLevels]:
-        """Return a window with the noise found until a time (s), its end by default, and the levels then."""
+    def with_noise(self, window: Samples, origin: int, until: float | None = None) -> tuple[Samples, SensorLevels]:
+        """Return a window with the noise estimated until a time (s), its end by default, and the levels then."""
         until = float(window.time[-1]) if until is None else until
         end = origin + round(until * 1e9)
         undeclared = self._undeclared & (self._declared_from > end)
         free = undeclared | self._estimate
         spacing = float(median(window.apart))
-        levels = self._levels.until(end, spacing, free=(bool(free[2:4].all()), bool(free[4:].all())))
+        levels = self._levels.levels_at(end, spacing, free=(bool(free[2:4].all()), bool(free[4:].all())))
         contradicted = levels.contradicted & ~free
         used = free | levels.used
         declared = self._declared(window, spacing)
@@ -222,13 +222,13 @@ class FoundNoise:
         noise = np.array([*(factor[:2] * declared[:2]), time])
         return replace(
             window,
-            pose_covariance=_scaled(window.pose_covariance, factor[2:4], _slower(window.apart, time)),
-            twist_covariance=_scaled(window.twist_covariance, factor[4:], _slower(window.apart, of_twist)),
+            pose_covariance=_scaled(window.pose_covariance, factor[2:4], _correlation_factor(window.apart, time)),
+            twist_covariance=_scaled(window.twist_covariance, factor[4:], _correlation_factor(window.apart, of_twist)),
             noise=np.repeat(noise[None], len(window), axis=0),
         ), SensorLevels(
             declared=np.where(undeclared, np.nan, declared),
-            found=found,
-            assumed=np.where(unknown & _read(window) if unknown.any() else unknown, factor * declared, np.nan),
+            estimated=found,
+            assumed=np.where(unknown & _measured(window) if unknown.any() else unknown, factor * declared, np.nan),
             correlation_time=time,
             used=used & ~np.isnan(found),
             twist_correlation_time=of_twist,
@@ -249,7 +249,7 @@ class FoundNoise:
         return np.concatenate(([self._noise.joint_position, self._noise.joint_velocity], *base))
 
 
-def _read(window: Samples) -> Flags:
+def _measured(window: Samples) -> Flags:
     """Return which of CHANNELS (6,) a window has readings of; poses are read where their covariance is finite."""
     pose = np.split(np.diagonal(window.pose_covariance, axis1=1, axis2=2), 2, axis=1)
     twist = window.base_linear_velocity, window.base_angular_velocity
@@ -264,7 +264,7 @@ def _scaled(covariance: Array, factor: Array, weight: Array) -> Array:
     return weight[:, None, None] * covariance * (size * size[:, None])
 
 
-def _slower(apart: Array, time: float) -> Array:
+def _correlation_factor(apart: Array, time: float) -> Array:
     """Return the variance of slow means of correlated readings over that of independent ones, (N,).
 
     An autoregression of first order with correlation c between neighbours has (1 + c) / (1 - c). `apart` (N,) s is the

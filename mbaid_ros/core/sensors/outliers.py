@@ -81,7 +81,7 @@ def joint_channels(noise: float) -> tuple[Channels, ...]:
 
 
 @dataclass(frozen=True)
-class _Judged(ArrayRecord):
+class _ScoredReadings(ArrayRecord):
     """Readings with whether each is suspicious (N,), and the scale (N, c) of its channels."""
 
     readings: Any
@@ -89,8 +89,8 @@ class _Judged(ArrayRecord):
     scale: Array
 
 
-def _joined(*parts: _Judged | None) -> _Judged:
-    return _Judged.concatenate([part for part in parts if part is not None])
+def _joined(*parts: _ScoredReadings | None) -> _ScoredReadings:
+    return _ScoredReadings.concatenate([part for part in parts if part is not None])
 
 
 class Outliers(Generic[Stream]):
@@ -115,8 +115,8 @@ class Outliers(Generic[Stream]):
         self._misfits: Array | None = None  # (_LATEST, c), the latest
         self.by_channel: Counter[int] = Counter()
         self._last: Stream | None = None  # the latest two
-        self._passed: _Judged | None = None  # the latest that were passed on
-        self._waiting: _Judged | None = None  # from a suspicious one on
+        self._passed: _ScoredReadings | None = None  # the latest that were passed on
+        self._waiting: _ScoredReadings | None = None  # from a suspicious one on
         self.dropped: Counter[str] = Counter()
 
     @property
@@ -128,7 +128,7 @@ class Outliers(Generic[Stream]):
         """Add readings in the order of their stamps; return those passed on, None if there are none."""
         if stream is None or not len(stream.stamp):
             return None
-        judged = self._judge(stream)
+        judged = self._score(stream)
         if self._waiting is None and not np.any(judged.suspicious):
             self._passed = _joined(None if len(judged) >= _BEFORE else self._passed, judged)[-_BEFORE:]
             return stream
@@ -140,7 +140,7 @@ class Outliers(Generic[Stream]):
         self._passed = joined[np.array(passing[-_BEFORE:], dtype=np.intp)]
         return joined.readings[np.array(passing[begin:], dtype=np.intp)] if len(passing) > begin else None
 
-    def _judge(self, stream: Stream) -> _Judged:
+    def _score(self, stream: Stream) -> _ScoredReadings:
         """Return readings with their distance from where the two before lead to, compared with its scale."""
         joined = stream if self._last is None else stream.concatenate((self._last, stream))
         step = np.diff(joined.stamp)
@@ -159,7 +159,7 @@ class Outliers(Generic[Stream]):
         declared = np.concatenate([channels.declared(stream) for channels in self._channels], axis=1)
         quartiles = [channels.quartile for channels in self._channels]
         scale = np.maximum(declared, self._scale(misfit, declared, np.repeat(quartiles, [x.shape[1] for x in columns])))
-        return _Judged(stream, np.any(misfit > _FAR * scale, axis=1), scale)
+        return _ScoredReadings(stream, np.any(misfit > _FAR * scale, axis=1), scale)
 
     def _scale(self, misfit: Array, declared: Array, quartile: Array) -> Array:
         """Return the size (N, c) of misfits (N, c), each from the lower quartile of those before it.
@@ -174,7 +174,7 @@ class Outliers(Generic[Stream]):
         before = sliding_window_view(joined[:-1], _LATEST, axis=0)
         return np.asarray(np.partition(before, _LATEST // 4, axis=2)[..., _LATEST // 4] / quartile)
 
-    def _decide(self, judged: _Judged, begin: int) -> tuple[list[int], int]:
+    def _decide(self, judged: _ScoredReadings, begin: int) -> tuple[list[int], int]:
         """Return the readings that pass, with those before `begin`, and the first one that has to wait."""
         passing: list[int] = list(range(begin))
         suspicious = [*(begin + np.flatnonzero(judged.suspicious[begin:])).tolist(), len(judged) + _LONGEST]
@@ -198,7 +198,7 @@ class Outliers(Generic[Stream]):
         passing += range(place, len(judged))
         return passing, len(judged)
 
-    def _far(self, judged: _Judged, around: list[int], members: range) -> Flags:
+    def _far(self, judged: _ScoredReadings, around: list[int], members: range) -> Flags:
         """Return which of some readings are far from a parabola through others around them."""
         stamp = judged.readings.stamp
         ends = np.clip(around, members[0], members[-1])

@@ -25,7 +25,7 @@ FEWEST = 2  # samples that a rate can be taken from
 
 
 @dataclass(frozen=True)
-class Fit:
+class PolynomialFit:
     """A polynomial fitted to N instants, for any number of signals."""
 
     # values, slopes: (N, d + 1) the polynomials and their derivatives (1/s) at the instants
@@ -41,7 +41,7 @@ class Fit:
         return self.values @ coefficients, self.slopes @ coefficients
 
 
-def fit(time: Array) -> Fit:
+def polynomial_fit(time: Array) -> PolynomialFit:
     """Return the fit for N >= 2 instants (s, increasing): of degree 4, or of as much as they determine."""
     for degree in range(min(_DEGREE, len(time) - 1), 1, -1):
         local, condition = _fitted(time, degree)
@@ -50,7 +50,7 @@ def fit(time: Array) -> Fit:
     return _fitted(time, 1)[0]
 
 
-def _fitted(time: Array, degree: int) -> tuple[Fit, float]:
+def _fitted(time: Array, degree: int) -> tuple[PolynomialFit, float]:
     """Return the fit of a degree to N instants, s, and its condition number."""
     half = 0.5 * (time[-1] - time[0])
     place = (time - time[0]) / half - 1.0
@@ -61,7 +61,7 @@ def _fitted(time: Array, degree: int) -> tuple[Fit, float]:
     off = (place - np.mean(place))[:, None]
     trend = off / np.sqrt(np.mean(off**2))  # independent errors have as large a trend as a mean
     mean, tilt = (float(np.sum((np.mean(part, axis=0) @ solve) ** 2)) for part in (slopes, trend * slopes))
-    return Fit(values, slopes, solve, mean, tilt / mean), float(np.linalg.cond(triangle))
+    return PolynomialFit(values, slopes, solve, mean, tilt / mean), float(np.linalg.cond(triangle))
 
 
 @cache
@@ -75,13 +75,13 @@ def with_rates(window: Samples) -> Samples:
     joints, base = window.missing_rates
     if not joints and not base:
         return window
-    local = fit(window.time)
+    local = polynomial_fit(window.time)
     if joints:
         window = _joint_rates(window, local)
     return _base_rates(window, local) if base else window
 
 
-def _joint_rates(window: Samples, local: Fit) -> Samples:
+def _joint_rates(window: Samples, local: PolynomialFit) -> Samples:
     absent = ~np.all(np.isfinite(window.joint_velocity), axis=0)
     # About a mid-window position: differences of large angles would lose digits.
     middle = window.joint_position[len(window) // 2]
@@ -97,7 +97,7 @@ def _joint_rates(window: Samples, local: Fit) -> Samples:
     )
 
 
-def _base_rates(window: Samples, local: Fit) -> Samples:
+def _base_rates(window: Samples, local: PolynomialFit) -> Samples:
     linear = np.all(np.isfinite(window.base_linear_velocity))
     angular = np.all(np.isfinite(window.base_angular_velocity))
     velocity, rate = _base_slopes(window.base_position, window.base_rotation, local)
@@ -119,7 +119,7 @@ def _base_rates(window: Samples, local: Fit) -> Samples:
     )
 
 
-def _base_slopes(position: Array, rotation: Array, local: Fit) -> tuple[Array, Array]:
+def _base_slopes(position: Array, rotation: Array, local: PolynomialFit) -> tuple[Array, Array]:
     """Return linear and angular velocities (N, 3) m/s, rad/s, odometry axes, by the poses of a window.
 
     Parameters

@@ -43,10 +43,10 @@ class Gate:
         self.epoch = 0
         self.dropped: Counter[str] = Counter()
 
-    def take(self, stamp: int, message: Any) -> int:
+    def add(self, stamp: int, message: Any) -> int:
         """Add a message; return the size (ns) of a jump back in time before it, else 0.
 
-        After a jump back, `messages` holds those before it; `settle` adds those after it.
+        After a jump back, `messages` holds those before it; `confirm_jump` adds those after it.
         """
         newest = self.newest
         if newest is not None and not -self._threshold <= stamp - newest <= self._threshold:
@@ -61,7 +61,7 @@ class Gate:
             self.newest = stamp
         return 0
 
-    def passes(self, stamp: Stamps) -> bool:
+    def all_pass(self, stamp: Stamps) -> bool:
         """Return whether messages with these stamps (N,) all pass at once."""
         if not len(stamp):
             return True
@@ -70,19 +70,19 @@ class Gate:
         steps = stamp - self._newest_before(stamp)
         return bool(np.all(np.abs(steps) <= self._threshold) and np.all(stamp != 0))
 
-    def take_regular(self, stamp: Stamps, messages: Sequence[Any]) -> None:
-        """Add messages that all pass according to `passes`, with their stamps (N,); some may be together."""
+    def add_regular(self, stamp: Stamps, messages: Sequence[Any]) -> None:
+        """Add messages that all pass according to `all_pass`, with their stamps (N,); some may be together."""
         if len(stamp):
             self.messages += messages
             self.newest = max(int(self._newest_before(stamp)[-1]), int(stamp[-1]))
 
-    def settle(self, message: Any) -> None:
+    def confirm_jump(self, message: Any) -> None:
         """Pass the two messages after a jump back: the one held, and `message`, which confirmed it."""
         if self._suspect is not None:
             self.messages += (self._suspect[1], message)
             self._suspect = None
 
-    def take_all(self) -> list[Any]:
+    def pop_all(self) -> list[Any]:
         """Return the messages that have passed and forget them."""
         messages, self.messages = self.messages, []
         return messages
@@ -106,7 +106,7 @@ class Gate:
             self._suspect = None
             self.messages.append(held[1])
             self.newest = held[0]
-            return self.take(stamp, message)
+            return self.add(stamp, message)
         self.epoch += 1
         self.newest = max(held[0], stamp)
         return newest - held[0]

@@ -1,4 +1,4 @@
-"""Joint and base measurements brought to common stamps: the base interpolated to the joints' stamps, never held."""
+"""Joint and base measurements at common stamps: the base is interpolated to the joints' stamps, never held."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mbaid_ros.core.geometry import Array, exp, log
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, Stamps
 from mbaid_ros.core.sensors.base import hermite
 from mbaid_ros.core.sensors.gyro import Gyro
-from mbaid_ros.core.sensors.levels import FoundNoise
+from mbaid_ros.core.sensors.levels import NoiseEstimator
 from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, JOINTS_HELD, Outliers, Repeats, joint_channels
 
 LARGEST_BACKLOG = 100_000  # measurements of one stream waiting for the other: more are memory without an end
@@ -46,7 +46,7 @@ class Synchroniser:
         maximum_gap: float,
         view: Callable[[BaseStream], BaseStream] | None = None,
         gyro: Gyro | None = None,
-        noise: FoundNoise | None = None,
+        noise: NoiseEstimator | None = None,
     ) -> None:
         self._noise = noise
         self._view = view
@@ -92,17 +92,17 @@ class Synchroniser:
 
         Stamps not after their predecessor in the stream are dropped and counted; so are repeated poses and outliers.
         """
-        joints = self._later(joints)
+        joints = self._new_measurements(joints)
         if joints is not None and joints.position.shape[1]:
             joints = self._joint_outliers.push(self._held.push(joints))
         self._joints = self._append(self._joints, joints)
-        new = self._repeats.push(self._later(base))  # a pose is repeated in the frame that it is measured in
+        new = self._repeats.push(self._new_measurements(base))  # a pose is repeated in the frame that it is measured in
         if new is not None and self._view is not None:
             new = self._view(new)
         new = self._outliers.push(new)
         self._base = self._append(self._base, new)
         if self._noise is not None:
-            self._noise.take(joints, new)
+            self._noise.add_readings(joints, new)
         if self._gyro is not None:
             self._gyro.push(imu)
         if self._joints is None or self._base is None:
@@ -134,7 +134,7 @@ class Synchroniser:
         place = int(np.searchsorted(base, newest, side='right'))
         return int(base[place - 1]) if place else _BEFORE_ALL
 
-    def _later(self, new: Stream | None) -> Stream | None:
+    def _new_measurements(self, new: Stream | None) -> Stream | None:
         """Return the measurements whose stamps are after all earlier ones of their stream."""
         if new is None or not len(new.stamp):
             return None
@@ -180,17 +180,17 @@ class Synchroniser:
         samples = replace(hermite(joints, base, (left, right), self._maximum_gap, time, shared), apart=apart)
         if self._gyro is None:
             return samples
-        samples = replace(samples, gyro=self._gyro.sampled(joints.stamp))
+        samples = replace(samples, gyro=self._gyro.integral_at_samples(joints.stamp))
         if not self._gyro.on_base:
             return samples
-        return replace(samples, base_rotation=self._turned(samples, joints.stamp, base, (left, right)))
+        return replace(samples, base_rotation=self._by_gyro(samples, joints.stamp, base, (left, right)))
 
-    def _turned(self, samples: Samples, stamp: Stamps, base: BaseStream, ends: tuple[Stamps, Stamps]) -> Array:
+    def _by_gyro(self, samples: Samples, stamp: Stamps, base: BaseStream, ends: tuple[Stamps, Stamps]) -> Array:
         """Return the orientations (N, 3, 3) between two of the base by the gyro, its error spread evenly in between."""
         assert self._gyro is not None, 'there is an IMU'
         left, right = ends
         (now, at), (begin, first), (end, last) = (
-            self._gyro.at(each) for each in (stamp, base.stamp[left], base.stamp[right])
+            self._gyro.integral_at(each) for each in (stamp, base.stamp[left], base.stamp[right])
         )
         length = base.stamp[right] - base.stamp[left]
         part = ((stamp - base.stamp[left]) / np.where(length > 0, length, 1))[:, None]

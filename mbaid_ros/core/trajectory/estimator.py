@@ -21,7 +21,7 @@ from mbaid_ros.core.results.reporting import Reporting, Solution
 from mbaid_ros.core.results.status import Reason, Verdict, judge, notes
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.robot.momentum import brought, standard
+from mbaid_ros.core.robot.momentum import momentum_change, standard
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import End, Posterior, posterior
 from mbaid_ros.core.trajectory.solution import (
@@ -67,7 +67,7 @@ class TrajectoryEstimator:
             settings.window,
             settings.gyro,
             orientation_measured=settings.orientation_measured,
-            fastest=kernel.springs.fastest,
+            fastest=kernel.springs.highest_frequency,
         )
         self._runs = TargetRuns(kernel, settings, self._plane)
         self._samples = 0
@@ -219,21 +219,21 @@ class TrajectoryEstimator:
         """Return how thrust and orbit have changed the momentum by the end of a window, (6,)."""
         if not window.tide.shape[1]:
             return window.impulse[-1]
-        return brought(window, self._runs.layout.point(state).side.kernel.with_target(state[BODY]))
+        return momentum_change(window, self._runs.layout.point(state).side.kernel.body_parameters(state[BODY]))
 
     def run_slice(self) -> bool:
         """Run a slice of the background work; return whether more is due before the next window."""
         run = self._runs.run
         return run is not None and (run.run_slice() or self._runs.isolation.run_slice())
 
-    def knowledge(self) -> Posterior | None:
+    def posterior(self) -> Posterior | None:
         """Return the posterior at the end of the run; None without a solution, or where nothing locates the base."""
         run, last = self._runs.run, self._last
         if run is None or last is None or not self.settled or not self._settings.located:
             return None
         distribution = run.distribution()
-        settings, brought = self._settings, self._momentum_change(last, distribution.mean)
-        end = End.of(last, settings.noise, settings.window, self._averaging.origin, brought)
+        settings, change = self._settings, self._momentum_change(last, distribution.mean)
+        end = End.of(last, settings.noise, settings.window, self._averaging.origin, change)
         return posterior(self._runs.layout, run.best.hypothesis, distribution, run.prior_scales(distribution), end)
 
     @property

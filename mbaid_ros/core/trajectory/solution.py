@@ -167,7 +167,8 @@ def passive_joints(
     for unknown, *numbers in estimated:
         value, std, prior = (each.reshape(-1, 2) for each in (*numbers, np.linalg.norm(unknown.factor, axis=1)))
     names = [kernel.model.joint_names[joint] for joint in springs.joints]
-    return PassiveJoint.all_of(names, (springs.rate, springs.ratio, prior), value, std, deflections, resolved)
+    declared = springs.frequency, springs.damping_ratio, prior
+    return PassiveJoint.all_of(names, declared, value, std, deflections, resolved)
 
 
 _FAR = 3.0  # standard deviations of its declaration, beyond which a frequency is another thing's
@@ -179,12 +180,12 @@ def implausible(
     """Return why passive joints contradict their declaration; `resolved` (f,): whose frequency the data resolve."""
     model, springs = layout.kernel.model, layout.kernel.springs
     reasons = []
-    away, found = {}, springs.rate / (2.0 * np.pi)
+    away, found = {}, springs.frequency / (2.0 * np.pi)
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, SpringErrors):
             away = dict(zip(unknown.causes, distribution.mean[place].tolist(), strict=True))
             found = found * np.exp((unknown.factor @ distribution.mean[place])[::2])
-    for joint, index, rate, hertz, seen in zip(joints, springs.joints, springs.rate, found, resolved, strict=True):
+    for joint, index, rate, hertz, seen in zip(joints, springs.joints, springs.frequency, found, resolved, strict=True):
         far = abs(away.get(f'{FREQUENCY}:{joint.joint}', 0.0))
         if far > _FAR and seen:
             text = (

@@ -63,11 +63,11 @@ class KnownBodies(Unknown):
         """Return the nominal model with these bodies."""
         change = np.zeros_like(side.kernel.known)
         change[list(self.bodies)] = value.reshape(-1, 10)
-        return replace(side, kernel=side.kernel.corrected(change))
+        return replace(side, kernel=side.kernel.with_body_changes(change))
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return mass, first moment in the plane and moment about its normal, of each."""
-        return np.asarray(block_diag(*(detector.plane_of(body).basis for body in self.bodies)))
+        return np.asarray(block_diag(*(detector.plane_of_body(body).basis for body in self.bodies)))
 
 
 def masses(names: Sequence[str], factor: Array) -> tuple[str, ...]:
@@ -153,14 +153,14 @@ class SpinInertias(Unknown):
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return the momentum of each at a unit spin inertia."""
-        directions = kernel.storage.directions(states.configuration.rotation)
+        directions = kernel.storage.axes_in_odometry(states.configuration.rotation)
         columns = np.zeros((len(directions), 6, kernel.storage.count))
         columns[:, 3:] = np.swapaxes(states.readings[..., None] * directions, 1, 2)
         return columns
 
     def moved(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these spin inertias."""
-        return replace(side, kernel=side.kernel.storing(side.kernel.storage.changed(value)))
+        return replace(side, kernel=side.kernel.with_storage(side.kernel.storage.with_inertia_changes(value)))
 
 
 def spin_inertias(kernel: MomentumKernel, deviations: Sequence[float]) -> SpinInertias:

@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import Link
-from mbaid_ros.core.robot.model_errors import KnownErrors, to_bodies
+from mbaid_ros.core.robot.model_errors import KnownErrors, links_to_bodies
 from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.unknowns.base import (
     LATE,
@@ -110,8 +110,8 @@ def _of_springs(kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[Unkno
     frequency, ratio, start, noise = (part if len(part) else np.zeros(springs.count) for part in parts)
     return (
         spring_errors(names, frequency, ratio),
-        starting_swing(names, start, springs.rate),
-        swing_noise(names, noise, springs.rate, springs.ratio),
+        starting_swing(names, start, springs.frequency),
+        swing_noise(names, noise, springs.frequency, springs.damping_ratio),
     )
 
 
@@ -147,7 +147,7 @@ class CalibratedSide:
     def known_to(self, kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[MomentumKernel, Uncertainty]:
         """Return a kernel with its target and its uncertainty, correlated; the rest of the uncertainty as given."""
         joints = kernel.model.joints
-        bodies, carry = to_bodies(self.links, [link.name for link in kernel.unknown])
+        bodies, carry = links_to_bodies(self.links, [link.name for link in kernel.unknown])
         whole = block_diag(carry, np.eye(6 * joints + 6))
         covariance, mount = whole @ self.covariance @ whole.T, self.mount
         if uncertainty.gyro is not None and uncertainty.gyro.alone:
@@ -175,7 +175,7 @@ class CalibratedSide:
         )
         known = known.beside(others, before=int(np.count_nonzero(units[:-6])))
         known = known.beside(sensing, before=len(known.mean))
-        doubted = kernel.with_uncertainty(KnownErrors(bodies, diagonal(of_bodies)))
+        doubted = kernel.with_errors(KnownErrors(bodies, diagonal(of_bodies)))
         return doubted, replace(
             uncertainty,
             zeros=zeros.tolist(),

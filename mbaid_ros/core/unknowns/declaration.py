@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, moved_base
+from mbaid_ros.core.geometry import Array, mounted_base
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples
@@ -37,7 +37,7 @@ class NominalModel:
         """Return samples of the base's own frame: q + zeros, p + R mu_p and R Exp(mu_R); delayed as they are."""
         if not (np.any(self.zeros) or np.any(self.mount)):
             return samples
-        rotation, away, linear = moved_base(
+        rotation, away, linear = mounted_base(
             samples.base_rotation, samples.base_linear_velocity, samples.base_angular_velocity, self.mount
         )
         return replace(
@@ -251,7 +251,7 @@ def diagonal(deviations: Sequence[float] | Array) -> Array:
 
 def twist_in_plane(detector: PlaneDetector) -> Array:
     """Return the (6, 3) basis of the base's planar twists: the turn about the normal, two directions in the plane."""
-    plane = detector.plane_of(0)
+    plane = detector.plane_of_body(0)
     basis = np.zeros((6, 3))
-    basis[:3, 0], basis[3:, 1:] = plane.normal, plane.across.T
+    basis[:3, 0], basis[3:, 1:] = plane.normal, plane.axes.T
     return basis

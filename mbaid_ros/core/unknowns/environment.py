@@ -19,7 +19,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, cross, skew, unvec
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.robot.momentum import OF_A_THRUSTER
+from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS
 from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.core.unknowns.declaration import Linear, NominalModel, Reading, Unknown, Words, diagonal
 
@@ -128,7 +128,7 @@ class OrbitShape(_Pushing):
         orbit = self.circle.orbit
         gradient, normal = orbit.gradient(time), skew(orbit.normal)
         brought = rates_by(gradient[:, None], whole, origin)
-        if orbit.turning:
+        if orbit.is_rotating:
             # The run's origin is read turned, too.
             turned: Array = np.concatenate((normal @ brought[:, :3], normal @ brought[:, 3:]), axis=1)
             turned[:, 3:] += skew(np.cross(orbit.normal, origin)) @ brought[:, :3]
@@ -141,7 +141,7 @@ class OrbitShape(_Pushing):
         """Return the rotation of a co-rotating frame back, about its own origin."""
         pose: Array = np.zeros((len(motion.time), 6, 3))
         twist: Array = pose
-        if self.circle.orbit.turning:
+        if self.circle.orbit.is_rotating:
             normal = np.broadcast_to(self.circle.orbit.normal, motion.position.shape)
             turn = np.concatenate((normal, cross(normal, motion.origin + motion.position)), axis=1)[..., None]
             ahead, faster, _ = self._orbit_sensitivity(motion.time)
@@ -181,7 +181,7 @@ class Pushing:
             return base
         if self.axes == 'inertial' or self.orbit is None:
             return np.broadcast_to(np.eye(3), base.shape)
-        down = -self.orbit.upward(time)
+        down = -self.orbit.zenith_at(time)
         across = np.broadcast_to(-self.orbit.normal, down.shape)
         return np.stack((cross(across, down), across, down), axis=-1)
 
@@ -220,8 +220,8 @@ class ExternalTorque(_Pushing):
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return the one about the normal."""
         if self.pushing.axes == 'body':
-            return np.asarray(detector.plane_of(0).normal[:, None])
-        return detector.rows()[2:, 3:].T
+            return np.asarray(detector.plane_of_body(0).normal[:, None])
+        return detector.equation_selection()[2:, 3:].T
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,8 +249,8 @@ class ExternalForce(ExternalTorque):
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return the two in the plane."""
         if self.pushing.axes == 'body':
-            return np.asarray(detector.plane_of(0).across.T)
-        return detector.rows()[:2, :3].T
+            return np.asarray(detector.plane_of_body(0).axes.T)
+        return detector.equation_selection()[:2, :3].T
 
 
 def _varying(name: str) -> str:
@@ -286,5 +286,5 @@ class Thrusters(Unknown):
 def thrusters(frames: Sequence[str], scale_std: float, direction_std: float, delay_std: float) -> Thrusters:
     """Return thrusters by their frames as an unknown; relative, rad about each axis and s; 0 is exact."""
     deviations = np.tile([scale_std, *(direction_std,) * 3, delay_std], len(frames))
-    labels = tuple(f'thrust:{frame}' for frame in frames for _ in range(OF_A_THRUSTER))
+    labels = tuple(f'thrust:{frame}' for frame in frames for _ in range(THRUSTER_ERRORS))
     return Thrusters(diagonal(deviations), labels, tuple(frames))

@@ -58,11 +58,9 @@ class SpringErrors(_OfSprings):
         springs, each = side.kernel.springs, value.reshape(-1, 2)
         if not springs.count:
             return side
-        rate = springs.rate * np.exp(each[:, 0])
-        return replace(
-            side,
-            kernel=side.kernel.swinging(replace(springs, rate=rate, ratio=np.maximum(springs.ratio + each[:, 1], 0.0))),
-        )
+        rate = springs.frequency * np.exp(each[:, 0])
+        ratio = np.maximum(springs.damping_ratio + each[:, 1], 0.0)
+        return replace(side, kernel=side.kernel.with_springs(replace(springs, frequency=rate, damping_ratio=ratio)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +76,8 @@ class StartingSwing(_OfSprings):
         springs = side.kernel.springs
         if not springs.count:
             return side
-        return replace(
-            side, kernel=side.kernel.swinging(replace(springs, start=springs.start + value.reshape(-1, 2).T))
-        )
+        state = springs.initial_state + value.reshape(-1, 2).T
+        return replace(side, kernel=side.kernel.with_springs(replace(springs, initial_state=state)))
 
 
 @dataclass(frozen=True, eq=False)

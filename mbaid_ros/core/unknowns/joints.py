@@ -71,16 +71,17 @@ class JointPlacements(Unknown):
         """Return the nominal model with these placements."""
         each = value.reshape(-1, _PLACEMENT_NUMBERS)
         tilts = (self.across @ each[:, 4:, None])[..., 0]
-        return replace(side, kernel=side.kernel.displaced(each[:, 1:4], tilts), zeros=side.zeros + each[:, 0])
+        kernel = side.kernel.with_displaced_joints(each[:, 1:4], tilts)
+        return replace(side, kernel=kernel, zeros=side.zeros + each[:, 0])
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return the zeros, the displacements in the plane, and the tilts of the axes that slide within it."""
         blocks = []
         for joint, slides in enumerate(detector.model.prismatic):
-            plane = detector.plane_of(joint + 1)
+            plane = detector.plane_of_body(joint + 1)
             block = np.zeros((_PLACEMENT_NUMBERS, 4))
             block[0, 0] = 1.0
-            block[1:4, 1:3] = plane.across.T
+            block[1:4, 1:3] = plane.axes.T
             block[4:, 3] = self.across[joint].T @ plane.normal
             blocks.append(block if slides else block[:, :3])
         return np.asarray(block_diag(*blocks))

@@ -92,7 +92,7 @@ class Gyro(Unknown):
     def _normal(self, detector: PlaneDetector) -> Array:
         """Return the normal of the plane of motion in its axes, (3,)."""
         if self.errors.link is None:
-            return detector.plane_of(0).normal
+            return detector.plane_of_body(0).normal
         plane = detector.plane(self.errors.link)
         assert plane is not None, 'the motion is planar'
         return plane.normal

@@ -14,7 +14,7 @@ def calibration_page(result: Calibrated) -> str:
     look = 'wrong' if result.contradicted else 'bad' if result.warnings else 'good'
     parts = [
         paragraph(', '.join(one_line(motion.bag) for motion in result.motions), 'note'),
-        listed(result.survey.lines, 'model'),
+        listed(result.model_summary.lines, 'model'),
         paragraph(headline(result), f'verdict {look}'),
         listed(result.warnings, 'warnings'),
         *(paragraph(each) for each in sentences(result)),
@@ -30,9 +30,9 @@ def calibration_page(result: Calibrated) -> str:
 
 def _body(link: LinkResult) -> str:
     head = ('', 'CAD', 'std', 'calibrated', 'std', 'moved, prior std', 'learnt, %', 'unit')
-    columns = link.cad, link.prior_std, link.parameters, link.std, link.moved
+    columns = link.cad, link.prior_std, link.parameters, link.std, link.shift_in_prior_stds
     cells = [
         (name, *map(number, values, (6, 2, 6, 2, 2)), f'{100 * learnt:.0f}', unit)
-        for name, *values, learnt, unit in zip(PARAMETERS, *columns, link.learnt, UNITS, strict=True)
+        for name, *values, learnt, unit in zip(PARAMETERS, *columns, link.variance_reduction, UNITS, strict=True)
     ]
     return folded(link.name, table(head, cells))

@@ -59,7 +59,7 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
     look = 'wrong' if run.contradicted else 'good' if run.reached and run.final.status in _GOOD else 'bad'
     parts = [
         f'<h2><code>{text(run.bag)}</code></h2>',
-        '' if run.survey is None else listed(run.survey.lines, 'model'),
+        '' if run.model_summary is None else listed(run.model_summary.lines, 'model'),
         paragraph(
             f'{sentence[0].upper()}{sentence[1:]}.{_disturbed(run)}{_accuracy(run, matching)}', f'verdict {look}'
         ),

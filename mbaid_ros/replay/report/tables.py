@@ -147,7 +147,7 @@ def noise(levels: SensorLevels | None) -> str:
         return ''
     rows = [
         (name.replace('_', ' '), *('' if math.isnan(each) else f'{each:.2g}' for each in pair), unit)
-        for name, *pair, unit in zip(CHANNELS, levels.declared, levels.found, CHANNEL_UNITS, strict=True)
+        for name, *pair, unit in zip(CHANNELS, levels.declared, levels.estimated, CHANNEL_UNITS, strict=True)
     ]
     head = ('sensor', 'declared', 'estimated', 'unit')
     return '<h3>Noise of a reading</h3>' + table(head, rows) + listed(levels.differences())

@@ -26,7 +26,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.two_stage import YOUNG
+from mbaid_ros.core.two_stage import FIRST_ESTIMATE
 from mbaid_ros.replay.campaigns.statistics import QUANTILE, nees
 from mbaid_ros.sensor_messages import joints_of, poses_of
 from mbaid_ros.session.session import Session
@@ -113,7 +113,7 @@ def _outcome(history: list[Estimate], sought: Array, since: float) -> Outcome:
     published = np.array([each.status in PUBLISHED and each.time > since for each in history])
     given = published[:, None] & np.isfinite(error) & (std > 0.0)
     deviation = np.max(np.abs(np.divide(error, std, out=np.zeros(error.shape), where=given)), axis=1)
-    young = np.array([YOUNG in each.warnings for each in history])
+    young = np.array([FIRST_ESTIMATE in each.warnings for each in history])
     later = np.where(young, 0.0, deviation)
     time = np.array([each.time for each in history])
     causes, events = [cause for cause, _ in last.causes], [event.cause for event in last.events]

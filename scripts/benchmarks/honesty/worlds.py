@@ -16,7 +16,7 @@ from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import express, load_model, parse
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
 from mbaid_ros.simulation.dynamics import State
-from mbaid_ros.simulation.environment import Springs, Surroundings
+from mbaid_ros.simulation.environment import Environment, Springs
 from mbaid_ros.simulation.motion import Driven
 from mbaid_ros.simulation.simulation import Simulation, Truth
 
@@ -93,7 +93,7 @@ class _Following(Driven):
         del position, velocity
         return self.reference(time)[2]
 
-    def later(self, time: float) -> _Following:
+    def from_time(self, time: float) -> _Following:
         """Return the motion from a time on, s."""
         return _Following(lambda times: self.path(times + time), self.driven)
 
@@ -115,13 +115,13 @@ def swing(world: World) -> Truth:
     moved = 1.0 / np.diag(np.linalg.inv(mass()[np.ix_(free, free)]))[6:]
     turn, ratio = (np.array([getattr(each, name) for each in springs]) for name in ('frequency', 'damping'))
     turn = 2.0 * np.pi * turn
-    around = Surroundings(springs=Springs(np.flatnonzero(~driven), moved * turn**2, 2.0 * ratio * moved * turn))
+    around = Environment(springs=Springs(np.flatnonzero(~driven), moved * turn**2, 2.0 * ratio * moved * turn))
     position[~driven] = [spring.deflection for spring in springs]
     matrix = mass()
     twist = _start_twist(matrix[:6, :6], matrix[:6, 6:] @ rate, world.spin)
     start = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), position, np.concatenate((twist, rate)))
     following: Any = _Following(world.path, driven)  # without a reference, which springs have not
-    run = Simulation(robot, following, start, surroundings=around)
+    run = Simulation(robot, following, start, environment=around)
     return run.advance(np.arange(round(world.seconds * world.rate) + 1) / world.rate)
 
 

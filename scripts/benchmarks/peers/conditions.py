@@ -190,6 +190,6 @@ class Stopping(Driven):
         position, velocity, acceleration = self.motion.reference(own)
         return position, pace * velocity, pace * pace * acceleration + change * velocity
 
-    def later(self, time: float) -> Stopping:
+    def from_time(self, time: float) -> Stopping:
         """Return the same motion, begun at a time (s) of this one."""
         return Stopping(self.motion, self.begin + time)

@@ -16,16 +16,16 @@ from mbaid_ros.core.geometry import Array, vec
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import Link, RobotModel
-from mbaid_ros.core.robot.model_errors import BodyDeviations, ModelErrors, calibrated
+from mbaid_ros.core.robot.model_errors import BodyDeviations, ModelErrors, calibrated_errors
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.simulation.simulation import Truth
-from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
+from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator, true_robot
 from observed import MID, configured_motion, estimator, kernel, nees, observe, true_body, windows
 from servicers import PRIORS, all_unknown, free_motion, motion_of, standard_parameters
 from simulated import robot
 
-SIZES = ErrorSizes(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
+SIZES = ErrorStds(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
 SERVICER = Uncertainty([1e-3] * 7, [1e-3] * 7, [1e-3] * 7, 2e-3, 2e-3, time_offset=1e-3)
 TABLE = Uncertainty([1e-3] * 4, [1e-3] * 4, [0.0] * 4, 2e-3, 2e-3)
 
@@ -34,7 +34,7 @@ def planar_basis(found: Calibration, link: Link) -> Array:
     """Return the (10, 4) orthonormal basis of what planar motion can tell of a link: mass, first moment, moment."""
     kernel = found.kernel
     configuration = kernel.kinematics.configure(np.eye(3)[None], np.zeros((1, kernel.model.joints)))
-    normal = configuration.link(link)[0][0].T @ np.asarray(found.normal)
+    normal = configuration.link_pose(link)[0][0].T @ np.asarray(found.normal)
     basis = np.zeros((10, 4))
     basis[0, 0] = 1.0
     basis[1:4, 1:3] = np.linalg.svd(normal[None])[2][1:].T
@@ -43,17 +43,17 @@ def planar_basis(found: Calibration, link: Link) -> Array:
     return basis
 
 
-def errors_of(seed: int, sizes: ErrorSizes = SIZES) -> ModelErrors:
+def errors_of(seed: int, sizes: ErrorStds = SIZES) -> ModelErrors:
     return draw(free_model(), 'link7', sizes, generator(seed))
 
 
 @cache
-def moved(errors: tuple[int, ErrorSizes], seed: int, seconds: float) -> Truth:
+def moved(errors: tuple[int, ErrorStds], seed: int, seconds: float) -> Truth:
     """Return a motion of the free arm of a robot that is not its URDF."""
     return motion_of(true_robot(free_model(), errors_of(*errors), ('link7',)), seed, seconds)
 
 
-def data(robot_seed: int, seed: int, seconds: float = 40.0, sizes: ErrorSizes = SIZES) -> list[Samples]:
+def data(robot_seed: int, seed: int, seconds: float = 40.0, sizes: ErrorStds = SIZES) -> list[Samples]:
     errors = (robot_seed, sizes)
     return windows(observe(moved(errors, seed, seconds), MID, seed, errors_of(*errors)))
 
@@ -65,7 +65,7 @@ def wrong(model: RobotModel, errors: ModelErrors) -> Array:
     return np.concatenate((np.column_stack((errors.zeros, errors.origins, tilts)).ravel(), errors.mount))
 
 
-def found_of(seed: int, sizes: ErrorSizes = SIZES) -> tuple[Calibration, Array]:
+def found_of(seed: int, sizes: ErrorStds = SIZES) -> tuple[Calibration, Array]:
     """Return the calibration of a drawn robot, and the errors of all its values."""
     cad = perturbed(free_model(), PRIORS, seed)
     run = data(seed, 10 + seed, sizes=sizes)
@@ -79,7 +79,7 @@ def test_links_joints_and_mount_are_found_within_their_covariance() -> None:
     squares, deviations, learnt = 0.0, [], []
     for seed in range(3):
         found, error = found_of(seed)
-        assert found.settled
+        assert found.converged
         assert found.residual == pytest.approx(1.0, abs=0.1)
         squares += float(error @ np.linalg.solve(found.block_covariance, error))
         deviations.append(error / found.stds)
@@ -98,13 +98,13 @@ def test_links_joints_and_mount_are_found_within_their_covariance() -> None:
 
 def test_zeros_further_off_than_declared_are_reported_and_widen_the_prior_to_come() -> None:
     found, error = found_of(3, replace(SIZES, zero_std=3e-3))
-    assert dict(found.further_off)['zero'] > 2.0
+    assert dict(found.prior_scales)['zero'] > 2.0
     assert np.abs(error / found.stds).max() < 4.0
     assert float(error @ np.linalg.solve(found.block_covariance, error)) < chi2.isf(1e-4, len(error))
     # What a run goes on with is as wide.
     declared, _ = found_of(3)
     assert found.stds[80:-6:6].mean() > 1.2 * declared.stds[80:-6:6].mean()
-    assert not dict(declared.further_off)
+    assert not dict(declared.prior_scales)
 
 
 @pytest.mark.parametrize('seed', [3, 4])
@@ -112,7 +112,7 @@ def test_a_planar_robot(seed: int) -> None:
     """CAD has its bodies' centres of mass off across the plane, too, which its motion knows nothing of."""
     model = robot('table1')
     rng = np.random.default_rng(seed)
-    none = ModelErrors.none(4)
+    none = ModelErrors.zero(4)
     origins, mount = 1e-3 * rng.normal(size=(4, 3)), 2e-3 * rng.normal(size=6)
     origins[:, 2] = mount[[0, 1, 5]] = 0.0
     errors = ModelErrors(none.bodies, 1e-3 * rng.normal(size=4), origins, none.tilts, mount)
@@ -157,7 +157,7 @@ def servicers() -> list[MomentumKernel]:
         values = found.theta.reshape(-1, 10)
         links = tuple(replace(link, parameters=own) for link, own in zip(cad.links, values, strict=True))
         robot = MomentumKernel(replace(cad, links=links), 'link7')
-        made.append(robot.with_uncertainty(calibrated(links, found.covariance, ['link7'])))
+        made.append(robot.with_errors(calibrated_errors(links, found.covariance, ['link7'])))
     return made
 
 

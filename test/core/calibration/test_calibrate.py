@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from benchmarks.precapture import GENERAL, WEIGHED, factors, free_model, free_urdf, perturbed
 from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.calibration.iteration import Motion, converge
-from mbaid_ros.calibration.misfit import Misfit, corrected
+from mbaid_ros.calibration.misfit import Misfit, bias_corrected
 from mbaid_ros.calibration.result import Calibration
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.core.filter.state import BODY
@@ -157,7 +157,7 @@ def test_in_a_plane_what_lies_out_of_it_stays_at_cad(planar: Truth) -> None:
         assert link.parameters[3] == pytest.approx(
             link.cad[3], abs=1e-9 if link.consistency_correction == 0.0 else 1e-3
         )
-        assert link.stayed[[4, 5, 6, 7, 8]].all()
+        assert link.is_prior[[4, 5, 6, 7, 8]].all()
     squares = normalised(found.theta - standard_parameters(model), found.covariance)
     assert chi2.ppf(1e-5, 50) < squares < chi2.isf(1e-5, 50)
 
@@ -195,7 +195,7 @@ def test_encoders_that_are_found_to_be_noisy_do_not_move_the_joints() -> None:
     run = windows(replace(observe(at_rest(), noise, 0), noise=found_in))
     unknown = all_unknown(servicer)
     found = calibrate(unknown, [run], CalibrationSettings(MID, factors(unknown, PRIORS)))
-    assert found.still == servicer.joint_names
+    assert found.at_rest == servicer.joint_names
     assert found.determined == 0
 
 
@@ -203,10 +203,10 @@ def test_a_robot_at_rest_says_nothing() -> None:
     servicer = perturbed(free_model(), PRIORS, 1)
     found = calibrated(servicer, at_rest(), 0)
     assert found.determined == 0
-    assert found.still == servicer.joint_names
+    assert found.at_rest == servicer.joint_names
     for link in found.links:
-        assert link.stayed.all()
-        assert np.abs(link.moved).max() < 0.3
+        assert link.is_prior.all()
+        assert np.abs(link.shift_in_prior_stds).max() < 0.3
 
 
 def test_every_body_can_exist_even_where_data_and_prior_say_little() -> None:
@@ -229,7 +229,7 @@ def test_every_body_can_exist_even_where_data_and_prior_say_little() -> None:
 
 def test_where_a_torque_varies_the_misfit_is_least_at_the_solution() -> None:
     robot_kernel = MomentumKernel(free_model(), 'link7')
-    prior = robot_kernel.target.parameters
+    prior, detector = robot_kernel.target.parameters, PlaneDetector(robot_kernel.model)
     scale = 0.05 * np.maximum(np.abs(prior), 0.01)
     uncertainty = Uncertainty(target=KnownTarget(prior, np.diag(scale)), torque=Pushing(0.3, 30.0))
     run = windows(observe(free_motion(1, 10.0), HIGH, 0))
@@ -241,22 +241,20 @@ def test_where_a_torque_varies_the_misfit_is_least_at_the_solution() -> None:
         replace(each, impulse=each.impulse + np.column_stack((np.zeros((len(part), 3)), part)))
         for each, part in zip(run, parts, strict=True)
     ]
-    motion = Motion.of(run, robot_kernel, PlaneDetector(robot_kernel.model), uncertainty, (HIGH, 0.5, 0.0, True))
-    settled = converge([motion], prior)
-    assert motion.pushed
-    assert settled.stays
+    motion = Motion.from_windows(run, robot_kernel, detector, uncertainty, (HIGH, 0.5, 0.0, True))
+    solution = converge([motion], prior)
+    assert motion.has_disturbance
+    assert solution.converged
     body = motion.variables.spread[BODY.start :, motion.variables.head :]
-    deviation = np.linalg.norm(body @ settled.passed.factor, axis=1)
-    misfit = Misfit([motion], settled.common, deviation, settled.momenta)
+    deviation = np.linalg.norm(body @ solution.iteration.factor, axis=1)
+    misfit = Misfit([motion], solution.common, deviation, solution.momenta)
 
     def lost(mean: Array) -> float:
         common = body @ mean
         distance = (common[:10] - prior) / scale
-        return misfit.of(common) + float(distance @ distance)
+        return misfit.value_at(common) + float(distance @ distance)
 
-    before, after = settled.passed.mean, corrected([motion], settled).passed.mean
-    step = (after - before) @ np.linalg.pinv(settled.passed.factor @ settled.passed.factor.T) @ (after - before)
+    before, after = solution.iteration.mean, bias_corrected([motion], solution).iteration.mean
+    step = (after - before) @ np.linalg.pinv(solution.iteration.factor @ solution.iteration.factor.T) @ (after - before)
     assert 0.01 < step < 9.0  # it matters
-    least = lost(after)
-    assert least < lost(before) - 0.5 * step
-    assert least < lost(2.0 * after - before)
+    assert lost(after) < min(lost(before) - 0.5 * float(step), lost(2.0 * after - before))

@@ -212,7 +212,7 @@ def measured(name: str, noise: str = 'mid') -> Samples:
 def reasons(samples: Samples, name: str) -> tuple[list[str], list[Samples]]:
     """Return what the checks find in all windows of a robot, and the windows that they pass on."""
     checks = WindowChecks([twist_check(), HeldBase(kernel(name))], JointRates(robot(name).joint_names))
-    passed = checks.applied(windows(samples))
+    passed = checks.with_valid_rates(windows(samples))
     return [each.text for each in checks.reasons(passed[-1].time[-1])], passed
 
 
@@ -248,7 +248,7 @@ def test_a_heavy_arm_in_the_robot_description_is_no_held_base() -> None:
     described = kernel('servicer7')
     change = 999.0 * described.known
     change[0] = 0.0
-    held = HeldBase(described.corrected(change))
+    held = HeldBase(described.with_body_changes(change))
     assert [held.update(each) for each in windows(measured('servicer7'))] == [None] * 30
 
 

@@ -244,7 +244,7 @@ def wrong(robot: MomentumKernel, truth: Truth, seed: int, relative: float, **par
     """Return the estimate with known bodies that are off by a relative standard deviation."""
     rng = np.random.default_rng([seed, 1])
     sizes = np.array([body_sizes(body) if body[0] > 0.0 else np.zeros(10) for body in robot.known])
-    off = robot.corrected(relative * rng.normal(size=sizes.shape) * sizes)
+    off = robot.with_body_changes(relative * rng.normal(size=sizes.shape) * sizes)
     return estimator(off, MID, **parameters).update(windows(observe(truth, MID, seed)), 0)[-1]
 
 

@@ -48,13 +48,13 @@ def test_the_columns_of_known_bodies_are_what_their_errors_do(spatial: Truth) ->
     servicer, parts = kernel('servicer7'), windows(observe(spatial, MID))[:4]
     rng = np.random.default_rng(0)
     factor = rng.normal(size=(20, 3))
-    doubtful = servicer.with_uncertainty(KnownErrors((0, 3), factor))
+    doubtful = servicer.with_errors(KnownErrors((0, 3), factor))
     considered = ConsiderParameters(doubtful, [bodies_of(doubtful)])
     error = rng.normal(size=3)
     change = np.zeros_like(servicer.known)
     change[[0, 3]] = (factor @ error).reshape(2, 10)
     origin = np.zeros(3)
-    plain, moved = (window_rows(robot, parts, MID, origin) for robot in (servicer, servicer.corrected(change)))
+    plain, moved = (window_rows(robot, parts, MID, origin) for robot in (servicer, servicer.with_body_changes(change)))
     assert considered.columns(parts, np.zeros(10)) @ error == pytest.approx(moved.offset - plain.offset, abs=1e-9)
 
 

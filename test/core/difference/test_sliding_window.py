@@ -8,7 +8,7 @@ import pytest
 from linear_problems import EQUATIONS, TRUE, UNKNOWNS, linear_blocks, noisy_blocks
 from mbaid_ros.core.difference import errors_in_variables as eiv
 from mbaid_ros.core.difference.conservation import Conservation, momentum_jumps, noise_covariance
-from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, Sums
+from mbaid_ros.core.difference.errors_in_variables import Blocks, Linearisation, NormalSums
 from mbaid_ros.core.difference.marginalised import MarginalisedPrior
 from mbaid_ros.core.difference.sliding_window import SlidingWindow
 from mbaid_ros.core.geometry import Array
@@ -50,7 +50,7 @@ def test_all_windows_lead_to_the_maximum() -> None:
 def test_marginalising_a_linear_problem_changes_nothing(length: int) -> None:
     blocks = linear_blocks(40, 1)
     likelihood = slid(blocks, length)
-    information, right_side = Sums(blocks, TRUE).weighted(compensate=False)
+    information, right_side = NormalSums(blocks, TRUE).weighted(compensate=False)
     assert likelihood.x == pytest.approx(np.linalg.solve(information + PRIOR, right_side), rel=1e-7)
     # Its form around the solution is that of all windows.
     linear = likelihood.add(linear_blocks(1, 2))

@@ -12,7 +12,7 @@ from benchmarks.data import Case, momentum_of, motion, observed
 from checked import central_difference
 from linear_problems import EQUATIONS, TRUE, UNKNOWNS, exact_blocks, noise_information, noisy_blocks, with_errors
 from mbaid_ros.core.difference import errors_in_variables as eiv
-from mbaid_ros.core.difference.errors_in_variables import Sums
+from mbaid_ros.core.difference.errors_in_variables import NormalSums
 from mbaid_ros.core.difference.window_rows import window_rows
 from mbaid_ros.core.geometry import Array, exp, skew
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -198,7 +198,7 @@ def test_noise_in_the_coefficients_biases_plain_least_squares_only() -> None:
     blocks = noisy_blocks(4000, 5, 0.3, 0.3)
 
     def solve(*, compensate: bool) -> tuple[Array, float]:
-        information, right_side = Sums(blocks, TRUE).weighted(compensate=compensate)
+        information, right_side = NormalSums(blocks, TRUE).weighted(compensate=compensate)
         solution = np.linalg.solve(information, right_side)
         return solution, normalised(solution - TRUE, information)
 
@@ -220,7 +220,7 @@ def test_the_compensated_form_is_right_on_average_wherever_its_weights_are_taken
     exact = exact_blocks(6, 10, 0.4, 0.3)
     rng = np.random.default_rng(11)
     far, spread = TRUE + np.array([3.0, -2.0, 1.0, 2.0]), 0.5 * np.eye(UNKNOWNS)
-    draws = [eiv.compensated(with_errors(exact, rng), far, spread)[0] for _ in range(4000)]
+    draws = [eiv.bias_compensated(with_errors(exact, rng), far, spread)[0] for _ in range(4000)]
     information = np.array([draw.information for draw in draws])
     slope = np.array([draw.gradient + draw.information @ TRUE for draw in draws])
     costs = np.array([draw.cost + 2.0 * draw.gradient @ TRUE + TRUE @ draw.information @ TRUE for draw in draws])
@@ -247,7 +247,7 @@ NOTHING = 1e-12 * np.eye(UNKNOWNS)
 @pytest.mark.parametrize('seed', range(5))
 def test_noise_in_the_coefficients_does_not_bias_it(seed: int) -> None:
     blocks = noisy_blocks(4000, seed, 0.3, 0.3)
-    found = Sums(blocks, TRUE).total_least_squares(NOTHING, NOWHERE)
+    found = NormalSums(blocks, TRUE).total_least_squares(NOTHING, NOWHERE)
     linear = eiv.maximum_likelihood(blocks, TRUE)
     own = linear.information - noise_information(blocks, TRUE)
     # Chi-square of four unknowns: 18 is exceeded once in a thousand draws. Plain least squares is 500 and more off.

@@ -14,7 +14,7 @@ from mbaid_ros.core.robot.kinematics import Springs
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.simulation import environment as simulated
 from mbaid_ros.simulation.dynamics import State
-from mbaid_ros.simulation.environment import Surroundings
+from mbaid_ros.simulation.environment import Environment
 from mbaid_ros.simulation.motion import Passive
 from mbaid_ros.simulation.simulation import Simulation, Truth
 from observed import MID, estimator, nees, observe, true_body, windows
@@ -28,7 +28,7 @@ class Swinging:
     def __init__(self, urdf: str, joints: tuple[str, ...], frequencies: tuple[float, ...], seconds: float) -> None:
         self.model: RobotModel = load_model(urdf)
         self.joints = [self.model.joint_names.index(name) for name in joints]
-        self.springs = simulated.Springs.of(self.model, joints, frequencies, [DAMPING] * len(joints))
+        self.springs = simulated.Springs.from_frequencies(self.model, joints, frequencies, [DAMPING] * len(joints))
         position, rate = np.full(self.model.joints, 0.4), 0.03 * np.cos(1.3 * np.arange(self.model.joints))
         position[self.joints], rate[self.joints] = 0.01 * np.cos(np.arange(len(joints))), 0.0
         velocity = np.concatenate(([0.001, -0.002, 0.0, 0.01, -0.015, 0.02], rate))
@@ -37,8 +37,8 @@ class Swinging:
 
     def ours(self) -> Truth:
         """Return the motion by our simulator."""
-        around = Surroundings(springs=self.springs)
-        return Simulation(self.model, Passive(), self.start, surroundings=around).advance(self.instants)
+        around = Environment(springs=self.springs)
+        return Simulation(self.model, Passive(), self.start, environment=around).advance(self.instants)
 
     def theirs(self) -> Truth:
         """Return the motion by MuJoCo."""
@@ -67,7 +67,7 @@ def found(case: Swinging, frequencies: tuple[float, ...], seed: int) -> tuple[fl
         part[:, case.joints] = 0.0  # which nothing reports
     rates = 2.0 * np.pi * np.array(frequencies)
     declared = Springs(tuple(case.joints), rates, np.full(len(rates), DAMPING), np.zeros((2, len(rates))))
-    kernel = MomentumKernel(case.model, 'link7').swinging(declared)
+    kernel = MomentumKernel(case.model, 'link7').with_springs(declared)
     names = [case.model.joint_names[joint] for joint in case.joints]
     given = {f'flexible.{name}.frequency': each for name, each in zip(names, frequencies, strict=True)}
     parameters = {'method': 'trajectory', 'flexible.joints': names, **given}

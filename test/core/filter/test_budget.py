@@ -28,7 +28,7 @@ from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.simulated_robot import make_initial_state, make_motion
 from mbaid_ros.simulation.simulation import Simulation, Truth
-from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator, true_robot
+from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator, true_robot
 from observed import MID, configured_motion, estimator, kernel, observe, windows
 
 
@@ -170,7 +170,7 @@ BASE = physical(load_model(URDF).link('base_link').parameters)
 def observed(links: float) -> Samples:
     """Return a minute of the base; but for the links the robot is drawn as the defaults say."""
     nominal = load_model(URDF)
-    errors = draw(nominal, 'base_link', ErrorSizes(links, 1e-3, 1e-3, 1e-3, MOUNT, 2e-3), generator(SEED))
+    errors = draw(nominal, 'base_link', ErrorStds(links, 1e-3, 1e-3, 1e-3, MOUNT, 2e-3), generator(SEED))
     config = build(
         SimulatorConfig,
         {

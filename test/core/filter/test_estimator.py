@@ -14,7 +14,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build, values_of
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.identifier import Estimator, knowledge_of
+from mbaid_ros.core.identifier import Estimator, posterior_of
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -24,7 +24,7 @@ from mbaid_ros.session.continuation import continuation_as_json, read_continuati
 from mbaid_ros.session.known_robot import KnownRobot, with_known_errors
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.simulation.simulation import Truth
-from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
+from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator
 from observed import HIGH, MID, configured_motion, kernel, nees, observe, true_body, windows
 from simulated import robot
 
@@ -114,13 +114,13 @@ def made(before: Continuation | None = None) -> tuple[Estimator, MomentumKernel]
 
 def halves(seed: int) -> tuple[list[Samples], list[Samples]]:
     """Return the windows of a motion in two halves, of a robot that is not its URDF."""
-    errors = draw(robot('servicer7'), 'link7', ErrorSizes(0.01, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3), generator(seed))
+    errors = draw(robot('servicer7'), 'link7', ErrorStds(0.01, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3), generator(seed))
     seen = windows(observe(configured_motion('servicer7', 24.0, 20.0, errors), MID, seed, errors))
     return seen[: len(seen) // 2], seen[len(seen) // 2 :]
 
 
 def left_by(method: Estimator) -> Continuation:
-    known = knowledge_of(method)
+    known = posterior_of(method)
     assert known is not None
     return known.continuation
 

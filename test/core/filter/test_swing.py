@@ -22,8 +22,8 @@ from mbaid_ros.core.trajectory.solution import soft_grasps
 from mbaid_ros.core.unknowns.bodies import known_bodies
 from mbaid_ros.core.unknowns.flexible import spring_errors, starting_swing, swing_noise
 from mbaid_ros.simulation.dynamics import State
+from mbaid_ros.simulation.environment import Environment
 from mbaid_ros.simulation.environment import Springs as SimulatedSprings
-from mbaid_ros.simulation.environment import Surroundings
 from mbaid_ros.simulation.motion import Passive
 from mbaid_ros.simulation.simulation import Simulation, total_momentum
 from observed import MID, observe, windows
@@ -50,17 +50,16 @@ class Case:
         position[list(places)], rate[list(places)] = 0.02, 0.01
         twist = [0.001, -0.002, 0.0, 0.01, -0.015, 0.02]
         begin = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), position, np.concatenate((twist, rate)))
-        around = Surroundings(springs=SimulatedSprings.of(self.model, joints, frequencies, [0.01] * len(joints)))
-        truth = Simulation(self.model, Passive(), begin, surroundings=around).advance(
-            np.arange(round(100.0 * SECONDS)) / 100.0
-        )
+        simulated = SimulatedSprings.from_frequencies(self.model, joints, frequencies, [0.01] * len(joints))
+        simulation = Simulation(self.model, Passive(), begin, environment=Environment(springs=simulated))
+        truth = simulation.advance(np.arange(round(100.0 * SECONDS)) / 100.0)
         self.deflection = CubicSpline(truth.time, truth.joint_position[:, list(places)])
         start = np.array([self.deflection(KNOT), self.deflection(KNOT, 1)])  # between the first knots
         springs = Springs(places, rates, np.full(len(places), 0.01), start)
         samples = observe(truth, MID)
         for part in (samples.joint_position, samples.joint_velocity):
             part[:, list(places)] = 0.0
-        kernel = MomentumKernel(self.model, 'link7').swinging(springs)
+        kernel = MomentumKernel(self.model, 'link7').with_springs(springs)
         bodies = tuple(sorted({0, *(place + 1 for place in places)}))
         errors = KnownErrors(bodies, np.eye(10 * len(bodies)))
         unknowns = (
@@ -168,5 +167,5 @@ def test_only_a_grasp_that_gives_keeps_its_declaration() -> None:
         places = tuple(model.joint_names.index(joint) for joint in joints)
         rates = 2.0 * np.pi * np.array(frequencies)
         springs = Springs(places, rates, np.full(len(places), 0.01), np.zeros((2, len(places))))
-        warnings = soft_grasps(MomentumKernel(model, 'link7').swinging(springs))
+        warnings = soft_grasps(MomentumKernel(model, 'link7').with_springs(springs))
         assert [text.split()[0] for text in warnings] == (['joint7'] if name == 'grasp' else [])

@@ -15,7 +15,7 @@ from mbaid_ros.core.geometry import Array, cross, exp, log, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import KnownErrors
-from mbaid_ros.core.robot.momentum import about, of_bodies, standard
+from mbaid_ros.core.robot.momentum import about_points, standard, summed_over_bodies
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.bodies import known_bodies, spin_inertias
 from random_robots import random_state, random_storage, random_urdf
@@ -34,7 +34,7 @@ class Case:
         model = load_model(random_urdf(rng, joints=6))
         self.kernel = MomentumKernel(model, model.last_link)
         if seed % 2:
-            self.kernel = self.kernel.storing(random_storage(rng, model))
+            self.kernel = self.kernel.with_storage(random_storage(rng, model))
         count = 3
         joints, rates, rotation, twist = random_state(rng, model.joints, count)
         none, thrust = np.zeros((count, 3)), np.zeros((count, 6))
@@ -42,8 +42,7 @@ class Case:
         place = rng.normal(size=(count, 3))
         self.middle = Midpoints(joints, rates, rotation, place, twist, none, none, thrust, stored)
         if seed >= 2:
-            brought = 0.1 * rng.normal(size=(count, 60 * len(self.kernel.known)))
-            self.middle = replace(self.middle, tide=brought)
+            self.middle = replace(self.middle, tide=0.1 * rng.normal(size=(count, 60 * len(self.kernel.known))))
         uncertain = tuple(int(index) for index in np.flatnonzero(self.kernel.known[:, 0] > 0.0))[:2]
         errors = KnownErrors(uncertain, np.eye(10 * len(uncertain)))
         wheels = spin_inertias(self.kernel, [0.1] * self.kernel.storage.count)
@@ -67,10 +66,11 @@ def predicted(layout: Layout, middle: Midpoints, parameters: Array) -> tuple[Pre
     return predict(layout, middle, layout.point(state))
 
 
-def brought(case: Case) -> Array:
-    """Return what an orbit has brought to the momentum of all bodies."""
-    columns = about(case.middle.tide, np.zeros((len(case.middle), 3)))
-    return of_bodies(columns, case.kernel.model.body_parameters()) if columns.size else np.zeros((len(columns), 6))
+def tidal_momentum(case: Case) -> Array:
+    """Return the change of the momentum of all bodies by an orbit."""
+    columns = about_points(case.middle.tide, np.zeros((len(case.middle), 3)))
+    bodies = case.kernel.model.body_parameters()
+    return summed_over_bodies(columns, bodies) if columns.size else np.zeros((len(columns), 6))
 
 
 def close(found: Array, expected: Array) -> None:
@@ -87,7 +87,7 @@ def test_the_predicted_twist_has_the_momentum(seed: int) -> None:
     )
     total = states.known_momentum + states.regressor @ case.kernel.target.parameters
     total[:, 3:] += cross(middle.base_position, total[:, :3])
-    total -= brought(case)
+    total -= tidal_momentum(case)
     assert model.joints > 0
     for index, momentum in enumerate(total):
         point = np.concatenate((momentum, case.kernel.target.parameters))

@@ -10,12 +10,12 @@ from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
-from mbaid_ros.planning.collisions import Collisions, Efforts, no_mesh
-from mbaid_ros.planning.requirements import BaseLimits, JointLimits, joint_limits, keeping_speed
+from mbaid_ros.planning.collisions import Collisions, JointEfforts, no_mesh
+from mbaid_ros.planning.requirements import BaseLimits, JointLimits, joint_limits, speed_held
 from mbaid_ros.planning.splines import Splines
 from mbaid_ros.session.robot import mesh_points
 from mbaid_ros.simulation.dynamics import Dynamics, State
-from mbaid_ros.simulation.steered import Followed
+from mbaid_ros.simulation.steered import TrajectoryMotion
 from planned import Begun, planner
 from servicers import wheeled_urdf
 from simulated import robot
@@ -37,7 +37,7 @@ def test_what_is_known_at_the_points_gives_the_polynomial_that_ros2_controllers_
     degree: int, orders: int
 ) -> None:
     trajectory, curve = of_polynomial(degree, orders)
-    for found, expected in zip(trajectory.at(INSIDE), (curve, curve.deriv(), curve.deriv(2)), strict=True):
+    for found, expected in zip(trajectory.state_at(INSIDE), (curve, curve.deriv(), curve.deriv(2)), strict=True):
         assert found[:, 0] == pytest.approx(expected(INSIDE), abs=1e-9)
 
 
@@ -62,8 +62,8 @@ def test_points_that_are_no_motion_are_refused(
 def test_what_follows_a_trajectory_moves_its_joints_alone_and_later_begins_the_earlier() -> None:
     trajectory, curve = of_polynomial(5, 3)
     start = np.array([0.3, curve(0.0), -0.2])
-    motion = Followed(trajectory, start, np.array([1]), begin=4.0)
-    position, velocity, acceleration = motion.later(3.0).reference(1.5)
+    motion = TrajectoryMotion(trajectory, start, np.array([1]), begin=4.0)
+    position, velocity, acceleration = motion.from_time(3.0).reference(1.5)
     assert position == pytest.approx([0.3, curve(0.5), -0.2])
     assert velocity == pytest.approx([0.0, curve.deriv()(0.5), 0.0])
     assert motion.command(4.5, position, velocity) == pytest.approx(acceleration)
@@ -94,19 +94,19 @@ def test_motions_rest_at_both_ends_and_go_at_the_speeds_between() -> None:
 
 
 def test_motions_are_cut_off_at_the_limits_of_velocity_and_acceleration() -> None:
-    moved = SPLINES.within(DRAWN, START, LIMITS)
-    assert np.max(SPLINES.use(moved, START, LIMITS)) <= 1.0
+    moved = SPLINES.limited(DRAWN, START, LIMITS)
+    assert np.max(SPLINES.limit_use(moved, START, LIMITS)) <= 1.0
     position = START + SPLINES.basis(TWELVE) @ moved
     assert np.all((position[..., 0] >= -1.0) & (position[..., 0] <= 0.5))
     assert np.abs(SPLINES.basis(TWELVE, 1) @ moved).max() <= 0.2
     assert np.abs(SPLINES.basis(TWELVE, 2) @ moved).max() <= 0.1
     assert not moved[:, :, 2].any()  # a joint that must not be moved
-    assert SPLINES.within(moved, START, LIMITS) == pytest.approx(moved)
+    assert SPLINES.limited(moved, START, LIMITS) == pytest.approx(moved)
 
 
 def test_the_largest_motion_of_a_form_is_at_one_limit_of_each_joint() -> None:
     for size in (1e-3, 1e3):
-        use = SPLINES.use(SPLINES.filling(size * DRAWN, START, LIMITS), START, LIMITS)
+        use = SPLINES.limit_use(SPLINES.scaled_to_limits(size * DRAWN, START, LIMITS), START, LIMITS)
         assert use[:, :, :2].max(axis=1) == pytest.approx(0.999)
 
 
@@ -142,10 +142,10 @@ def test_wheels_keep_their_speed(velocity: float, held: tuple[str, ...], kept: l
     model = load_model(wheeled_urdf())
     names = ('wheel0_joint', 'wheel1_joint', 'wheel2_joint')
     rate = np.array([90.0 if name == 'wheel0_joint' else 1.0 for name in model.independent_joints])
-    found = keeping_speed(model, rate, velocity, held)
+    found = speed_held(model, rate, velocity, held)
     assert [bool(found[model.independent_joints.index(name)]) for name in names] == kept
     with pytest.raises(ParameterError, match=r"'plan\.held' names 'rotor'; accepted: "):
-        keeping_speed(model, rate, velocity, ('rotor',))
+        speed_held(model, rate, velocity, ('rotor',))
 
 
 INERTIAL = '<inertial><mass value="5"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
@@ -228,11 +228,11 @@ def test_torques_are_those_that_drive_the_simulated_robot_with_the_estimated_bod
     model = robot(name)
     kernel = MomentumKernel(model, model.last_link)
     heavy = load_model(replace_inertial(model.urdf, model.last_link, BODY), model.base_link)
-    bodies = kernel.with_target(MomentumKernel(heavy, model.last_link).target.parameters)
+    bodies = kernel.body_parameters(MomentumKernel(heavy, model.last_link).target.parameters)
     generator = np.random.default_rng(0)
     place, rate, bend = generator.standard_normal((3, 5, model.joints))
     twist = generator.standard_normal((5, 6))
-    found = Efforts(model, bodies).torques(place, rate, bend, twist)
+    found = JointEfforts(model, bodies).torques(place, rate, bend, twist)
     driven = Dynamics(heavy)
     for index, torque in enumerate(found):
         state = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), place[index], np.append(twist[index], rate[index]))
@@ -257,7 +257,7 @@ def test_efforts_hold_beside_limits_of_the_base(identified: Begun) -> None:
     weak.motions.efforts.limits = np.full(7, 3.0)
     plan = weak.plan()
     assert plan.use[3].max() <= 1.0
-    assert plan.bounds.sure[0] <= np.radians(1.0) + 1e-9
+    assert plan.bounds.robust[0] <= np.radians(1.0) + 1e-9
 
 
 def test_what_it_takes_to_hold_joints_is_no_motions_to_make_smaller(identified: Begun) -> None:

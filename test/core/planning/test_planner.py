@@ -14,7 +14,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.filter.state import BODY
 from mbaid_ros.core.geometry import rotation_from_quaternion
-from mbaid_ros.core.identifier import knowledge_of
+from mbaid_ros.core.identifier import posterior_of
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -29,10 +29,10 @@ from mbaid_ros.planning.requirements import BaseLimits
 from mbaid_ros.planning.search import drawn_legs, speeds_of
 from mbaid_ros.session.methods import make_reporting
 from mbaid_ros.session.planning import advice
+from mbaid_ros.simulation.environment import Environment
 from mbaid_ros.simulation.environment import Springs as SimulatedSprings
-from mbaid_ros.simulation.environment import Surroundings
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
-from mbaid_ros.simulation.steered import Followed
+from mbaid_ros.simulation.steered import TrajectoryMotion
 from observed import MID, estimator, kernel, observe, windows
 from planned import FASTEST, START, Begun, angle, begun, first_motion, follow, planner
 from servicers import wheeled
@@ -52,8 +52,8 @@ def test_what_is_predicted_to_be_known_is_known_after_the_motion(executed: tuple
     reporting = make_reporting(EstimatorConfig(), robot.kernel)
     reached = estimate.std / reporting.sizes(estimate.parameters)
     # The filter linearises at numbers of its own: a few per cent. What the plan promises is kept within 20 %.
-    assert reached / plan.after == pytest.approx(1.0, abs=0.15)
-    assert np.all(plan.after < 0.9 * plan.before)
+    assert reached / plan.std_after == pytest.approx(1.0, abs=0.15)
+    assert np.all(plan.std_after < 0.9 * plan.std_before)
 
 
 def test_a_motion_is_planned_with_the_noise_that_was_found(identified: Begun) -> None:
@@ -65,17 +65,17 @@ def test_a_motion_is_planned_with_the_noise_that_was_found(identified: Begun) ->
 
 def test_the_prediction_covers_bodies_that_the_target_may_be(identified: Begun) -> None:
     planning = planner(identified, duration=10.0)
-    plan, motions, known = planning.plan(), planning.motions, identified.knowledge
+    plan, motions, known = planning.plan(), planning.motions, identified.posterior
     grid = Grid.over(plan.trajectory.duration, 0.5, 10)
-    assert motions.relative_along(plan.trajectory, grid, known.point) == pytest.approx(plan.after, rel=1e-6)
-    assert len(plan.may_be) == 8
+    assert motions.relative_along(plan.trajectory, grid, known.point) == pytest.approx(plan.std_after, rel=1e-6)
+    assert len(plan.sampled_stds) == 8
     # Of a body that is known ten times as well the promise hardly depends on what it may be.
     better = planner(identified, replace(known, triangle=0.1 * known.triangle), duration=10.0).motions
     close = [
         better.relative_along(plan.trajectory, grid, point) / better.relative_along(plan.trajectory, grid, known.point)
-        for point in better.knowledge.drawn(8, 0)
+        for point in better.posterior.drawn(8, 0)
     ]
-    assert np.median(np.std(close, axis=0) / np.std(plan.may_be / plan.after, axis=0)) < 0.25
+    assert np.median(np.std(close, axis=0) / np.std(plan.sampled_stds / plan.std_after, axis=0)) < 0.25
 
 
 def test_the_base_moves_as_predicted_and_no_further_than_is_allowed(
@@ -86,7 +86,7 @@ def test_the_base_moves_as_predicted_and_no_further_than_is_allowed(
     rotation, coasting = (rotation_from_quaternion(each.base_orientation) for each in (truth, rest))
     during = truth.time <= plan.trajectory.duration + 1e-9
     turned = angle(rotation @ np.swapaxes(coasting, 1, 2))[during].max()
-    assert turned <= plan.bounds.sure[0] <= np.radians(1.0) + 1e-9
+    assert turned <= plan.bounds.robust[0] <= np.radians(1.0) + 1e-9
     assert turned == pytest.approx(plan.bounds.nominal[0], rel=0.05)
     assert 'plan.base_rotation' in plan.binding
 
@@ -101,12 +101,12 @@ def still(robot: Begun) -> JointTrajectory:
 def test_the_base_of_a_known_robot_moves_as_the_simulated_one_does(identified: Begun, wheels: float) -> None:
     robot = begun(unknown=wheeled()) if wheels else identified
     rates = np.where([name.startswith('wheel') for name in robot.kernel.model.joint_names], wheels, 0.0)
-    end = replace(robot.knowledge.end, joint_velocity=rates)
+    end = replace(robot.posterior.end, joint_velocity=rates)
     begin = state(end.joint_position, rates, (0.01, -0.02, 0.015), 0.03)
-    motions = planner(robot, replace(robot.knowledge, end=end), joint_velocity=np.inf).motions
+    motions = planner(robot, replace(robot.posterior, end=end), joint_velocity=np.inf).motions
     assert np.array_equal(motions.limits.held, rates > 0.0)
     legs = drawn_legs(1, len(rates), np.random.default_rng(2))
-    drawn = motions.within(FASTEST * speeds_of(legs, motions.splines.count))
+    drawn = motions.limited(FASTEST * speeds_of(legs, motions.splines.count))
     trajectory = motions.trajectory(drawn[0])
     turning, time = np.flatnonzero(rates), trajectory.time[:, None]
     turned = begin.joint_position[turning] + time * rates[turning]
@@ -118,11 +118,11 @@ def test_the_base_of_a_known_robot_moves_as_the_simulated_one_does(identified: B
         acceleration=np.hstack((trajectory.acceleration, 0.0 * turned)),
     )
     truth = follow(robot.kernel, begin, spun, trajectory.duration)
-    known = robot.knowledge.state
+    known = robot.posterior.state
     known[6:12], known[BODY] = total_momentum(robot.kernel.model, truth)[0], robot.kernel.target.parameters
-    floating = replace(motions.as_if(robot.knowledge.layout.point(known)), rotation=np.eye(3), position=np.zeros(3))
+    floating = replace(motions.at_point(robot.posterior.layout.point(known)), rotation=np.eye(3), position=np.zeros(3))
     half_steps = np.linspace(0.0, trajectory.duration, 481)
-    base = floating.moved(*motions.along(trajectory, half_steps), half_steps[2])
+    base = floating.base_motion(*motions.joints_along(trajectory, half_steps), half_steps[2])
     assert motions.excursions(np.zeros_like(drawn))[0] == pytest.approx(0.0, abs=1e-12)
     last = rotation_from_quaternion(truth.base_orientation)[-1]
     assert base.rotation[-1, 0] == pytest.approx(last, abs=5e-6)
@@ -136,7 +136,7 @@ def with_springs() -> tuple[Planner, Begun]:
     places = tuple(panels.model.joint_names.index(name) for name in PANELS)
     springs = Springs(places, np.full(2, 2.0), np.full(2, 0.01), np.zeros((2, 2)))
     declared: dict[str, Any] = {f'flexible.{name}.frequency': 1.0 / np.pi for name in PANELS}
-    robot = begun(unknown=panels.swinging(springs), **declared | {'flexible.joints': PANELS})
+    robot = begun(unknown=panels.with_springs(springs), **declared | {'flexible.joints': PANELS})
     return planner(robot, duration=6.0), robot
 
 
@@ -146,7 +146,7 @@ def test_passive_joints_are_not_commanded_and_swing_in_each_motion_by_itself(
     motions = with_springs[0].motions
     assert motions.limits.moved.tolist() == [True] * 7 + [False] * 2
     drawn = speeds_of(drawn_legs(2, len(motions.start), np.random.default_rng(0)), motions.splines.count)
-    speeds = motions.within(np.where(motions.limits.moved, 0.05, 0.0) * drawn)
+    speeds = motions.limited(np.where(motions.limits.moved, 0.05, 0.0) * drawn)
     both = motions.relative(speeds, motions.coarse)
     assert both[0] == pytest.approx(motions.relative(speeds[:1], motions.coarse)[0], rel=1e-9)
 
@@ -154,13 +154,13 @@ def test_passive_joints_are_not_commanded_and_swing_in_each_motion_by_itself(
 def test_passive_joints_swing_as_predicted_and_no_further_than_is_allowed(with_springs: tuple[Planner, Begun]) -> None:
     motions, robot = with_springs[0].motions, with_springs[1]
     drawn = speeds_of(drawn_legs(1, len(motions.start), np.random.default_rng(2)), motions.splines.count)
-    fast = motions.within(np.where(motions.limits.moved, 1.0, 0.0) * drawn)
+    fast = motions.limited(np.where(motions.limits.moved, 1.0, 0.0) * drawn)
     most = 0.5 * float(motions.excursions(fast)[0, 3])
-    gentle = motions.gentle(fast, BaseLimits(deflection=most))
+    gentle = motions.scaled_to_limits(fast, BaseLimits(deflection=most))
     trajectory, model = motions.trajectory(gentle[0]), robot.kernel.model
-    springs = SimulatedSprings.of(model, PANELS, [1.0 / np.pi] * 2, [0.01] * 2)
-    motion = Followed(trajectory, robot.state.joint_position, np.arange(7))
-    simulation = Simulation(model, motion, robot.state, surroundings=Surroundings(springs=springs))
+    springs = SimulatedSprings.from_frequencies(model, PANELS, [1.0 / np.pi] * 2, [0.01] * 2)
+    motion = TrajectoryMotion(trajectory, robot.state.joint_position, np.arange(7))
+    simulation = Simulation(model, motion, robot.state, environment=Environment(springs=springs))
     truth = simulation.advance(np.linspace(0.0, trajectory.duration, 300))
     swung = float(np.abs(truth.joint_position[:, 7:]).max())
     assert swung <= most
@@ -215,7 +215,7 @@ def test_to_ask_what_would_help_most_leaves_the_estimates_as_they_are() -> None:
     for window in seen:
         (estimate,), (beside,) = asked.update([window], 0), left.update([window], 0)
         assert same(estimate, beside)
-        known = knowledge_of(asked)
+        known = posterior_of(asked)
         reported.append(advice(build(EstimatorConfig, {'plan.joint_velocity': FASTEST}), known) if known else '')
     assert reported[-1].startswith('best single joint: joint')
 
@@ -228,7 +228,7 @@ def test_a_robot_that_is_in_its_own_way_moves_as_far_as_it_can(
 ) -> None:
     """A long motion takes joints far: it is made smaller, never given up, and determines no less than a short one."""
     model = identified.kernel.model
-    start = identified.knowledge.end.joint_position
+    start = identified.posterior.end.joint_position
     shapes = next(
         made
         for radius in np.arange(2.0, 0.2, -0.05).tolist()
@@ -243,11 +243,11 @@ def test_a_robot_that_is_in_its_own_way_moves_as_far_as_it_can(
         planning._collisions = shapes
         plan = planning.plan()
         passed = np.linspace(0.0, seconds, 500)
-        assert shapes.clear(planning.motions.along(plan.trajectory, passed)[0][:, 0])
+        assert shapes.clear(planning.motions.joints_along(plan.trajectory, passed)[0][:, 0])
         assert np.ptp(plan.trajectory.position, axis=0).max() > 0.02
         reported[seconds] = plan.ratio
         # The free motion would have touched: this is no robot that is never in its own way.
-        assert seconds < 90.0 or not shapes.clear(planning.motions.along(free.trajectory, passed)[0][:, 0])
+        assert seconds < 90.0 or not shapes.clear(planning.motions.joints_along(free.trajectory, passed)[0][:, 0])
     assert reported[90.0] <= reported[lengths[0]]
 
 

@@ -114,7 +114,7 @@ def test_in_the_plane_mass_and_moment_become_positive(plane: Plane, moment: floa
         # What the motion determines stays, the rest is filled in like a ball's.
         assert far == 0.0
         assert found[0] == pytest.approx(mass)
-        assert found[1:4] == pytest.approx(plane.across.T @ com, abs=1e-12)
+        assert found[1:4] == pytest.approx(plane.axes.T @ com, abs=1e-12)
         assert found[4:] == pytest.approx([moment, 0.0, 0.0, moment, 0.0, moment], abs=1e-9)
         assert plane.normal @ unvec(body[4:]) @ plane.normal == pytest.approx(about_hinge)
     else:

@@ -236,17 +236,17 @@ def moved(time: float, by: float) -> Estimate:
 @pytest.mark.parametrize(('by', 'status'), [(4.5, 'as it was'), (5.5, 'inconsistent'), (-5.5, 'inconsistent')])
 def test_an_estimate_that_leaves_its_interval_by_far_is_inconsistent(by: float, status: str) -> None:
     steadiness = IntervalConsistency()
-    first = steadiness.judged(moved(20.0, 0.0), early=False)
+    first = steadiness.checked(moved(20.0, 0.0), early=False)
     assert first.status == estimate().status
-    then = steadiness.judged(moved(25.0, by), early=False)
+    then = steadiness.checked(moved(25.0, by), early=False)
     assert then.status == (status if status == 'inconsistent' else first.status)
     assert any('mass has moved by 5.5' in text for text in then.warnings) == (status == 'inconsistent')
 
 
 def test_it_is_so_for_some_seconds() -> None:
     steadiness = IntervalConsistency()
-    steadiness.judged(moved(20.0, 0.0), early=False)
-    found = [steadiness.judged(moved(time, 8.0), early=False).status for time in (25.0, 29.0, 31.0)]
+    steadiness.checked(moved(20.0, 0.0), early=False)
+    found = [steadiness.checked(moved(time, 8.0), early=False).status for time in (25.0, 29.0, 31.0)]
     assert found == ['inconsistent', 'inconsistent', estimate().status]
 
 

@@ -11,7 +11,7 @@ from checked import central_difference
 from mbaid_ros.core.geometry import Array, exp, skew, unvec, vec
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.model_errors import BodyDeviations, calibrated, declared
+from mbaid_ros.core.robot.model_errors import BodyDeviations, calibrated_errors, independent_errors
 from mbaid_ros.core.robot.momentum import (
     body_sizes,
     box_sizes,
@@ -139,7 +139,7 @@ def test_errors_of_links_are_those_of_the_bodies_that_carry_them() -> None:
     model = load_model(URDF)
     links = [model.link(name) for name in NAMES]
     change = 0.1 * np.random.default_rng(4).normal(size=(5, 10))
-    errors = calibrated(links, np.outer(change, change), ['tool'])
+    errors = calibrated_errors(links, np.outer(change, change), ['tool'])
     assert errors.bodies == (0, 1, 2)
     assert errors.count == 1
     off = dict(zip(NAMES, change, strict=True))
@@ -152,7 +152,7 @@ def test_errors_of_links_are_those_of_the_bodies_that_carry_them() -> None:
 def test_declared_errors_are_of_each_body_as_a_whole_and_of_each_parameter_by_itself() -> None:
     robot = MomentumKernel(load_model(URDF), 'tool')
     exact = BodyDeviations(0.0, 0.0, 0.0)
-    errors = declared(robot.known, 0.01, {1: exact})
+    errors = independent_errors(robot.known, 0.01, {1: exact})
     assert errors.bodies == (0, 2)
     assert errors.count == 20
     sizes = np.array([body_sizes(robot.known[body]) for body in errors.bodies])
@@ -161,7 +161,7 @@ def test_declared_errors_are_of_each_body_as_a_whole_and_of_each_parameter_by_it
     wanted = 0.01**2 * (np.diag(sizes.ravel() ** 2) + whole @ whole.T)
     unit = 0.01 * sizes.ravel()
     assert errors.covariance / np.outer(unit, unit) == pytest.approx(wanted / np.outer(unit, unit), abs=1e-12)
-    assert declared(robot.known, 0.0).count == 0
+    assert independent_errors(robot.known, 0.0).count == 0
 
 
 def test_of_a_body_that_is_weighed_the_mass_is_known_and_the_rest_goes_with_it() -> None:
@@ -176,7 +176,7 @@ def test_of_a_body_that_is_weighed_the_mass_is_known_and_the_rest_goes_with_it()
 def test_a_single_body_may_be_known_in_mass_com_and_inertia_each_by_itself() -> None:
     robot = MomentumKernel(load_model(URDF), 'tool')
     body = robot.known[1]
-    covariance = declared(robot.known, 0.0, {1: BodyDeviations(0.02, 0.003, 0.0)}).covariance
+    covariance = independent_errors(robot.known, 0.0, {1: BodyDeviations(0.02, 0.003, 0.0)}).covariance
     of_physical = physical_jacobian(body) @ covariance @ physical_jacobian(body).T
     heavier = 0.02 * np.concatenate((body[:1], np.zeros(3), physical(body)[4:]))
     wanted = np.diag([0.0, *(0.003**2,) * 3, *(0.0,) * 6]) + np.outer(heavier, heavier)

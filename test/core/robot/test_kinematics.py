@@ -89,7 +89,7 @@ def test_poses_and_twists_are_those_of_pinocchio(seed: int) -> None:
             assert twists[index, body] == pytest.approx(peer.twist(body), abs=10.0 * ROUNDING)
         for link in model.links:
             rotation, position = peer.link(link.name)
-            found_rotation, found_position = configuration.link(link)
+            found_rotation, found_position = configuration.link_pose(link)
             assert found_rotation[index] == pytest.approx(rotation, abs=ROUNDING)
             assert found_position[index] == pytest.approx(position, abs=ROUNDING)
 
@@ -183,12 +183,12 @@ def test_the_plane_in_the_links_own_frame() -> None:
     detector = PlaneDetector(model)
     plane = some(detector.plane(model.link('link4')))
     assert plane.normal == pytest.approx(Z)
-    assert plane.across == pytest.approx(np.eye(3)[:2])
+    assert plane.axes == pytest.approx(np.eye(3)[:2])
     # A link that is mounted askew: the normal is none of its axes.
     model = arm(['0.6 0 0.8', '0.6 0 0.8'], ['continuous', 'continuous'], turn='0.3 0.4 0.5')
     plane = some(PlaneDetector(model).plane(model.link('link2')))
     assert plane.normal == pytest.approx([0.6, 0.0, 0.8])
-    frame = np.vstack((plane.across, plane.normal))
+    frame = np.vstack((plane.axes, plane.normal))
     assert frame @ frame.T == pytest.approx(np.eye(3), abs=1e-12)
     assert plane.basis.T @ plane.basis == pytest.approx(np.eye(4), abs=1e-12)
     inertia = unvec(plane.basis[4:, 3])
@@ -197,9 +197,9 @@ def test_the_plane_in_the_links_own_frame() -> None:
 
 def test_three_equations_hold_in_a_plane() -> None:
     detector = PlaneDetector(robot('table1'))
-    assert np.array_equal(detector.rows(), np.eye(6))  # before the first window
+    assert np.array_equal(detector.equation_selection(), np.eye(6))  # before the first window
     detector.update(turning_about(Z))
-    rows = detector.rows()
+    rows = detector.equation_selection()
     assert rows @ rows.T == pytest.approx(np.eye(3), abs=1e-12)
     assert rows[:2, [2, 3, 4, 5]] == pytest.approx(np.zeros((2, 4)), abs=1e-12)
     assert rows[2] == pytest.approx([0.0, 0.0, 0.0, 0.0, 0.0, 1.0], abs=1e-12)
@@ -216,7 +216,7 @@ def test_a_base_that_starts_askew_moves_in_a_plane_too() -> None:
     detector = PlaneDetector(robot('table1'))
     detector.update(samples)
     assert detector.planar
-    assert detector.rows()[2, 3:] == pytest.approx(rotate(tilt, Z))
+    assert detector.equation_selection()[2, 3:] == pytest.approx(rotate(tilt, Z))
 
 
 @pytest.mark.parametrize('axis', [np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.1, 1.0])])
@@ -228,7 +228,7 @@ def test_turning_out_of_the_plane_is_spatial_for_good(axis: Array) -> None:
     assert detector.plane(robot('table1').link('link4')) is None
     detector.update(turning_about(Z))
     assert not detector.planar
-    assert np.array_equal(detector.rows(), np.eye(6))
+    assert np.array_equal(detector.equation_selection(), np.eye(6))
 
 
 def test_the_unknowns_of_a_plane(planar: Truth) -> None:
@@ -241,7 +241,7 @@ def test_the_unknowns_of_a_plane(planar: Truth) -> None:
     assert chosen.basis.shape == (16, 7)
     assert chosen.basis.T @ chosen.basis == pytest.approx(np.eye(7), abs=1e-12)
     blocks = window_rows(servicer, part, MID, np.zeros(3))
-    reduced = chosen.of(blocks)
+    reduced = chosen.restricted(blocks)
     assert reduced.rows.shape == (3, 3, 7)
     # What the plane leaves out of the unknowns has no part in its equations.
     outside = np.eye(16) - chosen.basis @ chosen.basis.T

@@ -13,10 +13,10 @@ from mbaid_ros.core import geometry
 from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, displaced, load_model, parse
-from mbaid_ros.core.robot.model_errors import declared, with_bodies
+from mbaid_ros.core.robot.model_errors import independent_errors, with_bodies
 from mbaid_ros.core.robot.momentum import are_physical, is_physical, standard
 from mbaid_ros.core.robot.urdf import Mimic, transmission
-from mbaid_ros.simulation.true_robot import ErrorSizes, draw, generator
+from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator
 from random_robots import random_inertial, random_urdf
 from simulated import CONFIG, drawn, robot
 
@@ -184,7 +184,7 @@ def test_a_joint_without_origin_and_one_whose_angles_are_singular() -> None:
     assert np.any(true.positions[0] != 0.0)
 
 
-SIZES = ErrorSizes(0.01, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3)
+SIZES = ErrorStds(0.01, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3)
 BLOCK = {
     'links_relative_std': 'bodies', 'zero_std': 'zeros', 'origin_std': 'origins', 'axis_std': 'tilts',
     'mount_position_std': 'mount', 'mount_orientation_std': 'mount',
@@ -194,7 +194,7 @@ BLOCK = {
 def test_the_spread_is_that_of_the_sizes() -> None:
     model, count = robot('servicer7'), 400
     draws = [draw(model, 'link7', SIZES, generator(seed)) for seed in range(count)]
-    prior = declared(model.body_parameters(without='link7'), SIZES.links_relative_std)
+    prior = independent_errors(model.body_parameters(without='link7'), SIZES.links_relative_std)
     units = np.linalg.solve(prior.factor, np.array([errors.bodies[list(prior.bodies)].ravel() for errors in draws]).T).T
     blocks = {'bodies': (units, 1.0)}
     for name in ('zero_std', 'origin_std', 'mount_position_std', 'mount_orientation_std'):
@@ -226,6 +226,6 @@ def test_bodies_that_cannot_exist_are_drawn_again() -> None:
         assert all(is_physical(link.parameters) for link in true.links if link.parameters[0] > 0.0)
     # Such a spread does ask for it: of plain draws most are no bodies.
     known = model.body_parameters(without='link7')
-    prior = declared(known, 0.4).factor
+    prior = independent_errors(known, 0.4).factor
     plain = prior @ np.random.default_rng(0).standard_normal((len(prior), 50))
     assert np.mean(are_physical((plain.T.reshape(50, -1, 10) + known[:7]).reshape(-1, 10))) < 0.7

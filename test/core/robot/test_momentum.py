@@ -98,7 +98,7 @@ class Measured:
         unknown = rng.choice(len(model.links), size=1 + seed % 3, replace=False)
         self.kernel = MomentumKernel(model, *(model.links[index].name for index in unknown))
         if seed % 2:
-            self.kernel = self.kernel.storing(random_storage(rng, model))
+            self.kernel = self.kernel.with_storage(random_storage(rng, model))
         self.readings = rng.normal(size=(1, self.kernel.storage.count))
         self.joints = model.joints
         position, velocity, rotation, twist = random_state(rng, model.joints, 1)

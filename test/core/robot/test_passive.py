@@ -19,7 +19,7 @@ from mbaid_ros.core.robot.model import load_model, parse
 from mbaid_ros.core.robot.passive import spring_constants
 from mbaid_ros.simulation import environment as simulated
 from mbaid_ros.simulation.dynamics import Dynamics, State
-from mbaid_ros.simulation.environment import Surroundings
+from mbaid_ros.simulation.environment import Environment
 from mbaid_ros.simulation.motion import Passive
 from mbaid_ros.simulation.simulation import Simulation
 from random_robots import random_urdf
@@ -38,7 +38,7 @@ class Case:
         joints = tuple(sorted(rng.choice(count, 2, replace=False).tolist())) if count > 1 else (0,)
         size = len(joints)
         springs = Springs(joints, rng.uniform(1.0, 4.0, size), rng.uniform(0.0, 0.05, size), np.zeros((2, size)))
-        self.kernel = MomentumKernel(self.model, self.model.last_link).swinging(springs)
+        self.kernel = MomentumKernel(self.model, self.model.last_link).with_springs(springs)
         self.joints = list(joints)
         self.position, self.rate = rng.uniform(-1.0, 1.0, count), rng.normal(size=count)
         self.twist = rng.normal(size=6)
@@ -96,18 +96,18 @@ def test_momenta_and_rates_are_those_of_pinocchio(seed: int) -> None:
 def test_momenta_along_the_joints_change_as_in_the_simulator(seed: int) -> None:
     """Against the articulated-body algorithm: s a moment before and after, all other joints free of torque."""
     case = Case(seed)
-    known = case.kernel.with_target(case.kernel.target.parameters)
+    known = case.kernel.body_parameters(case.kernel.target.parameters)
     stiffness, damping = spring_constants(case.kernel, known)
-    springs = case.kernel.springs
-    names = [case.model.joint_names[joint] for joint in case.joints]
-    ours = simulated.Springs.of(case.model, names, (springs.rate / (2.0 * np.pi)).tolist(), springs.ratio.tolist())
+    springs, names = case.kernel.springs, [case.model.joint_names[joint] for joint in case.joints]
+    frequencies, ratios = (springs.frequency / (2.0 * np.pi)).tolist(), springs.damping_ratio.tolist()
+    ours = simulated.Springs.from_frequencies(case.model, names, frequencies, ratios)
     assert ours.stiffness == pytest.approx(stiffness, rel=1e-12)
     assert ours.damping == pytest.approx(damping, rel=1e-12)
     start = case.state()
 
     def after(length: float) -> Array:
-        around = Surroundings(springs=ours)
-        truth = Simulation(case.model, Passive(), start, surroundings=around).advance(np.array([length]))
+        around = Environment(springs=ours)
+        truth = Simulation(case.model, Passive(), start, environment=around).advance(np.array([length]))
         velocity = np.concatenate(
             (truth.base_linear_velocity, truth.base_angular_velocity, truth.joint_velocity), axis=1
         )

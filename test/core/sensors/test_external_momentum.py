@@ -18,7 +18,7 @@ from mbaid_ros.core.robot.momentum import Storage
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.external_momentum import FAR_THRUST, NOT_FINITE_THRUST, UNKNOWN_FRAME, Thrust
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.simulation.environment import Surroundings, Wheels
+from mbaid_ros.simulation.environment import Environment, Wheels
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from observed import LIMIT, MID, estimator, kernel, observe, windows
@@ -44,7 +44,7 @@ def samples() -> Samples:
 
 
 def impulses(thrust: Thrust, parts: list[Samples]) -> Array:
-    return np.concatenate([thrust.applied(part, EPOCH).impulse for part in parts])
+    return np.concatenate([thrust.with_impulse(part, EPOCH).impulse for part in parts])
 
 
 def test_the_impulse_is_what_the_momentum_changes_by() -> None:
@@ -59,8 +59,8 @@ def test_the_impulse_is_what_the_momentum_changes_by() -> None:
 
 def make_pulsed(frame: str = 'base_link') -> Thrust:
     thrust = thrust_of()
-    thrust.command(frame, ns(ON), FORCE_TORQUE, None)
-    thrust.command(frame, ns(OFF), ZERO, None)
+    thrust.add_command(frame, ns(ON), FORCE_TORQUE, None)
+    thrust.add_command(frame, ns(OFF), ZERO, None)
     return thrust
 
 
@@ -71,8 +71,8 @@ def test_the_odometry_frame_is_fixed() -> None:
 
 def test_a_link_s_force_acts_where_the_link_is() -> None:
     thrust = thrust_of()
-    thrust.command('link7', ns(ON), np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0]), None)
-    thrust.command('link7', ns(ON + 0.04), ZERO, None)
+    thrust.add_command('link7', ns(ON), np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0]), None)
+    thrust.add_command('link7', ns(ON + 0.04), ZERO, None)
     found = impulses(thrust, [samples()])[-1]
     middle = samples()[round(ON * 25.0) : round(ON * 25.0) + 1]
     state = kernel('servicer7').states(middle)
@@ -83,15 +83,15 @@ def test_a_link_s_force_acts_where_the_link_is() -> None:
 
 def test_a_command_ends_after_the_hold_or_by_the_next() -> None:
     thrust = thrust_of()
-    thrust.command('odom', ns(1.0), FORCE_TORQUE, None)
-    thrust.command('odom', ns(1.75), FORCE_TORQUE, None)
-    thrust.command('link1', ns(1.2), ZERO, None)  # another thruster
+    thrust.add_command('odom', ns(1.0), FORCE_TORQUE, None)
+    thrust.add_command('odom', ns(1.75), FORCE_TORQUE, None)
+    thrust.add_command('link1', ns(1.2), ZERO, None)  # another thruster
     assert impulses(thrust, [samples()])[-1] == pytest.approx(1.75 * FORCE_TORQUE)
 
 
 def test_what_acted_before_the_first_sample_does_not_count() -> None:
     thrust = thrust_of()
-    thrust.command('odom', ns(-0.3), FORCE_TORQUE, None)
+    thrust.add_command('odom', ns(-0.3), FORCE_TORQUE, None)
     found = impulses(thrust, [samples()])
     assert found[0] == pytest.approx(ZERO)
     assert found[-1] == pytest.approx(0.7 * FORCE_TORQUE)
@@ -102,8 +102,8 @@ def test_late_commands_count_from_then_on() -> None:
     expected = impulses(in_time, windows(samples()))
     parts = windows(samples())
     first = impulses(late, parts[:22])  # until 11 s
-    late.command('base_link', ns(OFF), ZERO, None)
-    late.command('base_link', ns(ON), FORCE_TORQUE, None)
+    late.add_command('base_link', ns(OFF), ZERO, None)
+    late.add_command('base_link', ns(ON), FORCE_TORQUE, None)
     assert late.late
     rest = impulses(late, parts[22:])
     assert np.all(first == 0.0)
@@ -113,7 +113,7 @@ def test_late_commands_count_from_then_on() -> None:
 
 def commands(thrust: Thrust, *wrenches: Array) -> str:
     for index in range(90):
-        thrust.command('base_link', ns(1.0 + 0.02 * index), wrenches[index % len(wrenches)], None)
+        thrust.add_command('base_link', ns(1.0 + 0.02 * index), wrenches[index % len(wrenches)], None)
     return thrust.shared
 
 
@@ -128,13 +128,13 @@ def test_two_publishers_of_one_frame_are_reported() -> None:
 
 def test_commands_that_cannot_be_used_are_counted() -> None:
     thrust = thrust_of()
-    thrust.command('base_link', ns(1.0), np.full(6, np.nan), ns(1.0))
-    thrust.command('moon', ns(1.0), FORCE_TORQUE, ns(1.0))
-    thrust.command('base_link', 5_000_000_000, FORCE_TORQUE, ns(1.0))
+    thrust.add_command('base_link', ns(1.0), np.full(6, np.nan), ns(1.0))
+    thrust.add_command('moon', ns(1.0), FORCE_TORQUE, ns(1.0))
+    thrust.add_command('base_link', 5_000_000_000, FORCE_TORQUE, ns(1.0))
     assert thrust.dropped == {NOT_FINITE_THRUST: 1, UNKNOWN_FRAME: 1, FAR_THRUST: 1}
     assert thrust.commands == 0
     unknown = Thrust(robot('servicer7'))
-    unknown.command('moon', ns(1.0), FORCE_TORQUE, ns(1.0))
+    unknown.add_command('moon', ns(1.0), FORCE_TORQUE, ns(1.0))
     unknown.odometry_frame = 'odom'
     assert np.all(impulses(unknown, [samples()]) == 0.0)
     assert unknown.dropped == {UNKNOWN_FRAME: 1}
@@ -162,7 +162,7 @@ def bare() -> MomentumKernel:
 def reading(noise: float = 0.0, factor: float = 1.0) -> MomentumKernel:
     """Return it with the wheels' speeds read; their spin inertias taken for `factor` times what they are."""
     base = bare().model.link('base_link')
-    return bare().storing(Storage.wheels(base, NAMES, UNIT, [factor * SPIN] * 4, noise))
+    return bare().with_storage(Storage.from_wheels(base, NAMES, UNIT, [factor * SPIN] * 4, noise))
 
 
 def inside(run: Truth, seed: int | None = None, noise: float = 0.0) -> Samples:
@@ -227,11 +227,11 @@ def ramped() -> Wheels:
 def test_simulated_wheels_exchange_momentum(joints: Sinusoids) -> None:
     wheels, model = ramped(), bare().model
     start = state(joints.start, joints.reference(0.0)[1], (0.02, -0.03, 0.04), 0.1)
-    truth = Simulation(model, joints, start, surroundings=Surroundings(wheels)).advance(np.arange(200) * 0.1)
+    truth = Simulation(model, joints, start, environment=Environment(wheels)).advance(np.arange(200) * 0.1)
     total = total_momentum(model, truth, wheels)
     assert total == pytest.approx(np.broadcast_to(total[0], total.shape), abs=1e-8)
     assert np.ptp(total_momentum(model, truth)[:, 3:], axis=0).max() > 1.0
     assert truth.wheel_speed == pytest.approx(wheels.speeds(truth.time), abs=1e-9)
     # A later begin makes no difference.
-    later = wheels.later(7.0)
+    later = wheels.from_time(7.0)
     assert later.speeds(np.array([0.0, 4.0])) == pytest.approx(wheels.speeds(np.array([7.0, 11.0])), rel=1e-12)

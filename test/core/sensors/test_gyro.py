@@ -37,12 +37,12 @@ def test_nothing_is_known_in_a_gap_nor_across_one() -> None:
     gyro = Gyro(GAP)
     gyro.push(stream(times, even(times)))
     asked = np.array([100.0, 190.0, 300.0, 650.0, 700.0])
-    known = np.isfinite(gyro.sampled(at(asked))).all(axis=1)
+    known = np.isfinite(gyro.integral_at_samples(at(asked))).all(axis=1)
     assert known.tolist() == [True, True, False, True, True]
     # A gap between two samples: the second one is as if it were in it.
     gyro = Gyro(GAP)
     gyro.push(stream(times, even(times)))
-    known = np.isfinite(gyro.sampled(at(np.array([100.0, 650.0, 700.0])))).all(axis=1)
+    known = np.isfinite(gyro.integral_at_samples(at(np.array([100.0, 650.0, 700.0])))).all(axis=1)
     assert known.tolist() == [True, False, True]
 
 
@@ -53,7 +53,7 @@ def test_readings_at_the_end_of_the_range_are_not_used() -> None:
     gyro = Gyro(GAP, largest=2.0)
     gyro.push(stream(times, rate))
     assert gyro.dropped == {SATURATED: 1}
-    known = np.isfinite(gyro.sampled(at(np.array([240.0, 248.0, 260.0, 270.0])))).all(axis=1)
+    known = np.isfinite(gyro.integral_at_samples(at(np.array([240.0, 248.0, 260.0, 270.0])))).all(axis=1)
     assert known.tolist() == [True, False, True, True]
 
 

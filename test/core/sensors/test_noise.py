@@ -13,7 +13,7 @@ from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
 from mbaid_ros.core.sensors.base import usable_covariance
 from mbaid_ros.core.sensors.correlation import Levels, NoiseLevels
-from mbaid_ros.core.sensors.levels import FoundNoise
+from mbaid_ros.core.sensors.levels import NoiseEstimator
 from mbaid_ros.core.sensors.noise import Differences
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from observed import MID
@@ -56,8 +56,8 @@ def as_declared(base: BaseStream, position: Array, rotation: Array, linear: Arra
 
 def found(joints: JointStream, base: BaseStream, spacing: float, *, free: bool = True) -> Levels:
     levels = NoiseLevels(MID, joints.position.shape[1], trusted=not free)
-    levels.take(joints, base)
-    return levels.until(ALL, spacing, free=(free, free))
+    levels.add_readings(joints, base)
+    return levels.levels_at(ALL, spacing, free=(free, free))
 
 
 @pytest.mark.parametrize(('rate', 'jitter'), [(100.0, 0.0), (100.0, 0.8), (10.0, 0.3)])
@@ -79,14 +79,14 @@ def test_single_readings_far_off_make_little_of_a_difference() -> None:
 def test_what_is_found_does_not_depend_on_the_calls() -> None:
     joints, base = streams(4.0, 100.0, jitter=0.5)
     at_once, bit_by_bit = (NoiseLevels(MID, joints.position.shape[1]) for _ in range(2))
-    at_once.take(joints, base)
+    at_once.add_readings(joints, base)
     begin = 0
     for end in (*range(7, 400, 13), 400):
-        bit_by_bit.take(joints[begin:end], base[begin:end])
+        bit_by_bit.add_readings(joints[begin:end], base[begin:end])
         begin = end
         if end >= 50:
             seen = int(joints.stamp[end - 1])
-            one, other = (each.until(seen, 0.01, free=(True, True)) for each in (at_once, bit_by_bit))
+            one, other = (each.levels_at(seen, 0.01, free=(True, True)) for each in (at_once, bit_by_bit))
             np.testing.assert_array_equal(one.factor, other.factor)
             np.testing.assert_array_equal(one.times, other.times)
 
@@ -110,8 +110,8 @@ def test_errors_of_a_navigation_filter_are_found_whatever_is_declared(constant: 
     for seed in range(3):
         joints, base = drifting(constant, wrong, seed)
         levels = NoiseLevels(MID, joints.position.shape[1])
-        levels.take(joints, base)
-        found = levels.until(ALL, 0.01, free=(False, False))
+        levels.add_readings(joints, base)
+        found = levels.levels_at(ALL, 0.01, free=(False, False))
         assert np.all(found.times > 0.7 * constant)
         variance = np.where(found.used, found.factor, 1.0)[2:] ** 2 / wrong**2
         # What errors do in a moment, and slowly: their densities at high and at low frequencies.
@@ -147,12 +147,12 @@ def window(joints: JointStream, base: BaseStream) -> Samples:
 @pytest.mark.parametrize('estimate', [True, False])
 def test_a_window_has_what_was_found_where_that_is_asked_for(estimate: bool) -> None:
     joints, base = streams(20.0, 100.0)
-    noise = FoundNoise(MID, joints.position.shape[1], estimate=estimate, trusted=not estimate)
-    noise.take(joints, base)
-    changed, levels = noise.applied(window(joints, base), BEGIN)
-    assert levels.found == pytest.approx(TRUE, rel=0.1)
-    used = levels.found if estimate else DECLARED
-    own = MID.found_in(changed)
+    noise = NoiseEstimator(MID, joints.position.shape[1], estimate=estimate, trusted=not estimate)
+    noise.add_readings(joints, base)
+    changed, levels = noise.with_noise(window(joints, base), BEGIN)
+    assert levels.estimated == pytest.approx(TRUE, rel=0.1)
+    used = levels.estimated if estimate else DECLARED
+    own = MID.for_window(changed)
     assert (own.joint_position, own.joint_velocity) == pytest.approx(tuple(used[:2]))
     both = changed.pose_covariance, changed.twist_covariance
     assert np.sqrt(np.concatenate([np.diagonal(each[0]) for each in both])) == pytest.approx(np.repeat(used[2:], 3))
@@ -163,10 +163,10 @@ def test_a_window_has_what_was_found_where_that_is_asked_for(estimate: bool) -> 
 def test_sensors_without_noise_are_not_taken_for_exact() -> None:
     joints, base = streams(4.0, 100.0)
     joints.position[:] = 0.5 + (1e-3 * TRUE[0]) * np.random.default_rng(0).normal(size=joints.position.shape)
-    noise = FoundNoise(MID, joints.position.shape[1], estimate=True)
-    noise.take(joints, base)
-    changed, _ = noise.applied(window(joints, base), BEGIN)
-    assert MID.found_in(changed).joint_position == pytest.approx(1e-4 / 30.0)
+    noise = NoiseEstimator(MID, joints.position.shape[1], estimate=True)
+    noise.add_readings(joints, base)
+    changed, _ = noise.with_noise(window(joints, base), BEGIN)
+    assert MID.for_window(changed).joint_position == pytest.approx(1e-4 / 30.0)
 
 
 def test_an_encoder_at_rest_between_two_steps_shows_no_noise() -> None:
@@ -175,13 +175,13 @@ def test_an_encoder_at_rest_between_two_steps_shows_no_noise() -> None:
     moving = np.arange(len(joints.stamp)) >= 1500  # a quarter of the time
     swing = 0.1 * np.sin(np.arange(len(joints.stamp)) * 0.01)[:, None] * moving[:, None]
     joints.position[:] = step * np.round((0.5 + swing) / step)
-    noise = FoundNoise(MID, joints.position.shape[1], estimate=True)
-    noise.take(joints, base)
-    at_rest, _ = noise.applied(window(joints[:200], base[:200]), BEGIN)
-    assert MID.found_in(at_rest).joint_position == MID.joint_position
-    later, _ = noise.applied(window(joints, base), BEGIN)
+    noise = NoiseEstimator(MID, joints.position.shape[1], estimate=True)
+    noise.add_readings(joints, base)
+    at_rest, _ = noise.with_noise(window(joints[:200], base[:200]), BEGIN)
+    assert MID.for_window(at_rest).joint_position == MID.joint_position
+    later, _ = noise.with_noise(window(joints, base), BEGIN)
     # Of slow motion rather too much: what shows are the differences that hold a step.
-    assert 0.7 < MID.found_in(later).joint_position / (step / np.sqrt(12.0)) < 2.0
+    assert 0.7 < MID.for_window(later).joint_position / (step / np.sqrt(12.0)) < 2.0
 
 
 def test_undeclared_noise_is_estimated_until_a_message_declares_it() -> None:
@@ -189,9 +189,9 @@ def test_undeclared_noise_is_estimated_until_a_message_declares_it() -> None:
     undeclared = np.array([True, False, True, True, True, False])
     says = np.zeros((len(base.stamp), 4), dtype=bool)
     says[1000:, :2] = True
-    noise = FoundNoise(MID, joints.position.shape[1], undeclared, trusted=True)
-    noise.take(joints, replace(base, declared=says))
-    first, later = (noise.applied(window(joints[:last], base[:last]), BEGIN)[1] for last in (900, len(base.stamp)))
+    noise = NoiseEstimator(MID, joints.position.shape[1], undeclared, trusted=True)
+    noise.add_readings(joints, replace(base, declared=says))
+    first, later = (noise.with_noise(window(joints[:last], base[:last]), BEGIN)[1] for last in (900, len(base.stamp)))
     assert first.used.tolist() == undeclared.tolist()
     assert np.isnan(first.declared).tolist() == undeclared.tolist()
     assert later.used.tolist() == [True, False, False, False, True, False]
@@ -203,10 +203,10 @@ def test_undeclared_noise_is_estimated_until_a_message_declares_it() -> None:
 def test_an_undeclared_base_hardly_counts_before_its_poses_can_tell(spacing: float, times: float) -> None:
     joints, base = streams(20 * spacing, 1.0 / spacing)
     undeclared = np.array([True, False, True, True, False, True])
-    noise = FoundNoise(MID, joints.position.shape[1], undeclared)
-    noise.take(joints, replace(base, declared=np.zeros((len(base.stamp), 4), dtype=bool)))
+    noise = NoiseEstimator(MID, joints.position.shape[1], undeclared)
+    noise.add_readings(joints, replace(base, declared=np.zeros((len(base.stamp), 4), dtype=bool)))
     own = replace(window(joints, base), apart=np.full(20, spacing), base_angular_velocity=np.full((20, 3), np.nan))
-    changed, levels = noise.applied(own, BEGIN)
+    changed, levels = noise.with_noise(own, BEGIN)
     sizes = np.sqrt(np.diagonal(changed.pose_covariance[0])[[0, 3]] / np.diagonal(MID.pose_covariance())[[0, 3]])
     assert sizes == pytest.approx(times)
     assert not levels.used.any()
@@ -219,17 +219,19 @@ def test_declared_noise_stands_until_readings_tell() -> None:
     joints, base = streams(0.05, 100.0)
     assert np.all(np.isnan(found(joints, base, 0.01).factor))
     noise = SensorNoise(*(2.0 * DECLARED).tolist())
-    changed, levels = FoundNoise(noise, joints.position.shape[1], estimate=True).applied(window(joints, base), BEGIN)
-    assert noise.found_in(changed) == noise
+    changed, levels = NoiseEstimator(noise, joints.position.shape[1], estimate=True).with_noise(
+        window(joints, base), BEGIN
+    )
+    assert noise.for_window(changed) == noise
     assert levels.differences() == []
 
 
 @pytest.mark.parametrize(('declared', 'warned'), [(5e-4, False), (3e-2, True)])
 def test_joints_that_are_far_better_than_declared_are_warned_of(declared: float, *, warned: bool) -> None:
     joints, base = streams(4.0, 100.0)
-    noise = FoundNoise(replace(MID, joint_position=declared), joints.position.shape[1])
-    noise.take(joints, base)
-    warnings = noise.applied(window(joints, base), BEGIN)[1].warnings
+    noise = NoiseEstimator(replace(MID, joint_position=declared), joints.position.shape[1])
+    noise.add_readings(joints, base)
+    warnings = noise.with_noise(window(joints, base), BEGIN)[1].warnings
     assert any(text.startswith('noise.joint_position is 0.03 rad') for text in warnings) == warned
 
 
@@ -244,7 +246,7 @@ def samples(error: Array, every: int = 1, constant: float = 0.0) -> Samples:
     base.pose_covariance[:, :3, :3] = SIZE**2 * np.eye(3)
     found = some(Synchroniser(1.0).push(joint_stream(stamps), base[::every]))
     noise = replace(MID, base_correlation_time=constant)
-    return FoundNoise(noise, found.joint_position.shape[1]).applied(found, 0)[0]
+    return NoiseEstimator(noise, found.joint_position.shape[1]).with_noise(found, 0)[0]
 
 
 def test_poses_weigh_as_much_less_as_their_slow_means_vary() -> None:
@@ -281,7 +283,7 @@ def given(diagonal: tuple[float, ...], entry: tuple[int, int, float] | None = No
 )
 def test_what_is_used_of_a_covariance(matrix: Array, own: tuple[bool, bool], *, wrong: bool) -> None:
     found = usable_covariance(matrix, DEFAULT)
-    assert (found.own, found.wrong) == (own, wrong)
+    assert (found.is_given, found.wrong) == (own, wrong)
     assert np.all(np.linalg.eigvalsh(found.matrix) > 0.0)
     for block, kept in zip((slice(0, 3), slice(3, 6)), own, strict=True):
         assert np.array_equal(found.matrix[block, block], (matrix if kept else DEFAULT)[block, block])

@@ -15,7 +15,7 @@ from checked import some
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import JointStream, Samples
 from mbaid_ros.core.sensors.joints import NO_PARTNER, OFTEN, PARTNER_GAP, REDUNDANT, JointMerge, Joints
-from mbaid_ros.core.sensors.rates import fit, with_rates
+from mbaid_ros.core.sensors.rates import polynomial_fit, with_rates
 from mbaid_ros.core.sensors.streams import STRAY_STAMP, ZERO_STAMP, Gate, Reorder
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion, observe, windows
@@ -27,11 +27,11 @@ def passed(stamps: list[float]) -> tuple[list[float], list[float], dict[str, int
     """Return the stamps (s) that pass, the jumps back and what is dropped."""
     gate, jumps = Gate(SECOND), []
     for stamp in stamps:
-        jump = gate.take(round(stamp * SECOND), stamp)
+        jump = gate.add(round(stamp * SECOND), stamp)
         if jump:
             jumps.append(jump / SECOND)
-            gate.settle(stamp)
-    return gate.take_all(), jumps, dict(gate.dropped)
+            gate.confirm_jump(stamp)
+    return gate.pop_all(), jumps, dict(gate.dropped)
 
 
 @pytest.mark.parametrize(
@@ -71,16 +71,16 @@ def test_many_that_all_pass_are_taken_as_one_by_one(begin: list[float], stamps: 
     singly, together = Gate(SECOND), Gate(SECOND)
     for gate in (singly, together):
         for stamp in begin:
-            gate.take(round(stamp * SECOND), stamp)
+            gate.add(round(stamp * SECOND), stamp)
     given = np.array([round(stamp * SECOND) for stamp in stamps], dtype=np.int64)
     # Nothing is known before the first stamp, and one that is far from the others waits for the next.
-    assert together.passes(given) == ((regular and begin in ([5.0], [5.0, 4.9])) or not stamps)
-    if together.passes(given):
-        together.take_regular(given, stamps)
+    assert together.all_pass(given) == ((regular and begin in ([5.0], [5.0, 4.9])) or not stamps)
+    if together.all_pass(given):
+        together.add_regular(given, stamps)
         for stamp in stamps:
-            assert singly.take(round(stamp * SECOND), stamp) == 0
+            assert singly.add(round(stamp * SECOND), stamp) == 0
         assert (singly.newest, singly.dropped) == (together.newest, together.dropped)
-        assert singly.take_all() == together.take_all()
+        assert singly.pop_all() == together.pop_all()
 
 
 LIMIT = 50
@@ -206,7 +206,7 @@ def test_what_is_no_joint_neither_sets_the_stamps_nor_costs_samples() -> None:
     joints_alone = JointMerge(np.ones(4, dtype=bool), GAP, 0)
     assert joints_alone.push(dict([seldom, part((0, 1), TIME)])) is not None
     assert joints_alone.dropped[OFTEN] == 0  # the seldom one leads: no sample is used twice
-    divided = merged.divided(2)
+    divided = merged.without_stored_momentum(2)
     assert np.array_equal(divided.stored, merged.velocity[:, 2:])
     assert np.array_equal(divided.position, merged.position[:, :2])
 
@@ -230,7 +230,7 @@ def test_a_fit_is_exact_for_polynomials_it_can_hold(count: int) -> None:
     degree = min(4, count - 1)
     coefficients = np.arange(1.0, degree + 2.0)
     signal = np.polyval(coefficients, time - 3.0)[:, None]
-    values, slopes = fit(time).smooth(signal)
+    values, slopes = polynomial_fit(time).smooth(signal)
     assert values == pytest.approx(signal)
     assert slopes[:, 0] == pytest.approx(np.polyval(np.polyder(coefficients), time - 3.0), rel=1e-6)
 

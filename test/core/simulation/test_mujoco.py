@@ -16,10 +16,10 @@ from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.momentum import physical, standard
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.simulation.dynamics import State
-from mbaid_ros.simulation.environment import BodyPoses, Surroundings, Tide
+from mbaid_ros.simulation.environment import BodyPoses, Environment, GravityGradient
 from mbaid_ros.simulation.motion import Passive
 from mbaid_ros.simulation.simulation import Simulation, Truth
-from mbaid_ros.simulation.true_robot import misread
+from mbaid_ros.simulation.true_robot import as_measured
 from observed import MID, observe
 from random_robots import random_urdf
 from sessions import orbit
@@ -54,7 +54,7 @@ def test_mujoco_moves_and_measures_the_true_robot_alike(name: str, rate: float) 
     start = state(np.full(model.joints, 0.4), rate * np.cos(np.arange(model.joints)), (0.01, -0.01, 0.02), 0.05)
     start = replace(start, base_position=np.array([1.0, 2.0, 3.0]), base_orientation=np.array([0.5, 0.5, -0.5, 0.5]))
     instants = np.arange(0.0, 21.0, 2.0)
-    ours = misread(Simulation(true, Passive(), start).advance(instants), errors)
+    ours = as_measured(Simulation(true, Passive(), start).advance(instants), errors)
     theirs = InMuJoCo(model, 0.002, errors).measured(start, instants)
     for part in ('joint_position', 'base_position', 'base_linear_velocity', 'base_angular_velocity'):
         assert far(getattr(ours, part), getattr(theirs, part)) < 1e-8
@@ -71,7 +71,7 @@ def test_a_robot_in_orbit_moves_as_in_mujoco(name: str) -> None:
     start = state(np.full(model.joints, 0.4), 0.01 * np.cos(np.arange(model.joints)), (0.01, -0.01, 0.02), 0.02)
     start = State(np.array([2.0, -1.0, 3.0]), np.array([0.5, 0.5, -0.5, 0.5]), start.joint_position, start.velocity)
     instants = np.arange(0.0, 21.0, 2.0)
-    truth = Simulation(model, Passive(), start, surroundings=Surroundings(orbit=around)).advance(instants)
+    truth = Simulation(model, Passive(), start, environment=Environment(orbit=around)).advance(instants)
     free = Simulation(model, Passive(), start).advance(instants)
     other = InMuJoCo(model, 0.005, around=around).measured(start, instants)
     moved = far(truth.base_position, free.base_position)
@@ -92,10 +92,10 @@ def test_a_body_is_pulled_as_its_points_are(seed: int) -> None:
     assert standard(body)[4:] == pytest.approx(vec(inertia))
     about = np.array([[body[4], body[5], body[6]], [body[5], body[7], body[8]], [body[6], body[8], body[9]]])
     origin, place, rotation = rng.normal(size=3), rng.normal(size=3), exp(rng.normal(size=3))
-    tide = Tide(around, origin, body[:1], body[None, 1:4], about[None])
+    tide = GravityGradient(around, origin, body[:1], body[None, 1:4], about[None])
     found = tide.wrenches(BodyPoses(time, rotation[None], place[None], np.zeros(3)))[0]
     at = origin + place + points @ rotation.T
-    up = around.upward(np.array([time]))[0]
+    up = around.zenith_at(np.array([time]))[0]
     pulls = 0.03**2 * masses[:, None] * (3.0 * (at @ up)[:, None] * up - at)
     levers = points @ rotation.T
     expected = np.concatenate((rotation.T @ pulls.sum(axis=0), rotation.T @ np.cross(levers, pulls).sum(axis=0)))
@@ -137,7 +137,7 @@ def test_a_measured_twist_is_the_rate_of_the_measured_pose() -> None:
     errors, true = drawn(model, 4, **BLOCKS)
     step = 1e-4
     start = state(np.full(6, 0.3), np.full(6, 0.1), (0.05, -0.1, 0.08), 0.1)
-    measured = misread(Simulation(true, Passive(), start).advance(np.arange(0.0, 0.02, step)), errors)
+    measured = as_measured(Simulation(true, Passive(), start).advance(np.arange(0.0, 0.02, step)), errors)
     rotation = rotation_from_quaternion(measured.base_orientation)
     middle = slice(1, -1)
 

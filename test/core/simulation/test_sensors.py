@@ -83,10 +83,10 @@ def captured() -> Truth:
 def test_the_momentum_of_both_is_that_of_the_whole(truth: Truth) -> None:
     simulation = capturing()
     before = total_momentum(free_model(), truth[INSTANTS < TIME])
-    after = total_momentum(simulation.joined, truth[INSTANTS >= TIME])
+    after = total_momentum(simulation.joined_model, truth[INSTANTS >= TIME])
     assert before == pytest.approx(np.tile(before[0], (len(before), 1)), abs=1e-7)
-    assert after == pytest.approx(np.tile(before[0] + simulation.brought, (len(after), 1)), abs=1e-7)
-    assert simulation.momentum == pytest.approx(after[0], abs=1e-9)
+    assert after == pytest.approx(np.tile(before[0] + simulation.target_momentum, (len(after), 1)), abs=1e-7)
+    assert simulation.total_momentum == pytest.approx(after[0], abs=1e-9)
 
 
 def test_what_is_brought_is_the_target_s_own(truth: Truth) -> None:
@@ -102,18 +102,18 @@ def test_what_is_brought_is_the_target_s_own(truth: Truth) -> None:
     held = kernel.states_of(rotation, at.joint_position, 0.0 * at.joint_velocity, twist[None])
     expected = (held.regressor @ alone())[0]
     expected[3:] += np.cross(at.base_position[0], expected[:3])
-    assert capturing().brought == pytest.approx(expected, abs=1e-9)
+    assert capturing().target_momentum == pytest.approx(expected, abs=1e-9)
 
 
 def test_after_it_both_move_as_one(truth: Truth) -> None:
     after = truth[INSTANTS >= TIME]
-    joined = capturing().joined
+    joined = capturing().joined_model
     assert physical(joined.link(LINK).parameters) == pytest.approx(physical(robot('servicer7').link(LINK).parameters))
     velocity = np.concatenate((after.base_linear_velocity, after.base_angular_velocity, after.joint_velocity), axis=1)
     start = state(after.joint_position[0], after.joint_velocity[0])
     values = {**vars(start), 'base_position': after.base_position[0], 'base_orientation': after.base_orientation[0]}
     values['velocity'] = velocity[0]
-    again = Simulation(joined, servicer().later(TIME), type(start)(**values))
+    again = Simulation(joined, servicer().from_time(TIME), type(start)(**values))
     expected = again.advance(after.time - TIME)
     assert after.base_position == pytest.approx(expected.base_position, abs=1e-8)
     assert after.joint_position == pytest.approx(expected.joint_position, abs=1e-8)
@@ -144,9 +144,9 @@ def test_the_momentum_changes_by_the_impulse(frame: str, passive: bool) -> None:
     # The estimator's own account of the same thrust, at a hundred samples a second.
     known = Thrust(robot('servicer7'))
     known.odometry_frame = ODOM
-    known.command(frame, round(BEGIN * 1e9), WRENCH, None)
-    known.command(frame, round(END * 1e9), np.zeros(6), None)
-    expected = known.applied(observe(truth, LOW), 0).impulse
+    known.add_command(frame, round(BEGIN * 1e9), WRENCH, None)
+    known.add_command(frame, round(END * 1e9), np.zeros(6), None)
+    expected = known.with_impulse(observe(truth, LOW), 0).impulse
     assert np.linalg.norm(expected[-1, :3]) == pytest.approx((END - BEGIN) * np.linalg.norm(WRENCH[:3]), rel=1e-3)
     # Between two samples it takes the mean of both poses.
     assert momentum - momentum[0] == pytest.approx(expected, abs=3e-4)

@@ -13,8 +13,8 @@ from mbaid_ros.core.geometry import Array, exp, log, rotate
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import RobotModel, displaced, express, load_model
-from mbaid_ros.core.robot.model_errors import declared
-from mbaid_ros.core.robot.momentum import of_bodies
+from mbaid_ros.core.robot.model_errors import independent_errors
+from mbaid_ros.core.robot.momentum import summed_over_bodies
 from mbaid_ros.core.robot.orbit import FallingFrame, Orbit, momentum_rates
 from mbaid_ros.core.samples import BaseStream
 from mbaid_ros.core.unknowns.bodies import known_bodies, spin_inertias
@@ -66,9 +66,9 @@ class Case:
         target = np.zeros_like(bodies)
         placed = kernel.target
         target[placed.body] = express(placed.parameters, placed.rotation, placed.position)
-        self.kernel = kernel.corrected(target).with_uncertainty(declared(bodies, 0.01))
+        self.kernel = kernel.with_body_changes(target).with_errors(independent_errors(bodies, 0.01))
         if seed % 2 and not in_plane:
-            self.kernel = self.kernel.storing(random_storage(rng, model))
+            self.kernel = self.kernel.with_storage(random_storage(rng, model))
         self.readings = rng.normal(size=(COUNT, self.kernel.storage.count))
         # What an orbit has brought to any body, on top of its own momentum.
         self.tide = 0.1 * rng.normal(size=(COUNT, len(bodies) if seed >= 3 and not in_plane else 0, 6, 10))
@@ -85,7 +85,7 @@ class Case:
     def momentum(self, kernel: MomentumKernel, zeros: Array | float = 0.0) -> Array:
         """Return the momentum of all bodies, (N, 6)."""
         total = self.states(kernel, zeros).known_momentum
-        return total - of_bodies(self.tide, kernel.known) if self.tide.size else total
+        return total - summed_over_bodies(self.tide, kernel.known) if self.tide.size else total
 
     def placements(self) -> JointPlacements:
         """Return the joints' placements as an unknown, all equally uncertain."""
@@ -109,8 +109,8 @@ def test_joint_placements(make: Robots, seed: int) -> None:
         # The tilts are normal to the joints' axes: what turns about these is the zeros'.
         assert np.sum(tilts * model.axes, axis=1) == pytest.approx(np.zeros(model.joints), abs=1e-12)
         elsewhere = MomentumKernel(displaced(model, each[:, 1:4], tilts), case.kernel.target.name)
-        elsewhere = elsewhere.storing(case.kernel.storage)
-        return case.momentum(elsewhere.corrected(case.kernel.known - elsewhere.known), each[:, 0])
+        elsewhere = elsewhere.with_storage(case.kernel.storage)
+        return case.momentum(elsewhere.with_body_changes(case.kernel.known - elsewhere.known), each[:, 0])
 
     found = unknown.momentum_columns(case.kernel, case.states(case.kernel))
     close(found, central_difference(displaced_momentum, np.zeros(6 * model.joints), STEP))
@@ -125,7 +125,7 @@ def test_known_bodies(make: Robots, seed: int) -> None:
     def other_momentum(value: Array) -> Array:
         change = np.zeros_like(case.kernel.known)
         change[list(unknown.bodies)] = value.reshape(-1, 10)
-        return case.momentum(case.kernel.corrected(change))
+        return case.momentum(case.kernel.with_body_changes(change))
 
     found = unknown.momentum_columns(case.kernel, case.states(case.kernel))
     close(found, central_difference(other_momentum, np.zeros(10 * len(unknown.bodies)), 1e-2))
@@ -139,7 +139,7 @@ def test_spin_inertias(seed: int) -> None:
     found = unknown.momentum_columns(case.kernel, case.states(case.kernel))
 
     def stored(value: Array) -> Array:
-        return case.momentum(case.kernel.storing(storage.changed(value)))
+        return case.momentum(case.kernel.with_storage(storage.with_inertia_changes(value)))
 
     close(found, central_difference(stored, np.zeros(storage.count), STEP))
     assert unknown.count == 2
@@ -193,11 +193,11 @@ def test_it_changes_the_momentum_as_an_orbit_does(seed: int) -> None:
     rotation *= np.linalg.det(rotation)[:, None, None]
     place = rng.normal(size=(4, 3))
     placed = servicer.kinematics.configure(rotation, rng.normal(size=(4, servicer.model.joints)))
-    bodies = servicer.with_target(LAST)
+    bodies = servicer.body_parameters(LAST)
     whole = np.sum(express(bodies, placed.rotation, place[:, None] + placed.position), axis=1)
     time = np.array([0.0, 10.0, 20.0, 30.0])  # s, in which it turns by 0.07 rad
     found = gravity(RATE).momentum_rates(whole, ORIGIN, time, rotation) @ numbers(around)
-    expected = of_bodies(momentum_rates(around, time, placed, ORIGIN + place), bodies)
+    expected = summed_over_bodies(momentum_rates(around, time, placed, ORIGIN + place), bodies)
     expected[:, 3:] -= np.cross(ORIGIN, expected[:, :3])
     size = np.abs(expected).max()
     assert np.all(np.abs(found - expected)[0] < 1e-9 * size)  # at the begin it is that of the random_orbit
@@ -221,7 +221,7 @@ TIME = np.array([0.0, 60.0, 200.0, 400.0])  # s, in which it turns by 0.44 rad
 def circle(frame: str) -> Orbit:
     if frame == 'inertial':
         return orbit(RATE)
-    return Orbit.turning_with(RATE, 'lvlh' if frame == 'lvlh' else 'hill')
+    return Orbit.rotating(RATE, 'lvlh' if frame == 'lvlh' else 'hill')
 
 
 def eccentric(around: Orbit, number: int) -> tuple[Orbit, Array]:
@@ -229,7 +229,7 @@ def eccentric(around: Orbit, number: int) -> tuple[Orbit, Array]:
     numbers = SMALL * np.eye(3)[number]
     if number == 2:
         return replace(around, mean_motion=(1.0 + SMALL) * RATE), numbers
-    return around.eccentric(SMALL, 0.0 if number == 0 else np.pi / 2.0), numbers
+    return around.with_eccentricity(SMALL, 0.0 if number == 0 else np.pi / 2.0), numbers
 
 
 def shape(around: Orbit, *, relative: bool = True) -> OrbitShape:
@@ -245,7 +245,7 @@ def poses(seed: int) -> tuple[Array, Array]:
 def taken(true: Orbit, declared: Orbit, twist: Array, *, relative: bool) -> BaseStream:
     """Return poses and twists (N, 6) of the falling frame as they are read, taken for those of the declared orbit."""
     rotation, place = poses(0)
-    back = np.swapaxes(true.turned(TIME), 1, 2)
+    back = np.swapaxes(true.to_inertial(TIME), 1, 2)
     linear, angular = twist[:, :3], twist[:, 3:]
     if relative:
         rate = true.rate(TIME)
@@ -258,7 +258,7 @@ def taken(true: Orbit, declared: Orbit, twist: Array, *, relative: bool) -> Base
         rotate(back, angular),
         *np.zeros((2, len(TIME), 6, 6)),
     )
-    return FallingFrame(declared, kernel('ets7').model, relative_twist=relative, epoch=0).falling(seen)
+    return FallingFrame(declared, kernel('ets7').model, relative_twist=relative, epoch=0).to_falling_frame(seen)
 
 
 @pytest.mark.parametrize('relative', [True, False])
@@ -289,17 +289,17 @@ def test_gravity_brings_what_the_true_orbit_does(frame: str, number: int) -> Non
     true, numbers = eccentric(around, number)
     rotation, place = poses(1)
     angles = np.random.default_rng(2).normal(size=(len(TIME), servicer.model.joints))
-    bodies = servicer.with_target(LAST)
+    bodies = servicer.body_parameters(LAST)
 
     def brought(by: Orbit, turn: Array) -> Array:
         placed = servicer.kinematics.configure(turn @ rotation, angles)
         there = rotate(turn, ORIGIN + place)
-        rates = of_bodies(momentum_rates(by, TIME, placed, there), bodies)
+        rates = summed_over_bodies(momentum_rates(by, TIME, placed, there), bodies)
         rates[:, 3:] -= np.cross(ORIGIN, rates[:, :3])
         return np.asarray(rates)
 
     whole_turn = np.broadcast_to(np.eye(3), (len(TIME), 3, 3))
-    back = around.turned(TIME) @ np.swapaxes(true.turned(TIME), 1, 2) if around.turning else whole_turn
+    back = around.to_inertial(TIME) @ np.swapaxes(true.to_inertial(TIME), 1, 2) if around.is_rotating else whole_turn
     expected = brought(true, whole_turn) - brought(around, back)
     placed = servicer.kinematics.configure(rotation, angles)
     whole = np.sum(express(bodies, placed.rotation, place[:, None] + placed.position), axis=1)

@@ -125,7 +125,7 @@ def measured(kernel: MomentumKernel, exact: Samples, value: Array, name: str = '
     placed = kinematics.configure(exact.base_rotation, exact.joint_position)
     base = np.concatenate((np.zeros_like(exact.base_angular_velocity), exact.base_angular_velocity), axis=1)
     bodies = kinematics.body_twists(placed, exact.joint_velocity, base)
-    rate = CubicSpline(exact.time, rotate_back(placed.link(link)[0], bodies[:, link.body, 3:]))
+    rate = CubicSpline(exact.time, rotate_back(placed.link_pose(link)[0], bodies[:, link.body, 3:]))
     late = CubicSpline(exact.time, rate(exact.time - delay) @ exp(turn))  # rows: turned back
     turned = late.antiderivative()(exact.time) @ (np.diag(1.0 + scale) + crossed(shared)) + exact.time[:, None] * bias
     return replace(exact, gyro=turned)

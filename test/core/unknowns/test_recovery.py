@@ -16,7 +16,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.robot.model_errors import ModelErrors, declared
+from mbaid_ros.core.robot.model_errors import ModelErrors, independent_errors
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.base import OdometryMount
@@ -82,7 +82,7 @@ def runs(request: pytest.FixtureRequest, servicer7: MomentumKernel, joints: Sinu
 
 def _run(case: Case, seed: int) -> Run:
     robot = case.robot
-    unknowns = catalogue(robot.with_uncertainty(declared(robot.known, LINKS)), case.uncertainty)
+    unknowns = catalogue(robot.with_errors(independent_errors(robot.known, LINKS)), case.uncertainty)
     if case.planar:
         unknowns = tuple(unknown.in_plane(PlaneDetector(robot.model)) for unknown in unknowns)
     rng = np.random.default_rng([seed, 3])
@@ -139,7 +139,7 @@ def test_taken_for_exact_they_lead_astray_which_shows(runs: list[Run]) -> None:
 def test_of_bodies_that_are_off_as_a_whole_the_target_is_found_within_what_is_reported(share: float) -> None:
     """No motion determines a factor of all bodies: the target is as far off as they are, and so is its interval."""
     robot = kernel('ets7')
-    errors = replace(ModelErrors.none(robot.model.joints), bodies=share * robot.known)
+    errors = replace(ModelErrors.zero(robot.model.joints), bodies=share * robot.known)
     truth = configured_motion('ets7', 30.0, 20.0, errors)
     last = identify(robot, truth, MID, 1, method='trajectory', known_links__relative_std=0.01)[-1]
     away = (last.parameters - true_body(robot)) / last.std

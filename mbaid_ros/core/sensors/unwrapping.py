@@ -1,4 +1,4 @@
-"""Whole turns that wrapped angles leave out, also of wheels that turn by more than a half between two readings."""
+"""Unwrapping of angles, also of wheels that turn by more than a half between two readings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _AGREES = 0.5  # rad, and times the step, that positions and velocities may diff
 _TRUSTED = 0.5  # share of the steps compared so far, in which they agree
 
 
-class Turns:
+class TurnCounter:
     """Counts the whole turns that wrapped angles leave out; the count does not depend on how readings are cut.
 
     A wheel may turn by more than a half between two readings. Where its velocities have agreed with its positions, they
@@ -26,14 +26,14 @@ class Turns:
         self._off = np.zeros(joints, dtype=bool)  # whether that step contradicts the velocity
         self._agreed, self._compared = np.zeros((2, joints))  # steps so far
 
-    def counted(self, stream: JointStream) -> Array:
-        """Return the turns (N, n) that the next readings are too far on by."""
+    def turn_counts(self, stream: JointStream) -> Array:
+        """Return the whole turns (N, n) to subtract from the next readings."""
         joined = stream if self._last is None else stream.concatenate((self._last, stream))
         new = len(stream.stamp) - (self._last is None)  # steps
         self._last = joined[-2:]
         if not new:
             return np.zeros((len(stream.stamp), len(self._count)))
-        step, expected, change = (each[-new:] for each in steps_of(joined))
+        step, expected, change = (each[-new:] for each in position_steps(joined))
         left, size = step - expected, np.abs(expected)
         turns = np.round(left / (2.0 * np.pi))
         agrees = np.abs(left - 2.0 * np.pi * turns) < _AGREES * np.minimum(size, 1.0)
@@ -43,16 +43,16 @@ class Turns:
         turns = np.where(fast, turns, np.round(step / (2.0 * np.pi)))
         off = fast & ~(agrees & (change < _AGREES))  # wrong readings may agree by chance
         if np.any(off | self._off):
-            self._pass_over(joined, turns, off)
+            self._skip_wrong_readings(joined, turns, off)
         self._compared, self._agreed = compared[-1], agreed[-1]
         self._step, self._off = turns[-1], off[-1]
         counted = self._count + np.cumsum(turns, axis=0)
         before, self._count = self._count, counted[-1]
         return counted if len(counted) == len(stream.stamp) else np.concatenate((before[None], counted))
 
-    def _pass_over(self, joined: JointStream, turns: Array, off: Flags) -> None:
+    def _skip_wrong_readings(self, joined: JointStream, turns: Array, off: Flags) -> None:
         """Count over single wrong readings, in place: the steps to one and back may not add up."""
-        step, expected, change = steps_of(joined, 2)
+        step, expected, change = position_steps(joined, 2)
         across = np.round((step - expected) / (2.0 * np.pi))
         agrees = np.abs(step - expected - 2.0 * np.pi * across) + change < _AGREES
         before, skipped = (self._step, self._off), len(off) - len(step)
@@ -64,7 +64,7 @@ class Turns:
             before = turns[place], off[place]
 
 
-def steps_of(stream: JointStream, over: int = 1) -> tuple[Array, Array, Array]:
+def position_steps(stream: JointStream, over: int = 1) -> tuple[Array, Array, Array]:
     """Return the steps of the positions from each reading to one of the next, and those by the mean velocity.
 
     The last result is how far the latter may be off as the velocity changes; without any velocity they are NaN.
