@@ -78,7 +78,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         moving=_moving(kernel, runs, settings.noise),
         normal=normal,
         gains=np.linalg.eigvalsh(_gained(normals.of_the_robot))[::-1],
-        further_off=normals.prior_scales.sure,
+        further_off=normals.prior_scales.significant,
         residual=float(np.sqrt(gaussian.nis / max(gaussian.measured, 1))),
         settled=settled.stays,
         redundancy=gaussian.measured,
@@ -176,6 +176,6 @@ def _momenta(passed: CalibrationIteration, motions: Sequence[Motion]) -> tuple[A
         shift = np.eye(6)
         shift[3:, :3] = skew(motion.origin)
         values[index] = shift @ passed.momenta[index]
-        own = factor @ factor.T + motion.variables.outside[MOMENTUM, MOMENTUM]
+        own = factor @ factor.T + motion.variables.covariance_outside[MOMENTUM, MOMENTUM]
         covariances[index] = shift @ own @ shift.T
     return values, covariances

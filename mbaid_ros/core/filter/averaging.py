@@ -29,7 +29,7 @@ class Averaged:
 
     ready: Window | None
     still_open: Window | None
-    moved: bool
+    joints_moved: bool
 
 
 class KnotAveraging:
@@ -75,11 +75,11 @@ class KnotAveraging:
         self._highest: Array = np.array(-np.inf)
         self._moved = False
 
-    def take(self, windows: list[Samples]) -> list[Averaged]:
+    def average(self, windows: list[Samples]) -> list[Averaged]:
         """Return the windows that closed ones complete."""
         if not self._knots_a_window:
             self.origin = windows[0].base_position[0].copy()
-            self._knots_a_window = knots_a_window(windows[0], self._length, self._wanted, alike=self._alike)
+            self._knots_a_window = knots_per_window(windows[0], self._length, self._wanted, alike=self._alike)
         length, count = self._length, self._knots_a_window
         numbers = [int(np.floor((window.time[0] + 1e-9) / length)) for window in windows]
         new = averages(windows, np.array(numbers) * length, length / count, count, self.origin)
@@ -180,7 +180,7 @@ def _with_course(knots: Knots, spacing: float, begin: Array) -> tuple[Knots, Arr
     return replace(knots, course=0.5 * (sums[1:] + sums[:-1])), sums[-1]
 
 
-def knots_a_window(window: Samples, length: float, wanted: float, *, alike: bool = False) -> int:
+def knots_per_window(window: Samples, length: float, wanted: float, *, alike: bool = False) -> int:
     """Return the number of knots in a window of a length in s: as wanted, s apart, and no fewer samples than knots.
 
     Knots that are to be alike have as many samples each, if these come evenly.
