@@ -95,8 +95,8 @@ def window_models(
         rows, windows = around.turn.shape[:2]
         last = begin + (inside.stop - 1) * windows + np.arange(windows)
         begin += rows * windows
-        brought = _momentum_change(layout, stack, bodies[last], around.base_position[inside.stop - 1])
-        models.append(_models(layout, stack, motion, prediction, point, (noise, brought)))
+        impulses = _momentum_change(layout, stack, bodies[last], around.base_position[inside.stop - 1])
+        models.append(_models(layout, stack, motion, prediction, point, (noise, impulses)))
     if len(stacks) == 1:
         return models[0]
     return WindowModel.concatenate(models)[np.argsort(np.concatenate([stack.places for stack in stacks]))]
@@ -110,8 +110,8 @@ def _models(
     point: Point,
     effects: tuple[JointNoise, tuple[Array, Array]],
 ) -> WindowModel:
-    """Return a stack's windows from its motion, the prediction, the joints' noise and the momentum brought."""
-    noise, (brought, centre) = effects
+    """Return a stack's windows from its motion, the prediction, the joints' noise and the impulses."""
+    noise, (impulses, centre) = effects
     around, inside = motion
     parameters, spacing = point.parameters, stack.windows[0].spacing
     around_slope = gradient(predicted.twist) / spacing
@@ -153,7 +153,7 @@ def _models(
         rotation=exp(0.5 * middle.turn[-1]) @ middle.base_rotation[-1],
         position=middle.base_position[-1] + 0.5 * middle.step[-1],
         centre=centre,
-        momentum_change=brought,
+        momentum_change=impulses,
         body=np.tile(point.body, (len(stack.windows), 1)),
         integrated=whole,
     )
@@ -167,15 +167,15 @@ def _momentum_change(layout: Layout, stack: Stack, bodies: Bodies, position: Arr
     layout, stack : of the state, of B windows
     bodies, position : near the end of each; (B, 3) m, of the base then
     """
-    brought = np.zeros((len(position), 6, layout.size))
+    impulses = np.zeros((len(position), 6, layout.size))
     placed, length = bodies.states.configuration, stack.windows[0].length
     system = np.sum(express(bodies.parameters, placed.rotation, position[:, None] + placed.position), axis=1)
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if unknown.changes_momentum:
             ends = stack.middles + 0.5 * length
             rates = unknown.momentum_rates(system, stack.windows[0].origin, ends, placed.rotation[:, 0])
-            brought[..., place] = length * rates @ unknown.factor
-    return brought, system[:, 1:4] / system[:, :1]
+            impulses[..., place] = length * rates @ unknown.factor
+    return impulses, system[:, 1:4] / system[:, :1]
 
 
 def _integral(twist: Array, slope: Array, spacing: float) -> Array:

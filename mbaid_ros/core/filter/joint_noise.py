@@ -92,19 +92,19 @@ def joint_noise(
         stored = _by_readings(bodies[index[1]])
         samples = np.concatenate([stack.samples for stack in stacks])
         process = np.concatenate((process, length / np.sqrt(samples) * stored), axis=-1)
-    stepped = np.zeros((*last.shape[:-1], 0))
+    steps = np.zeros((*last.shape[:-1], 0))
     if layout.time_constants.size:
         samples = np.concatenate([stack.samples for stack in stacks])
-        stepped = last @ layout.joint_columns
+        steps = last @ layout.joint_columns
         # The rate of a Gauss-Markov process is white, its density twice the variance over the time constant.
         times = layout.time_constants[np.isfinite(layout.time_constants)]
         within = np.sqrt(2.0 / times * samples / length) * (middle @ layout.joint_columns)
         stored = np.concatenate((stored, within), axis=-1)
-    gained = np.zeros((len(stepped), stepped.shape[-1]))
+    added = np.zeros((len(steps), steps.shape[-1]))
     if swing is not None and layout.time_constants.size:
-        more, gained, jolts = _of_swing(layout, kernel, bodies[index[1]], swing, (deviation, length))
-        stepped, stored = stepped + more, np.concatenate((stored, np.sqrt(samples) / length * jolts), axis=-1)
-    noise = JointNoise(deviation * middle, deviation[..., None, :] * by_unknowns, process, stored, stepped, gained)
+        more, added, jolts = _of_swing(layout, kernel, bodies[index[1]], swing, (deviation, length))
+        steps, stored = steps + more, np.concatenate((stored, np.sqrt(samples) / length * jolts), axis=-1)
+    noise = JointNoise(deviation * middle, deviation[..., None, :] * by_unknowns, process, stored, steps, added)
     ends = np.cumsum([0, *(len(stack.windows) for stack in stacks)])
     return [noise[begin:end] for begin, end in pairwise(ends)]
 
@@ -130,9 +130,9 @@ def _of_swing(
     processes = np.flatnonzero(np.isfinite(layout.time_constants))
     own = processes < swing.shape[-1] - (BODY.stop - LINEAR.start)
     columns = processes[own] + BODY.stop - LINEAR.start
-    stepped, variance = np.zeros((len(swing), 6, len(processes))), np.zeros((len(swing), len(processes)))
+    steps, variance = np.zeros((len(swing), 6, len(processes))), np.zeros((len(swing), len(processes)))
     growth = np.exp(length / layout.time_constants[processes[own]])
-    stepped[..., own] = turned[:, ANGULAR_FIRST] @ swing[..., columns] * growth
+    steps[..., own] = turned[:, ANGULAR_FIRST] @ swing[..., columns] * growth
     rates = np.sqrt(np.sum((length * by_joints * deviation) ** 2, axis=-1))  # (B, f) that a window adds
     begin = 0
     for unknown in layout.unknowns:
@@ -141,7 +141,7 @@ def _of_swing(
             variance[:, begin : begin + count] = unknown.process_variances(rates)
         begin += count
     ends = np.minimum(1.0 / (np.sqrt(2.0) * springs.rate), length[:, 0] / np.sqrt(3.0)) * rates
-    return stepped, variance, turned[:, ANGULAR_FIRST] * ends[:, None]
+    return steps, variance, turned[:, ANGULAR_FIRST] * ends[:, None]
 
 
 def _by_readings(bodies: Bodies) -> Array:

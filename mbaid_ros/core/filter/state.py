@@ -238,16 +238,16 @@ def mobility_and_joint_momentum(
     return mobility, moving
 
 
-def total_momentum(middle: Midpoints, point: Point, known: Array, brought: tuple[Array, Array]) -> tuple[Array, Array]:
+def total_momentum(middle: Midpoints, point: Point, known: Array, impulses: tuple[Array, Array]) -> tuple[Array, Array]:
     """Return the total (P, L_b) at N instants, (N, 3) each: that of the point, thrust and orbit included.
 
     Parameters
     ----------
     middle, point : Midpoints, Point
     known : (n + 1, 10) standard parameters of all bodies
-    brought : columns of tide and of thrusters that deviate from their commands
+    impulses : columns of tide and of thrusters that deviate from their commands
     """
-    parameters, (tide, thrust) = point.parameters, brought
+    parameters, (tide, thrust) = point.parameters, impulses
     linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
     about_base = angular - cross(middle.base_position, linear)
     parts = [(tide, known)] if tide.shape[1] else []

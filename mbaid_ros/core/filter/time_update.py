@@ -59,7 +59,7 @@ class MomentumChange:
     autocorrelation: Array  # (f,) autocorrelation of the processes that bring momentum; 0 of others
 
 
-def momentum_change(brought: Array, rate_length: float, seconds: float, variables: Variables) -> MomentumChange:
+def momentum_change(change: Array, rate_length: float, seconds: float, variables: Variables) -> MomentumChange:
     """Return the change of the momentum over some seconds.
 
     A process v of unit variance and time constant T with the values v and v' at the ends of D seconds has an integral
@@ -67,20 +67,20 @@ def momentum_change(brought: Array, rate_length: float, seconds: float, variable
 
     Parameters
     ----------
-    brought, rate_length : (p, v) change over a length in s by constant variables
+    change, rate_length : (p, v) change over a length in s by constant variables
     """
-    brought = brought * (seconds / rate_length)
+    change = change * (seconds / rate_length)
     count = len(variables.gauss_markov)
-    stepped = np.zeros((variables.head, count))
+    steps = np.zeros((variables.head, count))
     if not count:
-        return MomentumChange(brought, stepped, np.zeros((len(brought), 0)), np.zeros(0))
-    of_processes = brought[:, variables.gauss_markov]
+        return MomentumChange(change, steps, np.zeros((len(change), 0)), np.zeros(0))
+    of_processes = change[:, variables.gauss_markov]
     half = 0.5 * seconds / variables.time_constants[np.isfinite(variables.time_constants)]
     share = np.tanh(half) / half
-    brought[:, variables.gauss_markov] = share * of_processes
-    stepped[variables.poses :] = 0.5 * share * of_processes
+    change[:, variables.gauss_markov] = share * of_processes
+    steps[variables.poses :] = 0.5 * share * of_processes
     noise = of_processes * np.sqrt((1.0 - share) / half)
-    return MomentumChange(brought, stepped, noise, variables.autocorrelation(seconds) * of_processes.any(axis=0))
+    return MomentumChange(change, steps, noise, variables.autocorrelation(seconds) * of_processes.any(axis=0))
 
 
 def advance(
@@ -246,7 +246,7 @@ def _with_random_walk(root: Array, noise: Array, stop: int) -> Array:
 
 
 def _processes_redrawn(root: Array, variables: Variables, change: MomentumChange | None = None) -> Array:
-    """Return the triangle with the Gauss-Markov processes drawn anew, but for those that have brought momentum."""
+    """Return the triangle with the Gauss-Markov processes drawn anew, but for those that change the momentum."""
     if not variables.time_constants.size:
         return root
     zeros = np.zeros(len(variables.gauss_markov))

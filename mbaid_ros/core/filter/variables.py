@@ -144,7 +144,7 @@ class Variables:
         return replace(self, mean=expected, previous_information=self.without_force(root))
 
     def without_force(self, root: Array) -> Array:
-        """Return the (v, v + 1) square-root information, and z, of a root as of `going_on`."""
+        """Return the (v, v + 1) square-root information, and z, of a root as of `for_new_target`."""
         left = np.column_stack((root[:, :-2], root[:, -2] + root[:, -1]))
         count = len(self.scale)
         if len(root) == count:

@@ -41,10 +41,10 @@ class End:
         return bool(np.all(np.isfinite(self.noise.twist)))
 
     @staticmethod
-    def from_window(window: Samples, noise: SensorNoise, length: float, origin: Array, brought: Array) -> End:
+    def from_window(window: Samples, noise: SensorNoise, length: float, origin: Array, momentum_change: Array) -> End:
         """Return it from the last window of a run, of a length in s, that began at an origin (3,) m.
 
-        `brought` (6,) is the change of the momentum since then, L about the odometry's origin.
+        `momentum_change` (6,) is the change of the momentum since then, L about the odometry's origin.
         """
         last = window_noises([window[-1:]], noise)[0]
         if window.missing_rates[1]:
@@ -62,7 +62,7 @@ class End:
             window.base_rotation[-1],
             window.base_position[-1] - origin,
             origin,
-            np.concatenate((brought[:3], brought[3:] - cross(origin, brought[:3]))),
+            np.concatenate((momentum_change[:3], momentum_change[3:] - cross(origin, momentum_change[:3]))),
         )
 
 
