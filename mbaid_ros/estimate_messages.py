@@ -118,7 +118,7 @@ class Publications:
     ) -> Iterator[tuple[str, Any]]:
         """Yield the last parts of the topics' names with their messages; parameters as of `debris_message`."""
         yield 'estimate', estimate_message(estimate, self._types, frames)
-        inertia, body = self._inertia.follow(estimate), self._debris.follow(alone)
+        inertia, body = self._inertia.next_published(estimate), self._debris.next_published(alone)
         if inertia is not None:
             yield 'inertia', inertia_message(inertia, self._types, frames)
         if body is not None:

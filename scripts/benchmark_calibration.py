@@ -25,7 +25,7 @@ from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, displaced
 from mbaid_ros.core.robot.model_errors import BodyDeviations, ModelErrors
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.unknowns.catalogue import CalibratedSide, Uncertainty
+from mbaid_ros.core.unknowns.catalogue import CalibratedModel, Uncertainty
 from mbaid_ros.core.unknowns.declaration import NominalModel
 from mbaid_ros.session.known_robot import KnownRobot
 from mbaid_ros.session.methods import make_estimator
@@ -141,8 +141,8 @@ def _continued(cad: RobotModel, found: Calibration) -> tuple[MomentumKernel, Unc
     """Return a robot after its calibration, and its uncertainty, as the files of `calibrate` have them."""
     robot = _with(cad, found)
     links = tuple(robot.link(name) for name in LINKS)
-    side = CalibratedSide(links, found.joints[:, 0], found.mount, found.block_covariance)
-    return side.known_to(MomentumKernel(robot, 'link7'), UNCERTAIN)
+    side = CalibratedModel(links, found.joints[:, 0], found.mount, found.block_covariance)
+    return side.with_kernel(MomentumKernel(robot, 'link7'), UNCERTAIN)
 
 
 def _target(after: list[Samples], kernel: MomentumKernel, uncertainty: Uncertainty | None = None) -> Estimate:

@@ -14,7 +14,7 @@ from mbaid_ros.core.filter.measured_window import IntegratedTwist, Measurement
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.state import BODY, Layout, Point
 from mbaid_ros.core.filter.variables import Variables
-from mbaid_ros.core.filter.whitened import WhitenedWindow, prepared
+from mbaid_ros.core.filter.whitened import WhitenedWindow, whitened_windows
 from mbaid_ros.core.filter.window import Stack, Window, WindowNoise
 from mbaid_ros.core.geometry import Array, exp, rotate
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, Stamps
@@ -70,7 +70,7 @@ STATE = BODY.stop + UNKNOWNS
 
 def prepare(window: WindowModel, variables: Variables) -> WhitenedWindow:
     """Return one window in the filter's variables."""
-    return prepared(window[None], variables)[0]  # type: ignore[index]
+    return whitened_windows(window[None], variables)[0]  # type: ignore[index]
 
 
 def variables(rng: np.random.Generator) -> Variables:
@@ -103,8 +103,8 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
             pose=rng.normal(size=(6, 3)),
             by_unknowns=rng.normal(size=(6, NUMBERS, 3)),
             stored=np.zeros((6, 0)),
-            stepped=np.zeros((6, 0)),
-            gained=np.zeros(0),
+            by_process_steps=np.zeros((6, 0)),
+            process_variance=np.zeros(0),
         ),
         joints_of_gyro=np.zeros((3, 3)),
         joints_in_twist=np.array(rng.uniform(0.5, 2.0)),
@@ -112,7 +112,7 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
         rotation=np.eye(3),
         position=rng.normal(size=3),
         centre=rng.normal(size=3),
-        brought=np.zeros((6, STATE)),
+        momentum_change=np.zeros((6, STATE)),
         body=rng.normal(size=10),
         integrated=IntegratedTwist.none(1, STATE)[0],
     )
@@ -177,5 +177,5 @@ def piece(stream: Stream, begin: int, end: int) -> Stream | None:
 
 def covariance_of(gaussian: SquareRootInformation, space: Variables) -> Array:
     """Return the covariance of the state."""
-    factor = MeanAndCovariance.of(gaussian, space).factor
+    factor = MeanAndCovariance.from_gaussian(gaussian, space).factor
     return np.asarray(factor @ factor.T)

@@ -78,7 +78,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
         moving=_moving(kernel, runs, settings.noise),
         normal=normal,
         gains=np.linalg.eigvalsh(_information_gain(normals.of_the_robot))[::-1],
-        prior_scales=normals.prior_scales.sure,
+        prior_scales=normals.prior_scales.significant,
         residual=float(np.sqrt(gaussian.nis / max(gaussian.measured, 1))),
         converged=solution.converged,
         redundancy=gaussian.measured,
@@ -176,6 +176,6 @@ def _momenta(iteration: CalibrationIteration, motions: Sequence[Motion]) -> tupl
         shift = np.eye(6)
         shift[3:, :3] = skew(motion.origin)
         values[index] = shift @ iteration.momenta[index]
-        own = factor @ factor.T + motion.variables.outside[MOMENTUM, MOMENTUM]
+        own = factor @ factor.T + motion.variables.covariance_outside[MOMENTUM, MOMENTUM]
         covariances[index] = shift @ own @ shift.T
     return values, covariances

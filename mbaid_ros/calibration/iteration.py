@@ -16,7 +16,7 @@ from mbaid_ros.core.filter.batch import is_converged, turns_back
 from mbaid_ros.core.filter.square_root import SquareRootInformation, update
 from mbaid_ros.core.filter.start import angular_momentum
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, Point, layout_of, near_part
-from mbaid_ros.core.filter.time_update import UNDISTURBED, advance, entered, new_motion
+from mbaid_ros.core.filter.time_update import UNDISTURBED, advance, at_window_start, new_motion
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import LinearisationCache, WhitenedWindow
 from mbaid_ros.core.filter.window import Window, in_stacks
@@ -47,7 +47,7 @@ class Motion:
     @property
     def has_disturbance(self) -> bool:
         """Whether a varying torque or force is declared."""
-        return any(each.pushes and np.isfinite(each.times).any() for each in self.layout.unknowns)
+        return any(each.changes_momentum and np.isfinite(each.time_constants).any() for each in self.layout.unknowns)
 
     @staticmethod
     def from_windows(
@@ -72,7 +72,7 @@ class Motion:
         noise, length, gyro, orientation_measured = sensing
         fastest = kernel.springs.highest_frequency
         averaging = KnotAveraging(noise, length, gyro, orientation_measured=orientation_measured, fastest=fastest)
-        taken = averaging.take(run)
+        taken = averaging.average(run)
         windows = [each.ready for each in taken if each.ready is not None]
         if taken[-1].still_open is not None:
             windows.append(taken[-1].still_open)
@@ -175,7 +175,7 @@ def _iterate(motions: Sequence[Motion], common: Array, momenta: Array) -> Calibr
 
 def _step(shared: Variables, iteration: CalibrationIteration, common: Array) -> tuple[Array, Array]:
     """Return the Gauss-Newton step of an iteration, and the standard deviations."""
-    spread = shared.spread[BODY.start :, shared.head :]
+    spread = shared.to_state[BODY.start :, shared.head :]
     # Numbers of a planar target link that the variables leave out do not move.
     step = spread @ (iteration.mean - np.linalg.pinv(spread) @ common)
     return step, np.sqrt(np.sum((spread @ iteration.factor) ** 2, axis=1))
@@ -224,8 +224,8 @@ def filter_motions(
         else:
             gaussian = new_motion(gaussian, own)
         for number, (window, linearised) in enumerate(_linearised(motion, point), start=1):
-            white = linearised if given is None else linearised.given(np.append(np.full(own.head, np.nan), given))
-            gaussian = update(entered(gaussian, window, white, own), white)
+            white = linearised if given is None else linearised.with_known(np.append(np.full(own.head, np.nan), given))
+            gaussian = update(at_window_start(gaussian, window, white, own), white)
             if number < len(motion.windows):
                 gaussian = advance(gaussian, white, own, UNDISTURBED)
         heads.append(_momentum_rows(gaussian, own))
@@ -257,12 +257,12 @@ def _momentum_rows(gaussian: SquareRootInformation, own: Variables) -> Array:
 
     The motion's own unknowns are eliminated: their columns are zero.
     """
-    root, mine = gaussian.root, own.renewed.any(axis=1)
-    if own.times.size:
-        mine = mine | np.isfinite(own.times)
+    root, mine = gaussian.root, own.motion_change.any(axis=1)
+    if own.time_constants.size:
+        mine = mine | np.isfinite(own.time_constants)
     if not mine.any():
         return root[own.poses : own.head]
-    first = np.concatenate((np.zeros(own.own, dtype=bool), mine, np.zeros(2, dtype=bool)))
+    first = np.concatenate((np.zeros(own.first_unknown, dtype=bool), mine, np.zeros(2, dtype=bool)))
     count = int(np.sum(mine))
     order = np.concatenate((np.flatnonzero(first), np.flatnonzero(~first)))
     triangle = np.asarray(np.linalg.qr(root[:, order], mode='r'))
@@ -282,5 +282,5 @@ def _momentum(rows: Array, own: Variables, mean: Array, factor: Array) -> tuple[
     back = np.linalg.inv(rows[:, own.poses : own.head])
     others = rows[:, own.head : -2]
     value = back @ (rows[:, -2:].sum(axis=1) - others @ mean)
-    spread = own.spread[MOMENTUM, own.poses : own.head]
+    spread = own.to_state[MOMENTUM, own.poses : own.head]
     return spread @ value, spread @ np.concatenate((back, -back @ others @ factor), axis=1)

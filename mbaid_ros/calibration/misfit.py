@@ -34,7 +34,7 @@ def bias_corrected(motions: Sequence[Motion], solution: CalibrationSolution) -> 
     if not solution.converged or not any(motion.has_disturbance for motion in motions):
         return solution
     own = motions[0].variables
-    deviation = np.linalg.norm(own.spread[BODY.start :, own.head :] @ solution.iteration.factor, axis=1)
+    deviation = np.linalg.norm(own.to_state[BODY.start :, own.head :] @ solution.iteration.factor, axis=1)
     misfit = Misfit(motions, solution.common, deviation, solution.momenta)
     iteration = filter_motions(motions, misfit.points(solution.common))
     score = misfit.score(iteration.gaussian.root[own.head :, own.head :])
@@ -55,11 +55,11 @@ class Misfit:
     def bodies(self) -> Integers:
         """Indices of the numbers that rows depend on by the motion, among the variables that all motions share."""
         layout, own = self.motions[0].layout, self.motions[0].variables
-        first = own.own - own.head
+        first = own.first_unknown - own.head
         places = [
             np.arange(place.start, place.stop) - BODY.stop + first
             for unknown, place in zip(layout.unknowns, layout.places, strict=True)
-            if not unknown.read and not unknown.pushes
+            if not unknown.in_readings and not unknown.changes_momentum
         ]
         return np.concatenate((np.arange(first), *places))
 
@@ -78,7 +78,7 @@ class Misfit:
         left, along = np.linalg.eigh((before[:, :-1] @ deviation).T @ (before[:, :-1] @ deviation))
         left, along = left[left < 1.0 - _SEEN], along[:, left < 1.0 - _SEEN]
         slopes = [_gradient(each, at) @ deviation @ along for each in (before, after)]
-        steps = _STEP * own.spread[BODY.start :, own.head + bodies] @ deviation @ along
+        steps = _STEP * own.to_state[BODY.start :, own.head + bodies] @ deviation @ along
         here = self.value_at(self.common)
         lost = np.array([self.value_at(self.common + step) - here for step in steps.T])
         # The curvature is that of least squares: 1, less that of the prior.
@@ -91,7 +91,7 @@ class Misfit:
         """Return the variables (w,) that all motions share."""
         own = self.motions[0].variables
         state = np.concatenate((np.zeros(BODY.start), common))
-        return np.concatenate((own.gather[own.head : own.own] @ state, state[BODY.stop :]))
+        return np.concatenate((own.from_state[own.head : own.first_unknown] @ state, state[BODY.stop :]))
 
     def value_at(self, common: Array) -> float:
         """Return the normalised innovations squared of all windows, with the bodies given."""

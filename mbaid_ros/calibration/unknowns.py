@@ -26,7 +26,7 @@ from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.model_errors import KnownErrors, links_to_bodies
 from mbaid_ros.core.robot.momentum import body_sizes, physical, pseudo_inertia
-from mbaid_ros.core.trajectory.solution import passive_joints, values_of
+from mbaid_ros.core.trajectory.solution import estimates_of, passive_joints
 from mbaid_ros.core.unknowns.base import OdometryMount
 from mbaid_ros.core.unknowns.bodies import masses
 from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
@@ -58,7 +58,7 @@ class StandardNormals:
         """Return the prior."""
         unknowns = catalogue(kernel, uncertainty)
         numbers = 10 + sum(unknown.count for unknown in unknowns)
-        return StandardNormals(prior, kernel.model.joints, unknowns, UnknownsPrior.nothing(numbers))
+        return StandardNormals(prior, kernel.model.joints, unknowns, UnknownsPrior.standard_normal(numbers))
 
     def conditioned(self, iteration: CalibrationIteration, own: Variables, detector: PlaneDetector) -> StandardNormals:
         """Return the posterior after an iteration over all data.
@@ -68,7 +68,7 @@ class StandardNormals:
         iteration : with the mean and factor of the numbers that the motions share
         own : variables of a motion
         """
-        body = own.gather[own.head : own.own, BODY]
+        body = own.from_state[own.head : own.first_unknown, BODY]
         seen = (
             in_plane_map(unknown, unknown.in_plane(detector)) if detector.planar else np.eye(unknown.count)
             for unknown in self.unknowns
@@ -88,7 +88,7 @@ class StandardNormals:
         causes += [cause for unknown in self.unknowns for cause in unknown.causes]
         parts = [*masses([first], self.prior.roots[0]), *(part for unknown in self.unknowns for part in unknown.parts)]
         factor = self.gaussian.factor
-        return PriorScaleFactors.of(self.gaussian.mean, factor @ factor.T, causes, parts)
+        return PriorScaleFactors.from_posterior(self.gaussian.mean, factor @ factor.T, causes, parts)
 
     def with_scaled_prior(self) -> StandardNormals:
         """Return the Gaussian with a scaled prior (trajectory.md, eq. 7); unobserved directions stay."""
@@ -96,19 +96,19 @@ class StandardNormals:
         seen = factor[:, len(mean) :]
         return replace(
             self,
-            gaussian=UnknownsPrior(mean, np.concatenate((factor, self.prior_scales.beside(seen @ seen.T)), axis=1)),
+            gaussian=UnknownsPrior(mean, np.hstack((factor, self.prior_scales.added_columns(seen @ seen.T)))),
         )
 
     @property
     def of_the_robot(self) -> UnknownsPrior:
         """Mean and covariance of links, joints, mount, wheels and thrusters: all but the sensors."""
-        of_the_run = (unknown for unknown in self.unknowns if unknown.read and not isinstance(unknown, OdometryMount))
+        of_the_run = (each for each in self.unknowns if each.in_readings and not isinstance(each, OdometryMount))
         count = len(self.gaussian.mean) - sum(unknown.count for unknown in of_the_run)
         return UnknownsPrior(self.gaussian.mean[:count], self.gaussian.factor[:count])
 
     def values_of(self, kind: type[U]) -> Iterator[tuple[U, Array, Array]]:
         """Yield the unknowns of a kind, with their (k,) values and standard deviations."""
-        return values_of(kind, self._numbers(), self.gaussian.mean, np.linalg.norm(self.gaussian.factor, axis=1))
+        return estimates_of(kind, self._numbers(), self.gaussian.mean, np.linalg.norm(self.gaussian.factor, axis=1))
 
     def _numbers(self) -> Iterator[tuple[Unknown, slice]]:
         """Yield each unknown, and the place of its independent numbers."""

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.filter.exponential import steps_of
+from mbaid_ros.core.filter.exponential import transition_steps
 from mbaid_ros.core.filter.knots import Midpoints
-from mbaid_ros.core.filter.passive_prediction import started
+from mbaid_ros.core.filter.passive_prediction import starting_states
 from mbaid_ros.core.filter.state import Layout, Point, in_plane
 from mbaid_ros.core.filter.twist_prediction import predict
 from mbaid_ros.core.geometry import Array, cross, log, rotate, rotate_back
@@ -74,12 +74,12 @@ class FloatingRobot:
         flat = [each.reshape(count, *each.shape[2:]) for each in motion]
         none, stored = np.zeros((count, 3)), np.tile(self.stored, (count, 1))
         middle = Midpoints(*(*flat, none, none, np.zeros((count, 6)), stored))
-        layout = Layout.of(kernel, (), plane=self.plane)
+        layout = Layout.from_unknowns(kernel, (), plane=self.plane)
         passive = predict(layout, middle, self.point, np.zeros((count, size)))[1].passive
         assert passive is not None, 'there are passive joints'
         by_state, slope = passive.by_state.reshape(*shape, 2 * size, -1), passive.slope.reshape(*shape, -1, 1)
-        x = composed(*steps_of(np.mean(passive.by_state, axis=0), by_state, slope, step))
-        begin = started(np.zeros((2, size, 1)), by_state[0], slope[0])
+        x = composed(*transition_steps(np.mean(passive.by_state, axis=0), by_state, slope, step))
+        begin = starting_states(np.zeros((2, size, 1)), by_state[0], slope[0])
         return replace(base, deflection=(x[..., : 2 * size] @ begin + x[..., 2 * size :])[..., :size, 0])
 
     def mobility_and_momentum(self, joint_position: Array, joint_velocity: Array) -> tuple[Array, Array]:

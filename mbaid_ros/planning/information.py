@@ -87,7 +87,7 @@ class Information:
     def determinable(self) -> Flags:
         """The parameters that a motion can determine at all, (10,): four in a planar one."""
         variables = self._known.variables
-        own = variables.basis[BODY, 2 * variables.poses : variables.own]
+        own = variables.basis[BODY, 2 * variables.poses : variables.first_unknown]
         left_out = self._jacobian @ (np.eye(10) - own @ own.T) * self._scale
         return np.asarray(np.linalg.norm(left_out, axis=1) < _NOTHING * self._sizes)
 
@@ -121,8 +121,8 @@ class Information:
         last = self._start
         for (gaussian,) in self._posteriors(grid, joints, base):
             last = gaussian
-        distribution = MeanAndCovariance.of(last, self._known.variables)
-        own = distribution.factor_of(self._jacobian @ self._known.variables.spread[BODY])
+        distribution = MeanAndCovariance.from_gaussian(last, self._known.variables)
+        own = distribution.factor_of(self._jacobian @ self._known.variables.to_state[BODY])
         layout = self._known.layout
         variances = distribution.contributions(own, layout).T ** 2 @ layout.belongs
         return layout.causes, variances / np.maximum(np.sum(own**2, axis=1, keepdims=True), np.finfo(float).tiny)
@@ -198,18 +198,18 @@ class Information:
         poses, count = variables.poses, len(variables.scale)
         root = np.zeros((count, count))
         root[:poses, :poses] = variables.prior()[1][:poses, :poses]
-        factor = variables.gather[poses:, FIRST:] @ self._known.triangle.T
+        factor = variables.from_state[poses:, FIRST:] @ self._known.triangle.T
         triangle = np.linalg.qr(factor.T, mode='r')
         root[poses:, poses:] = np.linalg.qr(np.linalg.inv(triangle).T, mode='r')
-        return SquareRootInformation.of(root, np.zeros(count), (self._known.hypothesis.force,), variables)[0]
+        return SquareRootInformation.from_root(root, np.zeros(count), (self._known.hypothesis.force,), variables)[0]
 
     def _covariance(self, gaussian: SquareRootInformation) -> Array:
         """Return the (10, 10) covariance of the body's standard parameters."""
         variables = self._known.variables
         rows = np.zeros((gaussian.size, 10), order='F')
-        rows[: len(variables.scale)] = variables.spread[BODY].T
+        rows[: len(variables.scale)] = variables.to_state[BODY].T
         own, _ = dtrtrs(gaussian.triangle, rows, trans=1)
-        return np.asarray(own.T @ own + variables.outside[BODY, BODY])
+        return np.asarray(own.T @ own + variables.covariance_outside[BODY, BODY])
 
     def _relative(self, covariance: Array) -> Array:
         """Return (N, 10) relative standard deviations of (N, 10, 10) covariances of standard parameters."""

@@ -109,7 +109,7 @@ def _settings(kernel: MomentumKernel, estimator: EstimatorConfig) -> Calibration
             declared_uncertainty(estimator, model),
             orbit=0.0,
             circle=None,
-            weighed=None if total is None else replace(total, with_target=True),
+            total_mass=None if total is None else replace(total, with_target=True),
         ),
         window=estimator.window,
         gyro=estimator.imu.noise_density,

@@ -96,7 +96,7 @@ def as_json(run: Run) -> dict[str, Any]:
         'estimate': shaped(final.parameters),
         'std': shaped_std(final.std),
         'covariance': matrix(final.covariance),
-        'error_budget': None if budget is None else {name: budget.of(name) or None for name in PARAMETERS},
+        'error_budget': None if budget is None else {name: budget.shares_of(name) or None for name in PARAMETERS},
         'unchecked': None if budget is None else budget.unobservable() or None,
         'identifiable': shaped(final.identifiable),
         'momentum': shaped_momentum(final.momentum, final.momentum_covariance),

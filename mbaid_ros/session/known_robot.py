@@ -17,7 +17,7 @@ from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.model_errors import BodyDeviations, KnownErrors, calibrated_errors, independent_errors
 from mbaid_ros.core.robot.momentum import body_sizes
 from mbaid_ros.core.unknowns.bodies import KnownTarget, TotalMass
-from mbaid_ros.core.unknowns.catalogue import CalibratedSide, Uncertainty
+from mbaid_ros.core.unknowns.catalogue import CalibratedModel, Uncertainty
 from mbaid_ros.session.settings import declared_uncertainty
 
 # Largest difference between the two files, which have 12 digits: of a body, relative to its typical size; of a joint's
@@ -71,15 +71,15 @@ def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot
         given = config.known_links.links.get(kernel.target.name)
         if given is not None and not config.debris.report:  # otherwise it is of the <inertial> alone
             uncertainty = replace(uncertainty, target=_target_prior(config, kernel, given))
-        return KnownRobot(kernel, replace(uncertainty, weighed=_mass_without_target(config.known_links, kernel)))
+        return KnownRobot(kernel, replace(uncertainty, total_mass=_mass_without_target(config.known_links, kernel)))
     found = _calibration(kernel.model, config.known_links)
-    side = CalibratedSide(
+    side = CalibratedModel(
         tuple(kernel.model.link(name) for name in found.links),
         found.values[10 * len(found.links) : -6 : 6],
         found.values[-6:],
         found.covariance,
     )
-    return KnownRobot(*side.known_to(kernel, uncertainty))
+    return KnownRobot(*side.with_kernel(kernel, uncertainty))
 
 
 def declared_mass(config: KnownLinksConfig) -> TotalMass | None:

@@ -109,7 +109,7 @@ def _refuse_unused(config: EstimatorConfig, known: KnownRobot) -> None:
         f"'known_links.{known.kernel.target.name[:60]}' is of the link that is identified": isinstance(
             target, KnownTarget
         ),
-        f"'known_links.total_mass' is {config.known_links.total_mass:g} kg": known.uncertainty.weighed is not None,
+        f"'known_links.total_mass' is {config.known_links.total_mass:g} kg": known.uncertainty.total_mass is not None,
         f"'target_prior.mass_std' is {config.target_prior.mass_std:g} kg": config.target_prior.mass_std > 0.0,
     }
     for given, present in unused.items():
@@ -128,7 +128,7 @@ def _difference(config: EstimatorConfig, known: KnownRobot, reporting: Reporting
         linear_momentum_std=config.momentum.linear_prior_std,
     )
     unknowns = catalogue(known.kernel, known.uncertainty)
-    return DifferenceEstimator(known.kernel, settings, reporting, unknowns, known.uncertainty.carried)
+    return DifferenceEstimator(known.kernel, settings, reporting, unknowns, known.uncertainty.joint_prior)
 
 
 def _paper(config: EstimatorConfig, kernel: MomentumKernel) -> PaperEstimator:

@@ -20,7 +20,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf_document import captured_stderr
 from mbaid_ros.core.sensors.base import AttachedFrame
-from mbaid_ros.core.trajectory.solution import carry_target
+from mbaid_ros.core.trajectory.solution import joints_carrying_target
 from mbaid_ros.files import require_regular
 from mbaid_ros.session.known_robot import nominal_model, with_known_errors
 from mbaid_ros.session.settings import marker_frame, springs, storage
@@ -92,7 +92,7 @@ class Robot:
         self.target_link = config.target_link or self.model.last_link
         kernel = MomentumKernel(self.model, self.target_link).with_storage(storage(config.wheels, self.model))
         kernel = kernel.with_springs(springs(config.flexible, self.model))
-        halves = kernel.springs.rate[carry_target(kernel)] * config.window / np.pi
+        halves = kernel.springs.frequency[joints_carrying_target(kernel)] * config.window / np.pi
         self.window = (2.0 if np.any(np.abs(halves - 1.0) < _HALF_A_PERIOD) else 1.0) * config.window
         self.kernel, self._link_covariance = with_known_errors(kernel, config.known_links)
         # Read once: a run that starts again keeps its calibration.

@@ -18,7 +18,7 @@ from mbaid_ros.core.robot.orbit import FallingFrame
 from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.unknowns.bodies import TargetPrior
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.environment import Circle, PushAxes, Pushing
+from mbaid_ros.core.unknowns.environment import Circle, DisturbanceAxes, DisturbanceModel
 from mbaid_ros.core.unknowns.sensors import GyroErrors
 from mbaid_ros.messages.imu import ImuReader
 
@@ -177,7 +177,7 @@ def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertai
         odometry_scale=0.0 if alone else config.odometry.scale_std,
         twist_bias=0.0 if alone else config.odometry.angular_velocity_bias_std,
         torque=_pushing(config, 'torque'),
-        force=Pushing() if alone else _pushing(config, 'force'),
+        force=DisturbanceModel() if alone else _pushing(config, 'force'),
         tracking=tracking,
         tracking_time=(_TRACKING_TIME,) * len(tracking),
         spring_frequency=[joint.frequency_relative_std for joint in passive],
@@ -190,7 +190,7 @@ def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertai
     )
 
 
-def _pushing(config: EstimatorConfig, kind: str) -> Pushing:
+def _pushing(config: EstimatorConfig, kind: str) -> DisturbanceModel:
     """Return how a force or torque from outside varies; a time that windows cannot show, or no orbit, is refused."""
     disturbance = config.disturbance
     deviation, time = getattr(disturbance, f'{kind}_std'), getattr(disturbance, f'{kind}_time')
@@ -198,13 +198,13 @@ def _pushing(config: EstimatorConfig, kind: str) -> Pushing:
         raise ParameterError(
             f"parameter 'disturbance.{kind}_time' is {time:g} s; accepted: 0, or at least window, {config.window:g} s"
         )
-    axes = cast('PushAxes', disturbance.axes)
+    axes = cast('DisturbanceAxes', disturbance.axes)
     orbit = make_orbit(config.orbit) if axes == 'orbit' else None
     if axes == 'orbit' and (orbit is None or config.orbit.epoch > 0.0):
         raise ParameterError(
             "parameter 'disturbance.axes' is 'orbit'; accepted with orbit.mean_motion above 0 and orbit.epoch 0"
         )
-    return Pushing(deviation, time, axes, orbit)
+    return DisturbanceModel(deviation, time, axes, orbit)
 
 
 def _uncertain_circle(config: OrbitConfig) -> Circle | None:

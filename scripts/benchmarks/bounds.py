@@ -102,7 +102,7 @@ def _information(case: Case, samples: Samples, momentum: Array, basis: Array) ->
     step = float(samples.time[_STRIDE] - samples.time[0])
     count = len(samples.time[between])
     middle = _midpoints(samples[between], step)
-    layout = Layout.of(robot, ())
+    layout = Layout.from_unknowns(robot, ())
     state = np.concatenate((np.zeros(POSE.stop), momentum, robot.target.parameters))
     prediction, bodies = predict(layout, middle, layout.point(state))
     by_rate, by_position = joint_gains(robot, bodies)

@@ -211,7 +211,7 @@ def attainable(robot: str, truth: Truth, errors: ModelErrors, sizes: ErrorStds) 
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         state[place] = np.linalg.lstsq(unknown.factor, _true(unknown, errors), rcond=None)[0]
     gaussian = _followed(layout, own_variables, windows, state)
-    distribution = MeanAndCovariance.of(gaussian, own_variables)
+    distribution = MeanAndCovariance.from_gaussian(gaussian, own_variables)
     jacobian = physical_jacobian(own.target.parameters)
     deviation = np.sqrt(np.sum((jacobian @ distribution.factor[BODY]) ** 2, axis=1))
     error = jacobian @ (distribution.mean - state)[BODY]
@@ -232,7 +232,7 @@ def _windows(robot: str, truth: Truth, errors: ModelErrors, length: float) -> tu
     for part in parts:
         detector.update(part)
     gathering = KnotAveraging(NOISE, length)
-    taken = gathering.take(parts)
+    taken = gathering.average(parts)
     both = [*(each.ready for each in taken), taken[-1].still_open]
     return [window for window in both if window is not None], gathering.origin, detector
 

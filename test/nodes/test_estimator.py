@@ -129,7 +129,7 @@ def test_a_run_is_that_of_the_core_to_the_last_bit_goes_stale_and_is_forgotten(g
     graph.wait(lambda: len(closed()) >= len(expected), 'all estimates')
     assert bits(closed()) == bits([estimate_message(each, TYPES, TABLE1) for each in expected])
     course = InertiaPublication()
-    followed = [course.follow(estimate) for estimate in expected]
+    followed = [course.next_published(estimate) for estimate in expected]
     usable = [inertia_message(each, TYPES, TABLE1) for each in followed if each is not None]
     assert 0 < len(usable) < len(expected)
     graph.wait(lambda: len(inertia) >= len(usable), 'all inertias')

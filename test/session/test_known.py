@@ -88,7 +88,7 @@ def test_a_run_that_starts_again_goes_on_with_the_calibration_it_began_with(tmp_
     session = Session(config_of(path), free_model().urdf)
     known = session.robot.known
     assert known is not None
-    assert known.uncertainty.carried is not None
+    assert known.uncertainty.joint_prior is not None
     path.write_text('moved on', encoding='utf-8')
     session.reset()
     assert session.robot.known is known
@@ -99,7 +99,7 @@ def test_the_filter_starts_from_all_of_it_with_every_correlation(tmp_path: Path)
     path = tmp_path / 'calibration.json'
     path.write_text(json.dumps(content()), encoding='utf-8')
     known = nominal_model(config_of(path), ROBOT)
-    unknowns, carried = catalogue(known.kernel, known.uncertainty), known.uncertainty.carried
+    unknowns, carried = catalogue(known.kernel, known.uncertainty), known.uncertainty.joint_prior
     assert carried is not None
     parts, sensing = unknowns[:-4], unknowns[-4:]
     assert [type(each) for each in sensing] == [TimeOffset, ClockDrift, TwistBias, Gravity]
@@ -210,9 +210,9 @@ def test_the_mass_of_the_whole_robot_is_known_as_well_as_it_was_weighed() -> Non
     total = np.zeros(layout.size)
     total[layout.places[0]] = layout.unknowns[0].factor[::10].sum(axis=0)
     before, weighed = float(np.sum(total**2)), 0.3**2 + 2.0 * (0.01 * own) ** 2
-    after = total @ filtered.spread @ np.linalg.inv(root)
+    after = total @ filtered.to_state @ np.linalg.inv(root)
     assert after @ after == pytest.approx(before * weighed / (before + weighed))
-    assert total @ filtered.spread @ mean == pytest.approx(2.0 * before / (before + weighed))
+    assert total @ filtered.to_state @ mean == pytest.approx(2.0 * before / (before + weighed))
     with pytest.raises(ParameterError, match='accepted: both above 0, or none'):
         nominal_model(build(EstimatorConfig, {'known_links.total_mass': 3.0}), kernel)
 
@@ -296,4 +296,4 @@ def test_a_captured_body_alone_has_the_uncertainty_that_known_links_declares_of_
     assert own is not None
     assert np.sqrt(own[0, 0]) == pytest.approx(0.05 * ROBOT.target.parameters[0])
     config = build(EstimatorConfig, {**given, 'debris.report': True})
-    assert not nominal_model(config, ROBOT).uncertainty.target.given
+    assert not nominal_model(config, ROBOT).uncertainty.target.declared

@@ -12,7 +12,7 @@ import pytest
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.unknowns.environment import Pushing
+from mbaid_ros.core.unknowns.environment import DisturbanceModel
 from mbaid_ros.session import methods, segment, settings
 from mbaid_ros.session.planning import plan_settings
 from mbaid_ros.session.session import Session
@@ -60,10 +60,10 @@ def argument(module: Any, name: str, key: str, parameters: dict[str, object]) ->
         ('time_offset.drift_std', 1e-4, {}, settings, 'Uncertainty', 'clock_drift', 1e-4),
         ('odometry.scale_std', 0.01, {}, settings, 'Uncertainty', 'odometry_scale', 0.01),
         ('odometry.angular_velocity_bias_std', 1e-3, {}, settings, 'Uncertainty', 'twist_bias', 1e-3),
-        ('disturbance.torque_std', 0.02, {}, settings, 'Uncertainty', 'torque', Pushing(0.02)),
-        ('disturbance.torque_time', 30.0, TORQUE, settings, 'Uncertainty', 'torque', Pushing(0.1, 30.0)),
-        ('disturbance.force_std', 0.02, {}, settings, 'Uncertainty', 'force', Pushing(0.02)),
-        ('disturbance.force_time', 30.0, FORCE, settings, 'Uncertainty', 'force', Pushing(0.1, 30.0)),
+        ('disturbance.torque_std', 0.02, {}, settings, 'Uncertainty', 'torque', DisturbanceModel(0.02)),
+        ('disturbance.torque_time', 30.0, TORQUE, settings, 'Uncertainty', 'torque', DisturbanceModel(0.1, 30.0)),
+        ('disturbance.force_std', 0.02, {}, settings, 'Uncertainty', 'force', DisturbanceModel(0.02)),
+        ('disturbance.force_time', 30.0, FORCE, settings, 'Uncertainty', 'force', DisturbanceModel(0.1, 30.0)),
         ('wheels.spin_inertia_relative_std', 0.1, WHEEL, settings, 'Uncertainty', 'spin_inertias', (0.2,)),
     ],
 )

@@ -31,8 +31,8 @@ from mbaid_ros.core.diagnosis.ranking import (
     CandidateCause,
     Change,
     IsolationResult,
+    candidate_cause,
     explains,
-    gained,
     likeliest_kinds,
 )
 from mbaid_ros.core.filter.bank import LONGEST, HypothesisFilter
@@ -46,7 +46,7 @@ from mbaid_ros.core.results.estimate import PULSE
 from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.unknowns.base import OF_TWIST, marker_text, vibration
-from mbaid_ros.core.unknowns.catalogue import Uncertainty, deviation_text, suspects, target_changed_text
+from mbaid_ros.core.unknowns.catalogue import Uncertainty, candidate_unknowns, deviation_text, target_changed_text
 from mbaid_ros.core.unknowns.declaration import Unknown
 
 _EVERY = 2  # one window in so many shows which convention is likely: for half of the work
@@ -83,7 +83,7 @@ class CandidateCauses:
     uncertainty: Uncertainty  # of the nominal model
     hypotheses: tuple[Hypothesis, ...]  # that the run is followed under
 
-    def inquire(
+    def isolate(
         self, windows: Sequence[Window], point: Point | None, jumps: Sequence[float] = (), wrong_twist: str = ''
     ) -> Work[IsolationResult]:
         """Return the candidates found.
@@ -115,13 +115,12 @@ class CandidateCauses:
         for candidate in candidates:
             found += yield from self._scored(candidate, base)
         for hypothesis in self.hypotheses[1:]:
-            filtered = yield from wide.passed(passed, hypothesis)
-            found.append(replace(gained(hypothesis.cause, filtered, base), physical=hypothesis.physical))
-        filtered = yield from wide.passed(passed, quiet, LONGEST)
+            filtered = yield from wide.filtered(passed, hypothesis)
+            found.append(replace(candidate_cause(hypothesis.cause, filtered, base), physical=hypothesis.physical))
+        filtered = yield from wide.filtered(passed, quiet, LONGEST)
         if explains(filtered) and 0 < len(filtered.jumps) <= _MOST_PULSES:
-            found.append(
-                gained(f'{PULSE} at {", ".join(f"{jump.time:.1f}" for jump in filtered.jumps)} s', filtered, base)
-            )
+            when = ', '.join(f'{jump.time:.1f}' for jump in filtered.jumps)
+            found.append(candidate_cause(f'{PULSE} at {when} s', filtered, base))
         times = [time for time in jumps if time >= windows[0].start] or [jump.time for jump in filtered.jumps]
         found += yield from self._target_changes(windows, point or at, times[:_PARTS], base)
         # A loose joint explains anything that its encoder may hide: it comes after all causes with a mechanism.
@@ -137,12 +136,12 @@ class CandidateCauses:
         """Yield unknowns with a wider prior."""
         for cause in likeliest_kinds({cause: value for cause, (value, _) in gains.items() if value > WORTH}):
             suspected = (each.part(cause) for each in self._suspects if cause in each.causes)
-            passes = self.extended(*suspected).widened(cause, gains[cause][1])
+            passes = self.extended(*suspected).with_inflated_prior(cause, gains[cause][1])
             yield Candidate(_text_of(passes, cause), passes, windows, at, of_twist=cause in OF_TWIST)
 
     def _conventions(self, windows: Sequence[Window], fits: Sequence[Fit]) -> Iterator[Candidate]:
         """Yield the conventions that fit best."""
-        likely = [fit for fit in fits[1:] if fit.exists and fit.misfit < fit.convention.left * fits[0].misfit]
+        likely = [fit for fit in fits[1:] if fit.exists and fit.misfit < fit.convention.misfit_left * fits[0].misfit]
         likely.sort(key=lambda each: each.misfit)
         delays = [fit for fit in likely if fit.convention.delay]  # one of them will do
         for fit in [fit for fit in likely if fit not in delays[1:]][:_TRIED]:
@@ -208,7 +207,7 @@ class CandidateCauses:
                     passes.target_changes(windows, place, points, self.hypotheses[0], exchanged=exchanged)
                 )
                 if filtered is not None:
-                    cause = gained(target_changed_text(time, exchanged=exchanged), filtered, base)
+                    cause = candidate_cause(target_changed_text(time, exchanged=exchanged), filtered, base)
                     found.append(replace(cause, change=Change(time, exchanged) if explains(filtered) else None))
         return sorted(found, key=lambda each: -each.gain)[:1]
 
@@ -231,7 +230,7 @@ class CandidateCauses:
             # Where a robot is badly misdescribed, what fits best may be none that can be.
             passed = yield from attempted(wide.linearised(windows, point))
             if passed is not None:
-                filtered = yield from wide.passed(passed, self.hypotheses[0])
+                filtered = yield from wide.filtered(passed, self.hypotheses[0])
                 results.append((point, passed, filtered.gaussian))
         if not results:
             raise np.linalg.LinAlgError('there is no point to pass the windows at')
@@ -247,7 +246,7 @@ class CandidateCauses:
 
         def tried(joint: int, times: float) -> Work[None]:
             noisier = readings.swinging(windows, joint, times, len(names))
-            filters[joint, times] = yield from self.extended().once(noisier, point, self.hypotheses[0])
+            filters[joint, times] = yield from self.extended().filtered_once(noisier, point, self.hypotheses[0])
 
         def best() -> tuple[int, float]:
             return max(filters, key=lambda each: filters[each].gaussian.log_likelihood)
@@ -262,11 +261,11 @@ class CandidateCauses:
         if not explains(filters[best()]):
             return []  # something else pushes the base, too; and what it explains it has no name for
         text = readings.loose_joint_text(names[likeliest], windows, times)
-        return [replace(gained(text, filters[best()], base), physical=False)]
+        return [replace(candidate_cause(text, filters[best()], base), physical=False)]
 
     @property
     def _suspects(self) -> tuple[Unknown, ...]:
-        return suspects(self.layout.causes, self.layout.kernel.model.joint_names)
+        return candidate_unknowns(self.layout.causes, self.layout.kernel.model.joint_names)
 
     def extended(self, *more: Unknown) -> FilterPasses:
         """Return passes with more unknowns."""

@@ -44,7 +44,7 @@ class Convention:
     joint_range: float = 0.0  # rad, that joint readings exceed at least where it may be so
     base_range: float = 0.0  # m, that positions of the base do
     delay: float = 0.0  # s, of the joints' stamps
-    left: float = _LEFT  # part of the misfit that it may leave to be tried
+    misfit_left: float = _LEFT  # part of the misfit that it may leave to be tried
 
     def possible(self, windows: Sequence[Window]) -> bool:
         """Return whether windows may follow this convention: degrees make whole turns, millimetres are long."""
@@ -91,7 +91,7 @@ def _targets(kernel: MomentumKernel) -> Iterator[Convention]:
     for body, name in last.items() if len(kernel.unknown) == 1 else ():
         if body != kernel.target.body:
             text = f'the unknown body seems to be held by {name}, not {kernel.target.name}: set target_link: {name}'
-            yield Convention(text, kernel.with_unknown_link(name), left=_RIGHT)
+            yield Convention(text, kernel.with_unknown_link(name), misfit_left=_RIGHT)
 
 
 def _masses(kernel: MomentumKernel) -> Iterator[Convention]:
@@ -146,7 +146,7 @@ def _posed(
     def changed(windows: Sequence[Window]) -> list[Window]:
         return [replace(each, knots=change(each.knots)) for each in map(without_twist, windows)]
 
-    return Convention(text, kernel, changed, base_range=base_range, left=left)
+    return Convention(text, kernel, changed, base_range=base_range, misfit_left=left)
 
 
 def inverted_marker(kernel: MomentumKernel, marker: AttachedFrame | None) -> Iterator[Convention]:

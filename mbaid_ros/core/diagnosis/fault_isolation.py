@@ -22,17 +22,17 @@ from mbaid_ros.core.linear_algebra import chi_square_limit
 from mbaid_ros.core.results.status import Cause, Verdict
 from mbaid_ros.core.robot.orbit import orbit_fixed_frame
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.unknowns.environment import Gravity, rate_of
+from mbaid_ros.core.unknowns.environment import Gravity, orbit_rate
 
-_FIRST = 24  # windows before the first inquiry: fewer do not discriminate causes
+_FIRST = 24  # windows before the first search: fewer do not discriminate causes
 _AFTER_A_JUMP = 1 + SLIPPING + FEWEST  # windows since a jump that may be a change of the target: enough to see it
-# Windows, at most, that a jump is left open while an inquiry is under way: by then its result is there.
+# Windows, at most, that a jump is left open while a search is under way: by then its result is there.
 _OPEN = 16
-_APART = 16  # minimum windows from one inquiry to the next: fewer new ones add less than the noise
-# Windows of one inquiry: a fault has seldom begun earlier, and work and memory stay bounded.
+_APART = 16  # minimum windows from one search to the next: fewer new ones add less than the noise
+# Windows of one search: a fault has seldom begun earlier, and work and memory stay bounded.
 _KEPT = 80
 _LATEST = 8  # windows whose samples show how noisy the sensors are: as noisy as they are now
-# An inquiry over so many windows is due one window later: its work, up to some seconds, fits between their messages.
+# A search over so many windows is due one window later: its work, up to some seconds, fits between their messages.
 _PACE = 5
 
 
@@ -45,64 +45,64 @@ class FaultIsolation:
 
     Parameters
     ----------
-    suspicion : the candidate causes
+    candidates : the candidate causes
     noise : as declared
     """
 
-    def __init__(self, suspicion: CandidateCauses, noise: SensorNoise) -> None:
-        self._suspicion = suspicion
+    def __init__(self, candidates: CandidateCauses, noise: SensorNoise) -> None:
+        self._candidates = candidates
         self._noise = noise
         self._samples: deque[Samples] = deque(maxlen=_LATEST)
         self._twist = twist_check()
         self._windows: deque[Window] = deque(maxlen=_KEPT)
         self._seen = 0
-        self._onset, self._next = 0, _FIRST  # windows until the run was suspicious, and until the next inquiry
+        self._onset, self._next = 0, _FIRST  # windows until the run was suspicious, and until the next search
         self.suspicious = False
-        self._inquiry = BackgroundTask[IsolationResult](suspicion.layout.size)
-        self._outcome: IsolationResult | None = None  # of an inquiry, until its result is due
+        self._search = BackgroundTask[IsolationResult](candidates.layout.size)
+        self._outcome: IsolationResult | None = None  # of a search, until its result is due
         self._due: int | None = None  # number of windows at which it is
         self._found: IsolationResult | None = None
         self._over = False  # whether the contradiction has ended since
-        self._about: tuple[float, ...] = ()  # s, of the jumps that the latest inquiry was begun for
+        self._about: tuple[float, ...] = ()  # s, of the jumps that the latest search was begun for
 
-    def take(self, window: Window | None, samples: Samples) -> None:
-        """Take the next window into those that an inquiry is over, and the samples of the one after it."""
+    def add_window(self, window: Window | None, samples: Samples) -> None:
+        """Add the next window for the following searches, and the samples of the one after it."""
         self._samples.append(samples)
-        if self.suspicious or self._seen < _FIRST:  # only an inquiry asks for it
+        if self.suspicious or self._seen < _FIRST:  # only a search needs it
             self._twist.add(samples)
         if window is not None:
             self._windows.append(window)
             self._seen += 1
 
-    def follow(self, run: FilterRun, *, suspicious: bool) -> None:
-        """Begin an inquiry into a run that is suspicious, if one is due."""
+    def begin_if_due(self, run: FilterRun, *, suspicious: bool) -> None:
+        """Begin a search for the causes in a suspicious run, if one is due."""
         self.suspicious = suspicious
         if not suspicious:
             self._over = True
             self._onset, self._next = self._seen, max(_FIRST, self._seen)
-        early = run.started and bool(run.unconfirmed) and self._seen < self._onset + _AFTER_A_JUMP
+        early = run.has_state and bool(run.unconfirmed_jumps) and self._seen < self._onset + _AFTER_A_JUMP
         # A walk that leads has taken the jump up: it is there all the same.
-        walks = run.started and not run.best.hypothesis.physical
+        walks = run.has_state and not run.best.hypothesis.physical
         early = early or (walks and self._since_a_jump(run) < _AFTER_A_JUMP)
         if self._due is None and suspicious and self._seen >= self._next and not early:
             self._next = self._seen + max(_APART, self._seen - self._onset)  # when twice as much contradicts it
-            point = run.point if run.started else None
+            point = run.point if run.has_state else None
             since = self._windows[max(self._onset - self._seen, -len(self._windows))].start
-            self._about = tuple(time for time in run.jumped if time >= since)
+            self._about = tuple(time for time in run.jump_times if time >= since)
             wrong_twist = self._twist.reason()
             text = wrong_twist.text if wrong_twist else ''
-            self._inquiry.begin(self._suspicion.inquire(list(self._windows), point, run.jumped, text))
-            self._inquiry.allot_steps(AT_ONCE)
+            self._search.begin(self._candidates.isolate(list(self._windows), point, run.jump_times, text))
+            self._search.allot_steps(AT_ONCE)
             self._due = self._seen + -(-len(self._windows) // _PACE)
 
     def run_slice(self) -> bool:
-        """Run a time slice of an inquiry; return whether work is left."""
+        """Run a time slice of a search; return whether work is left."""
         with suppress(np.linalg.LinAlgError):  # the point is of no robot that can be: a later one may be
-            self._outcome = self._inquiry.run_slice() or self._outcome
-        return self._inquiry.under_way
+            self._outcome = self._search.run_slice() or self._outcome
+        return self._search.under_way
 
-    def hand_over(self) -> None:
-        """Take the result of an inquiry if it is due, the rest of its work done first: live and replay see it alike."""
+    def accept_result(self) -> None:
+        """Accept the result of a search if it is due, its work finished first: live and replay agree."""
         if self._due is None or self._seen < self._due:
             return
         while self.run_slice():
@@ -113,7 +113,7 @@ class FaultIsolation:
             self._found, self._over = found, False
 
     def open_jumps(self, run: FilterRun) -> tuple[float, ...]:
-        """Return when the momentum of a run seems to have jumped, s, where an inquiry into it is under way.
+        """Return when the momentum of a run seems to have jumped, s, where a search for the cause is under way.
 
         A leading constant force explains changes that are jumps without it.
         """
@@ -121,14 +121,14 @@ class FaultIsolation:
             return ()
         latest = self._windows[-1]
         since = latest.start - _OPEN * latest.length
-        left = {jump.time for jump in run.best.jumps} if run.best.hypothesis.physical else set(run.jumped)
-        return tuple(time for time in run.jumped if time in self._about and time > since and time in left)
+        left = {jump.time for jump in run.best.jumps} if run.best.hypothesis.physical else set(run.jump_times)
+        return tuple(time for time in run.jump_times if time in self._about and time > since and time in left)
 
     def _since_a_jump(self, run: FilterRun) -> float:
         """Return how many windows there have been since the first jump, if nothing drifts; infinitely many without."""
-        if not run.jumped or not self._windows:
+        if not run.jump_times or not self._windows:
             return np.inf
-        return (self._windows[-1].start - run.jumped[0]) / self._windows[-1].length
+        return (self._windows[-1].start - run.jump_times[0]) / self._windows[-1].length
 
     @property
     def _leading(self) -> CandidateCause | None:
@@ -136,32 +136,32 @@ class FaultIsolation:
 
     @property
     def change(self) -> Change | None:
-        """The change of the target, if the latest inquiry has found that to be the cause."""
+        """The change of the target, if the latest search found it as the cause."""
         return self._leading.change if self._leading else None
 
     @property
     def wrong_twist(self) -> str:
-        """The error of the base's twist, if the latest inquiry has found that to be the cause; else empty."""
+        """The error of the base's twist, if the latest search found it as the cause; else empty."""
         return self._leading.text if self._leading and self._leading.of_twist else ''
 
-    def since(self, time: float) -> list[Window]:
+    def windows_since(self, time: float) -> list[Window]:
         """Return the windows that begin at a time, s, or later."""
         return [window for window in self._windows if window.start >= time]
 
     def causes(self, run: FilterRun) -> tuple[Cause, ...]:
-        """Return the causes found by the latest inquiry, the likeliest first; none before one."""
+        """Return the causes found by the latest search, the likeliest first; none before one."""
         found = self._found
         if found is None:
             return ()
-        inquired = {cause.text: (cause.gain, cause.physical) for cause in found.causes}
-        leading = run.best.hypothesis if run.started else None
+        gains = {cause.text: (cause.gain, cause.physical) for cause in found.causes}
+        leading = run.best.hypothesis if run.has_state else None
         if leading is not None and leading.disturbed:  # the run may have more windows by now
             # Over all of the run, not its latest windows alone: a hypothesis that fits anything gains nothing then.
-            least = min((cause.gain for cause in found.causes), default=run.lead)
-            lead = run.lead if leading.physical else min(run.lead, least)
-            inquired.setdefault(leading.cause, (lead, leading.physical))
+            least = min((cause.gain for cause in found.causes), default=run.log_likelihood_ratio)
+            lead = run.log_likelihood_ratio if leading.physical else min(run.log_likelihood_ratio, least)
+            gains.setdefault(leading.cause, (lead, leading.physical))
         latest = self._noise.for_window(self._samples[-1])
-        return ranked(inquired, found.innovations, joint_noise_factor(self._samples, latest.joint_position))
+        return ranked(gains, found.innovations, joint_noise_factor(self._samples, latest.joint_position))
 
 
 _FALSE_ALARM = 1e-9  # chance that noise looks like a gravity gradient as large: each window asks once, for days
@@ -178,8 +178,8 @@ def with_undeclared_orbit(judgement: Verdict, distribution: MeanAndCovariance, l
             begin = np.arange(place.start, place.start + 5)  # the others are its rate
             found = distribution.mean[begin]
             own = begin - BODY.stop
-            square = float(found @ np.linalg.solve(distribution.of_unknowns[own[:, None], own], found))
+            square = float(found @ np.linalg.solve(distribution.unknowns_covariance[own[:, None], own], found))
             if square > chi_square_limit(_FALSE_ALARM, len(found)):
-                rate = rate_of(unknown.factor @ distribution.mean[place])
+                rate = orbit_rate(unknown.factor @ distribution.mean[place])
                 return replace(judgement.with_cause(Cause(orbit_fixed_frame(rate), 0.5 * square)), adequate=False)
     return judgement

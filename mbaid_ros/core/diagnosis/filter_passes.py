@@ -9,12 +9,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from mbaid_ros.core.filter.bank import HypothesisFilter, as_usual
+from mbaid_ros.core.filter.bank import HypothesisFilter, rare_event_likelihood
 from mbaid_ros.core.filter.batch import BatchIteration, WhitenedWindows, Work
 from mbaid_ros.core.filter.prior_scale import PriorComparison
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, Point
-from mbaid_ros.core.filter.time_update import Hypothesis, inflated, pose_reset
+from mbaid_ros.core.filter.time_update import Hypothesis, pose_reset, with_process_noise
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.filter.window import Window, in_stacks
@@ -59,17 +59,17 @@ class FilterPasses:
         at = replace(point, parameters=parameters, readings=readings)
         return (yield from self._batch.relinearise(in_stacks(windows), at))
 
-    def passed(
+    def filtered(
         self, passed: WhitenedWindows, hypothesis: Hypothesis, longest: int = 0, begin: HypothesisFilter | None = None
     ) -> Work[HypothesisFilter]:
         """Return a hypothesis, from `begin` on or the prior, after windows; its jumps may take up to `longest`."""
         (filtered,) = yield from self._batch.filter(passed, (begin or self._batch.prior(hypothesis, longest),))
         return filtered
 
-    def once(self, windows: Sequence[Window], point: Point, hypothesis: Hypothesis) -> Work[HypothesisFilter]:
+    def filtered_once(self, windows: Sequence[Window], point: Point, hypothesis: Hypothesis) -> Work[HypothesisFilter]:
         """Return a hypothesis after windows linearised at a point."""
         passed = yield from self.linearised(windows, point)
-        return (yield from self.passed(passed, hypothesis))
+        return (yield from self.filtered(passed, hypothesis))
 
     def refined(self, windows: Sequence[Window], point: Point, hypothesis: Hypothesis) -> Work[HypothesisFilter]:
         """Return the best of some passes, each linearised at the estimate of the one before.
@@ -79,7 +79,7 @@ class FilterPasses:
         best: HypothesisFilter | None = None
         for _ in range(_REFINEMENTS):
             try:
-                filtered = yield from self.once(windows, point, hypothesis)
+                filtered = yield from self.filtered_once(windows, point, hypothesis)
                 point = self._point(filtered.gaussian)
             except np.linalg.LinAlgError:
                 break  # it has led to a robot that cannot be
@@ -111,21 +111,22 @@ class FilterPasses:
         best: HypothesisFilter | None = None
         for _ in range(_REFINEMENTS):
             passed = yield from self.linearised(windows[:end], before)
-            filtered = yield from self.passed(passed[:place], hypothesis)
+            filtered = yield from self.filtered(passed[:place], hypothesis)
             gaussian = filtered.gaussian
             before = self._point(gaussian)
-            skipped = sum(as_usual(update(gaussian, white)) - gaussian.log_likelihood for _, white in passed[place:])
+            updated = (update(gaussian, white) for _, white in passed[place:])
+            skipped = sum(rare_event_likelihood(after) - gaussian.log_likelihood for after in updated)
             changed = another_body(gaussian, self.variables, exchanged=exchanged)
             filtered = replace(filtered, gaussian=replace(changed, log_likelihood=gaussian.log_likelihood + skipped))
             passed = yield from self.linearised(windows[end:], after)
-            filtered = yield from self.passed(passed, hypothesis, begin=filtered)
+            filtered = yield from self.filtered(passed, hypothesis, begin=filtered)
             best = _better(best, filtered)
             after = self._point(filtered.gaussian)
         assert best is not None, 'there is a first pass'
         return best
 
     def _point(self, gaussian: SquareRootInformation) -> Point:
-        distribution = MeanAndCovariance.of(gaussian, self.variables)
+        distribution = MeanAndCovariance.from_gaussian(gaussian, self.variables)
         return self.layout.point(distribution.mean, distribution.deviation)
 
     def unpredicted(self, passed: WhitenedWindows, gaussian: SquareRootInformation, hypothesis: Hypothesis) -> Array:
@@ -143,23 +144,23 @@ class FilterPasses:
         found = []
         for _, white in reversed(passed):
             if hypothesis.force != 'none':
-                mean[own.poses : own.head] -= white.push(hypothesis.force) @ force
-            mean[own.poses : own.head] -= white.brought @ mean
+                mean[own.poses : own.head] -= white.force_impulse(hypothesis.force) @ force
+            mean[own.poses : own.head] -= white.momentum_change @ mean
             found.append(white.drift + white.transition @ mean)
         return np.array(found[::-1])
 
     def gains(self, base: SquareRootInformation, declared: Collection[str]) -> dict[str, tuple[float, float]]:
         """Return the gain of each cause by a wider prior, and the factor of its width; some have been declared."""
-        values, covariance = MeanAndCovariance.of(base, self.variables).unknowns(self.layout)
+        values, covariance = MeanAndCovariance.from_gaussian(base, self.variables).unknowns(self.layout)
         found = {}
         for place, cause in enumerate(self.layout.causes):
             own = np.flatnonzero(self.layout.belongs[:, place])
-            numbers = PriorComparison.of(values[own], covariance[np.ix_(own, own)])
+            numbers = PriorComparison.from_posterior(values[own], covariance[np.ix_(own, own)])
             gain, times = numbers.gain(_MOST[cause not in declared])
             found[cause] = float(gain), float(times)
         return found
 
-    def widened(self, cause: str, factor: float) -> FilterPasses:
+    def with_inflated_prior(self, cause: str, factor: float) -> FilterPasses:
         """Return the same with the prior of one cause so many times as wide."""
         known, place = self.layout.known, self.layout.causes.index(cause)
         wider = np.where(self.layout.belongs[:, place] > 0.0, factor, 1.0)
@@ -168,7 +169,7 @@ class FilterPasses:
 
     def value(self, filtered: HypothesisFilter, cause: str) -> Array:
         """Return the numbers (k,) of a cause as they are estimated, SI units."""
-        mean = MeanAndCovariance.of(filtered.gaussian, self.variables).mean
+        mean = MeanAndCovariance.from_gaussian(filtered.gaussian, self.variables).mean
         found: list[Array] = []
         for unknown, place in zip(self.layout.unknowns, self.layout.places, strict=True):
             numbers = unknown.factor @ mean[place]
@@ -185,11 +186,11 @@ def another_body(gaussian: SquareRootInformation, variables: Variables, *, excha
     variables : of the filter
     exchanged : whether it is another body, which brings or takes along a momentum of its own
     """
-    own, opened = variables.own, variables.open.copy()
+    own, opened = variables.first_unknown, variables.uninformative_deviation.copy()
     if not exchanged:
         opened[MOMENTUM] = opened[BODY.start] = 0.0
     places = np.flatnonzero(opened)
-    return pose_reset(inflated(gaussian, variables.gather[:own, places] * opened[places]), variables)
+    return pose_reset(with_process_noise(gaussian, variables.from_state[:own, places] * opened[places]), variables)
 
 
 def attempted(passes: Work[T]) -> Work[T | None]:

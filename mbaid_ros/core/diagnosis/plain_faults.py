@@ -64,9 +64,9 @@ class PlainFaults:
         self._waiting.append((streams, base))
         self._count += sum(len(each.stamp) for each in (*streams.values(), base) if each is not None)
         if self._count >= _AT_ONCE:
-            self._look()
+            self._inspect()
 
-    def _look(self) -> None:
+    def _inspect(self) -> None:
         """Look at the readings that wait."""
         waiting, self._waiting, self._count = self._waiting, [], 0
         poses = [base for _, base in waiting if base is not None and len(base.stamp)]
@@ -90,7 +90,7 @@ class PlainFaults:
 
     def applied(self, estimate: Estimate) -> Estimate:
         """Return an estimate with the reasons that were plain by its end, the gravest first."""
-        self._look()
+        self._inspect()
         reasons = [reason for _, (since, reason) in sorted(self._found.items(), key=_rank) if since <= estimate.stamp]
         if not reasons:
             return estimate

@@ -1,4 +1,4 @@
-"""The result of an inquiry: candidate causes, ranked by the log-likelihood that they gain."""
+"""The result of a search: candidate causes, ranked by the log-likelihood that they gain."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class CandidateCause:
 
 @dataclass(frozen=True)
 class IsolationResult:
-    """The result of an inquiry."""
+    """The result of a search."""
 
     causes: tuple[CandidateCause, ...]  # the likeliest first
     innovations: Innovations  # of the pass without jumps
@@ -60,18 +60,16 @@ class IsolationResult:
         return first if first.gain > max(rivals, default=0.0) else None
 
 
-def ranked(
-    inquired: Mapping[str, tuple[float, bool]], innovations: Innovations, joint_noise: float
-) -> tuple[Cause, ...]:
+def ranked(gains: Mapping[str, tuple[float, bool]], innovations: Innovations, joint_noise: float) -> tuple[Cause, ...]:
     """Return the candidate causes, the likeliest first.
 
     Parameters
     ----------
-    inquired : by text the gain of each, and whether it has a mechanism
+    gains : by text the gain of each, and whether it has a mechanism
     innovations : of a pass in which nothing explains anything
     joint_noise : how many times as noisy as declared the joints are by their samples
     """
-    causes = [Cause(text, gain if physical else CATCH_ALL * gain) for text, (gain, physical) in inquired.items()]
+    causes = [Cause(text, gain if physical else CATCH_ALL * gain) for text, (gain, physical) in gains.items()]
     if joint_noise > _TOO_SMALL:
         # The joints' noise is in every sensor's innovations. That of the base is estimated.
         ratio = np.maximum(np.nan_to_num(innovations.ratio, nan=1.0), 1.0)
@@ -83,7 +81,7 @@ def ranked(
     return tuple(sorted(causes, key=lambda cause: -cause.gain))
 
 
-def gained(text: str, filtered: HypothesisFilter, base: SquareRootInformation) -> CandidateCause:
+def candidate_cause(text: str, filtered: HypothesisFilter, base: SquareRootInformation) -> CandidateCause:
     """Return the gain of a cause over a pass without it."""
     return CandidateCause(text, filtered.gaussian.log_likelihood - base.log_likelihood)
 

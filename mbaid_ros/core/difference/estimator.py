@@ -170,7 +170,7 @@ class DifferenceEstimator:
         unknowns: Sequence[Unknown],
         prior: UnknownsPrior | None,
     ) -> None:
-        self._nominal = NominalModel.nominal(kernel) if prior is None else prior.expected(kernel, unknowns)
+        self._nominal = NominalModel.nominal(kernel) if prior is None else prior.nominal_model(kernel, unknowns)
         self._kernel = self._nominal.kernel
         self._settings = settings
         self._reporting = reporting

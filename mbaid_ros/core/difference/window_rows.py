@@ -252,11 +252,11 @@ class ConsiderParameters:
         few, kept = _thinned(samples, counts)
         states = kernel.states(few)
         # What a force or torque adds up to takes every sample.
-        thinned = few is not samples and any(unknown.pushes for unknown in self._unknowns)
+        thinned = few is not samples and any(unknown.changes_momentum for unknown in self._unknowns)
         whole = np.sum((kernel.states(samples) if thinned else states).known, axis=1)
         means = []
         for unknown in self._unknowns:
-            if unknown.pushes:
+            if unknown.changes_momentum:
                 means.append(mean_of_each(self._momentum_changes(unknown, samples, whole), counts) @ unknown.factor)
             else:
                 means.append(mean_of_each(unknown.equation_columns(kernel, states), kept) @ unknown.factor)

@@ -24,12 +24,12 @@ _MOVED = 10.0
 class Averaged:
     """The windows that a new one completes: the one before it with all its neighbours, itself without later ones.
 
-    `moved`: whether a joint has moved by more than its noise by then.
+    `joints_moved`: whether a joint has moved by more than its noise by then.
     """
 
     ready: Window | None
     still_open: Window | None
-    moved: bool
+    joints_moved: bool
 
 
 class KnotAveraging:
@@ -65,7 +65,7 @@ class KnotAveraging:
         self._noise = noise
         self._length = length
         self.origin: Array = np.zeros(3)
-        self._knots_a_window = 0
+        self._knots_per_window = 0
         self._number = -1
         self._end: float | None = None  # s, of the last window that had all its neighbours
         self._kept: Knots | None = None  # of the last two windows of the call before
@@ -75,12 +75,12 @@ class KnotAveraging:
         self._highest: Array = np.array(-np.inf)
         self._moved = False
 
-    def take(self, windows: list[Samples]) -> list[Averaged]:
+    def average(self, windows: list[Samples]) -> list[Averaged]:
         """Return the windows that closed ones complete."""
-        if not self._knots_a_window:
+        if not self._knots_per_window:
             self.origin = windows[0].base_position[0].copy()
-            self._knots_a_window = knots_a_window(windows[0], self._length, self._wanted, alike=self._alike)
-        length, count = self._length, self._knots_a_window
+            self._knots_per_window = knots_per_window(windows[0], self._length, self._wanted, alike=self._alike)
+        length, count = self._length, self._knots_per_window
         numbers = [int(np.floor((window.time[0] + 1e-9) / length)) for window in windows]
         new = averages(windows, np.array(numbers) * length, length / count, count, self.origin)
         if not self._orientation_measured:
@@ -118,7 +118,7 @@ class KnotAveraging:
         knots, empty : of this window and those around it, and which are empty
         place, number, noise_now : of the window among these, and in the run; its noise
         """
-        count = self._knots_a_window
+        count = self._knots_per_window
         begin, end = place * count, (place + 1) * count
         gap = any(empty[begin:end]) and any(one and other for one, other in pairwise(empty[begin:end]))
         if gap or number != self._number + 1 or (self._linked and empty[begin - 1] and empty[begin]):
@@ -137,7 +137,7 @@ class KnotAveraging:
 
     def _window(self, knots: Knots, empty: list[bool], place: int, after: int, noise: WindowNoise) -> Window:
         """Return a window with `after` knots after it; the last interval of one without a successor is missing."""
-        count = self._knots_a_window
+        count = self._knots_per_window
         earlier = self._linked > (2 if after else 1)
         begin, end = place * count, (place + 1) * count + after
         first = begin - BEFORE if earlier else begin
@@ -180,7 +180,7 @@ def _with_course(knots: Knots, spacing: float, begin: Array) -> tuple[Knots, Arr
     return replace(knots, course=0.5 * (sums[1:] + sums[:-1])), sums[-1]
 
 
-def knots_a_window(window: Samples, length: float, wanted: float, *, alike: bool = False) -> int:
+def knots_per_window(window: Samples, length: float, wanted: float, *, alike: bool = False) -> int:
     """Return the number of knots in a window of a length in s: as wanted, s apart, and no fewer samples than knots.
 
     Knots that are to be alike have as many samples each, if these come evenly.

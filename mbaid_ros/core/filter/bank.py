@@ -14,7 +14,7 @@ from mbaid_ros.core.filter.time_update import (
     UNDISTURBED,
     Hypothesis,
     advance,
-    entered,
+    at_window_start,
     momentum_inflation,
     pose_reset,
 )
@@ -85,47 +85,46 @@ class Jump:
     """A jump of the momentum."""
 
     time: float  # s since the first sample, start of the window in which it was noticed
-    before: Array  # (6,) (P, L) until then, about the run's origin
+    before: Array  # (6,) (P, L) before it, about the run's origin
     gaussian: SquareRootInformation | None  # a window earlier; of the first jumps of a run only
-    pushed: Array  # as of `HypothesisFilter`, until then
+    force_impulse: Array  # as of `HypothesisFilter`, until then
 
 
 @dataclass(frozen=True, eq=False)
 class HypothesisFilter:
-    """The filter of one hypothesis, and the jumps of the momentum under it.
-
-    `pushed` (p, f) is the change of the momentum by a constant force over all windows, in the filter's variables.
-    """
+    """The filter of one hypothesis, and the jumps of the momentum under it."""
 
     hypothesis: Hypothesis
     gaussian: SquareRootInformation
     jumps: tuple[Jump, ...] = ()
-    jumped: int = 0  # windows in a row up to the last one that the momentum has jumped in
-    inflations: int = 0  # windows in all that it has jumped in
-    longest: int = LONGEST  # windows that one jump may take
+    jump_length: int = 0  # number of consecutive windows with a jump, up to the latest
+    inflations: int = 0  # number of windows with a jump
+    longest_jump: int = LONGEST  # windows that one jump may take
     previous: SquareRootInformation | None = None  # before the latest window
-    pushed: Array = field(default_factory=lambda: np.zeros(()))
+    # (p, f) change of the momentum by a constant force so far, in the filter's variables
+    force_impulse: Array = field(default_factory=lambda: np.zeros(()))
 
     def advanced(self, step: SquareRootInformation, white: WhitenedWindow) -> HypothesisFilter:
         """Return the same at the next window's first knot, where it shares the root of `step`."""
         force = self.hypothesis.force
-        pushed = self.pushed if force == 'none' else self.pushed + white.push(force)
-        return replace(self, gaussian=self.gaussian.sharing(step), pushed=pushed)
+        impulse = self.force_impulse if force == 'none' else self.force_impulse + white.force_impulse(force)
+        return replace(self, gaussian=self.gaussian.sharing(step), force_impulse=impulse)
 
     def updated(self, before: SquareRootInformation, after: SquareRootInformation) -> HypothesisFilter:
         """Return the same with the Gaussian after a window, from the root of `before`."""
-        return replace(self, gaussian=after, jumped=0, previous=self.gaussian.sharing(before))
+        return replace(self, gaussian=after, jump_length=0, previous=self.gaussian.sharing(before))
 
     def jumped_in(
         self, window: Window, before: SquareRootInformation, after: SquareRootInformation, variables: Variables
     ) -> HypothesisFilter:
         """Return the same as `updated` by a window in which the momentum jumps."""
         jumps, previous = self.jumps, self.gaussian.sharing(before)
-        if not self.jumped:
+        if not self.jump_length:
             mean = previous.least_squares[: len(variables.scale)]
             earlier = self.previous if len(jumps) < _REMEMBERED else None
-            jumps = (*jumps, Jump(window.start, variables.spread[MOMENTUM] @ mean, earlier, self.pushed))
-        return replace(self.updated(before, after), jumps=jumps, jumped=self.jumped + 1, inflations=self.inflations + 1)
+            jumps = (*jumps, Jump(window.start, variables.to_state[MOMENTUM] @ mean, earlier, self.force_impulse))
+        filtered, length = self.updated(before, after), self.jump_length + 1
+        return replace(filtered, jumps=jumps, jump_length=length, inflations=self.inflations + 1)
 
     @property
     def misfit(self) -> float:
@@ -136,20 +135,17 @@ class HypothesisFilter:
 Bank = tuple[HypothesisFilter, ...]
 
 
-def best(bank: Bank) -> HypothesisFilter:
-    """Return the hypothesis to report: the first, unless another one explains the data far better."""
+def leader(bank: Bank) -> HypothesisFilter:
+    """Return the hypothesis to report: the first, unless another has a far higher likelihood."""
     leading = max(bank, key=lambda filtered: filtered.gaussian.log_likelihood)
     return leading if leading.gaussian.log_likelihood > bank[0].gaussian.log_likelihood + MARGIN else bank[0]
 
 
 def joined(bank: Bank) -> Bank:
-    """Return hypotheses from one prior after the same windows; the first shares the root of those with a force.
-
-    That is its own as well, as long as the momentum has jumped under neither.
-    """
+    """Return hypotheses from one prior; the first shares the root of a force's if the momentum jumped under neither."""
     first, *others = bank
     for other in others:
-        if not (first.jumps or other.jumps or first.hypothesis.disturbed or other.hypothesis.walks.size):
+        if not (first.jumps or other.jumps or first.hypothesis.disturbed or other.hypothesis.random_walk.size):
             return replace(first, gaussian=first.gaussian.sharing(other.gaussian)), *others
     return bank
 
@@ -184,13 +180,13 @@ def _by_root(bank: Bank, step: Callable[[Bank], Bank]) -> Bank:
 
 def _update_group(group: Bank, window: Window, white: WhitenedWindow, variables: Variables) -> Bank:
     """Return hypotheses that share a root, updated by a window; those under which the momentum jumps share another."""
-    before = entered(group[0].gaussian, window, white, variables)
+    before = at_window_start(group[0].gaussian, window, white, variables)
     usual = dict(zip(group, _after(before, group, white), strict=True))
     limit = chi_square_limit(_FALSE_ALARM, len(white.value))
     unlikely = [
         each for each, after in usual.items() if after.last_nis > limit and after.measured > after.last_measured
     ]
-    jumping = [each for each in unlikely if each.jumped != each.longest]
+    jumping = [each for each in unlikely if each.jump_length != each.longest_jump]
     if not jumping:
         return tuple(each.updated(before, after) for each, after in usual.items())
     loose = momentum_inflation(before, white, variables, _JUMP * variables.typical_momentum)
@@ -199,7 +195,7 @@ def _update_group(group: Bank, window: Window, white: WhitenedWindow, variables:
     if broken:  # more than a jump of the momentum: of the pose error, too
         jumped |= zip(broken, _after(pose_reset(loose, variables), broken, white), strict=True)
     return tuple(
-        each.jumped_in(window, before, replace(jumped[each], log_likelihood=as_usual(after)), variables)
+        each.jumped_in(window, before, replace(jumped[each], log_likelihood=rare_event_likelihood(after)), variables)
         if each in jumped
         else each.updated(before, after)
         for each, after in usual.items()
@@ -213,12 +209,12 @@ def _after(
     return update_together([each.gaussian.sharing(before) for each in group], white)
 
 
-def as_usual(after: SquareRootInformation) -> float:
+def rare_event_likelihood(after: SquareRootInformation) -> float:
     """Return the log-likelihood after a window that a rare event explains: as well as expected, but improbably."""
     return after.log_likelihood + 0.5 * (after.last_nis - after.last_measured) + float(np.log(_FALSE_ALARM))
 
 
-def far_better(other: HypothesisFilter, first: HypothesisFilter) -> bool:
+def far_likelier(other: HypothesisFilter, first: HypothesisFilter) -> bool:
     """Return whether a hypothesis explains the data far better than the first one, each linearised at its own solution.
 
     It must gain by smaller innovations: any other gain comes from the point of linearisation.
@@ -227,7 +223,7 @@ def far_better(other: HypothesisFilter, first: HypothesisFilter) -> bool:
     return gain > MARGIN and first.misfit - other.misfit > 2.0 * MARGIN
 
 
-def clamped(bank: Bank) -> Bank:
+def cap_likelihood(bank: Bank) -> Bank:
     """Return the hypotheses with at most the likelihood of the first."""
     most = bank[0].gaussian.log_likelihood
     return tuple(

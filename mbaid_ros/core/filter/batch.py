@@ -66,7 +66,7 @@ class BatchResult:
     """The outcome of a batch iteration."""
 
     point: Point  # after the last step
-    held: Point  # at which the windows of the last iteration are linearised
+    linearised_at: Point  # at which the windows of the last iteration are linearised
     windows: WhitenedWindows  # of that iteration
     filtered: HypothesisFilter  # the hypothesis filtered over them
     distribution: MeanAndCovariance  # its mean and covariance
@@ -116,10 +116,10 @@ class BatchIteration:
 
     def priors(self, hypotheses: Sequence[Hypothesis], longest: int, mass: float | None = None) -> Bank:
         """Return hypotheses before the first window, which share a root."""
-        longest = 0 if self.variables.described else longest
+        longest = 0 if self.variables.has_body_prior else longest
         gaussians = SquareRootInformation.priors(self.variables, [each.force for each in hypotheses], mass)
         pairs = zip(hypotheses, gaussians, strict=True)
-        return tuple(HypothesisFilter(hypothesis, gaussian, longest=longest) for hypothesis, gaussian in pairs)
+        return tuple(HypothesisFilter(hypothesis, gaussian, longest_jump=longest) for hypothesis, gaussian in pairs)
 
     def relinearise(self, stacks: list[list[Stack]], point: Point) -> Work[WhitenedWindows]:
         """Return all windows linearised at one point."""
@@ -153,20 +153,20 @@ class BatchIteration:
         result: BatchResult | None = None
         least, idle, pace = np.inf, 0, 1.0
         before: Array = np.zeros(0)
-        for _ in range(_MOST_ITERATIONS if self.variables.described else _ITERATIONS):
+        for _ in range(_MOST_ITERATIONS if self.variables.has_body_prior else _ITERATIONS):
             try:
                 windows = yield from self.relinearise(stacks, point)
                 (filtered,) = yield from self.filter(windows, (prior,))
                 result = self._step(point, windows, filtered, mass_held=mass_held)
             except np.linalg.LinAlgError:
                 # The step has led to a robot that cannot exist.
-                return None if result is None else replace(result, point=result.held, converged=False)
+                return None if result is None else replace(result, point=result.linearised_at, converged=False)
             point = result.point
-            if self.variables.described and not result.converged:
-                step = point.parameters - result.held.parameters
+            if self.variables.has_body_prior and not result.converged:
+                step = point.parameters - result.linearised_at.parameters
                 back = before.size > 0 and turns_back(step, before, result.deviation)
                 pace, before = 0.5 * pace if back else min(1.0, 1.5 * pace), step
-                held = result.held.state
+                held = result.linearised_at.state
                 point = self.layout.point(held + pace * (point.state - held))
             misfit = result.filtered.misfit / max(result.filtered.gaussian.measured, 1)
             least, idle = min(misfit, least), 0 if misfit < least else idle + 1
@@ -179,10 +179,11 @@ class BatchIteration:
     ) -> BatchResult:
         """Return the Gauss-Newton step from the point of linearisation, cut short where it leads far."""
         parameters = held.parameters
-        distribution = MeanAndCovariance.of(filtered.gaussian, self.variables)
+        distribution = MeanAndCovariance.from_gaussian(filtered.gaussian, self.variables)
         deviation = distribution.deviation[self.layout.parameters]
         state, correction = self._nearest_physical(distribution)
-        step: Array = self.layout.settled(state, distribution.deviation)[self.layout.parameters] - parameters
+        state_there = self.layout.linearisation_state(state, distribution.deviation)
+        step: Array = state_there[self.layout.parameters] - parameters
         converged = is_converged(step, deviation)
         step *= near_part(parameters, step)
         state[self.layout.parameters] = parameters + step
@@ -213,7 +214,7 @@ class BatchIteration:
         stacks : of the windows
         filtered : a hypothesis after them, linearised at its own solution
         """
-        distribution = MeanAndCovariance.of(filtered.gaussian, self.variables)
+        distribution = MeanAndCovariance.from_gaussian(filtered.gaussian, self.variables)
         draws = np.random.default_rng(0)
         shifts: list[Array] = []
         covariances: list[Array] = []
@@ -227,7 +228,7 @@ class BatchIteration:
         moved = np.array(shifts)
         unknowns = moved[:, BODY.stop :] @ self.layout.known.whitening.T
         return Curvature(
-            moved[:, BODY], distribution.covariance(BODY_PLACES), unknowns=unknowns, elsewhere=np.array(covariances)
+            moved[:, BODY], distribution.covariance(BODY_PLACES), unknowns=unknowns, covariances=np.array(covariances)
         )
 
     def displacement(self, stacks: list[list[Stack]], filtered: HypothesisFilter) -> Work[Curvature]:
@@ -238,10 +239,10 @@ class BatchIteration:
         stacks : of the windows
         filtered : a hypothesis after them, each linearised at an earlier estimate
         """
-        distribution = MeanAndCovariance.of(filtered.gaussian, self.variables)
+        distribution = MeanAndCovariance.from_gaussian(filtered.gaussian, self.variables)
         shift, _ = yield from self._shift(stacks, filtered, distribution, np.zeros(len(distribution.mean)))
         curvature = Curvature(shift[None, BODY], distribution.covariance(BODY_PLACES))
-        return replace(curvature, largest=_DISPLACED) if curvature.anywhere else curvature
+        return replace(curvature, largest=_DISPLACED) if curvature.is_nonlinear else curvature
 
     def _shift(
         self, stacks: list[list[Stack]], filtered: HypothesisFilter, distribution: MeanAndCovariance, step: Array
@@ -253,8 +254,8 @@ class BatchIteration:
         try:
             point = self.layout.point(distribution.mean + step, distribution.deviation)
             windows = yield from self.relinearise(stacks, point)
-            (moved,) = yield from self.filter(windows, (self.prior(filtered.hypothesis, filtered.longest),))
-            there = MeanAndCovariance.of(moved.gaussian, self.variables)
+            (moved,) = yield from self.filter(windows, (self.prior(filtered.hypothesis, filtered.longest_jump),))
+            there = MeanAndCovariance.from_gaussian(moved.gaussian, self.variables)
         except np.linalg.LinAlgError:
             # No robot that can exist: it may be anywhere in its interval, and nothing is known there.
             return distribution.deviation, np.full((10, 10), np.nan)

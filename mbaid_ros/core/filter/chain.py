@@ -56,7 +56,7 @@ class WindowModel(ArrayRecord):
     rotation: Array
     position: Array
     centre: Array  # (3,) m, the common centre of mass there
-    brought: Array  # (6, s) change of (P, L) until the next window by the unknowns
+    momentum_change: Array  # (6, s) change of (P, L) until the next window by the unknowns
     body: Array  # (10,) standard parameters of the target at the linearisation point
     integrated: IntegratedTwist  # it takes the place of the twist where it counts
 
@@ -95,8 +95,8 @@ def window_models(
         rows, windows = around.turn.shape[:2]
         last = begin + (inside.stop - 1) * windows + np.arange(windows)
         begin += rows * windows
-        brought = _brought(layout, stack, bodies[last], around.base_position[inside.stop - 1])
-        models.append(_models(layout, stack, motion, prediction, point, (noise, brought)))
+        impulses = _momentum_change(layout, stack, bodies[last], around.base_position[inside.stop - 1])
+        models.append(_models(layout, stack, motion, prediction, point, (noise, impulses)))
     if len(stacks) == 1:
         return models[0]
     return WindowModel.concatenate(models)[np.argsort(np.concatenate([stack.places for stack in stacks]))]
@@ -110,8 +110,8 @@ def _models(
     point: Point,
     effects: tuple[JointNoise, tuple[Array, Array]],
 ) -> WindowModel:
-    """Return a stack's windows from its motion, the prediction, the joints' noise and the momentum brought."""
-    noise, (brought, centre) = effects
+    """Return a stack's windows from its motion, the prediction, the joints' noise and the impulses."""
+    noise, (impulses, centre) = effects
     around, inside = motion
     parameters, spacing = point.parameters, stack.windows[0].spacing
     around_slope = gradient(predicted.twist) / spacing
@@ -123,7 +123,7 @@ def _models(
     of_joints = noise.pose @ np.swapaxes(noise.pose, -1, -2)
     change = stack.whitening
     # The integrated twist has no Gauss-Markov joint errors.
-    integrated = stack.integrates_twist & (layout.times.size == 0)
+    integrated = stack.integrates_twist & (layout.time_constants.size == 0)
     # The change of the pose has the joints' errors of two knots, independent of the others.
     ends = np.where(integrated[:, None], 1.0, 1.0 - 2.0 * change + 2.0 * len(middle) * change**2)[..., None]
     in_gyro = np.zeros((len(of_joints), 3, noise.pose.shape[-1]))
@@ -134,7 +134,7 @@ def _models(
     if integrated.any():
         rates = slope, noise.stored
         whole = integrated_twist(layout, stack, motion, predicted, errors, point, rates=rates)
-        whole = replace(whole, counts=integrated)
+        whole = replace(whole, replaces_twist=integrated)
     return WindowModel(
         Measurement(
             *pose_measurement(errors, change, pose, point.readings),
@@ -153,13 +153,13 @@ def _models(
         rotation=exp(0.5 * middle.turn[-1]) @ middle.base_rotation[-1],
         position=middle.base_position[-1] + 0.5 * middle.step[-1],
         centre=centre,
-        brought=brought,
+        momentum_change=impulses,
         body=np.tile(point.body, (len(stack.windows), 1)),
         integrated=whole,
     )
 
 
-def _brought(layout: Layout, stack: Stack, bodies: Bodies, position: Array) -> tuple[Array, Array]:
+def _momentum_change(layout: Layout, stack: Stack, bodies: Bodies, position: Array) -> tuple[Array, Array]:
     """Return the (B, 6, s) change of the momentum until the next window by the unknowns, and the centre of mass, m.
 
     Parameters
@@ -167,15 +167,15 @@ def _brought(layout: Layout, stack: Stack, bodies: Bodies, position: Array) -> t
     layout, stack : of the state, of B windows
     bodies, position : near the end of each; (B, 3) m, of the base then
     """
-    brought = np.zeros((len(position), 6, layout.size))
+    impulses = np.zeros((len(position), 6, layout.size))
     placed, length = bodies.states.configuration, stack.windows[0].length
     system = np.sum(express(bodies.parameters, placed.rotation, position[:, None] + placed.position), axis=1)
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
-        if unknown.pushes:
+        if unknown.changes_momentum:
             ends = stack.middles + 0.5 * length
             rates = unknown.momentum_rates(system, stack.windows[0].origin, ends, placed.rotation[:, 0])
-            brought[..., place] = length * rates @ unknown.factor
-    return brought, system[:, 1:4] / system[:, :1]
+            impulses[..., place] = length * rates @ unknown.factor
+    return impulses, system[:, 1:4] / system[:, :1]
 
 
 def _integral(twist: Array, slope: Array, spacing: float) -> Array:

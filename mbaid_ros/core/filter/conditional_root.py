@@ -44,7 +44,7 @@ class ConditionalRoot:
     links: int = 0  # l
 
     @staticmethod
-    def of(rows: Array, forces: tuple[Axes, ...], links: int = 0) -> ConditionalRoot:
+    def from_rows(rows: Array, forces: tuple[Axes, ...], links: int = 0) -> ConditionalRoot:
         """Return that of rows (l + v, l + v + 2 + g): R, and beside it the right-hand sides."""
         size = len(rows)
         return ConditionalRoot(np.asfortranarray(rows[:, :size]), np.asfortranarray(rows[:, size:]), forces, links)
@@ -91,7 +91,7 @@ class ConditionalRoot:
         derivative by the forces. All of that is left, (w, w + 2 + g), J first and made a triangle: innovations are
         normalised, each given those after it. So the rows are taken in reverse.
         """
-        link, count = window.carried, len(window.value)
+        link, count = window.twist_link, len(window.value)
         before = self.unlinked if link is None else self.linked(link)
         own, size, width = slice(before.links, None), len(before.triangle), before.right.shape[1]
         if not count:  # LAPACK accepts no empty rows

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from mbaid_ros.core.geometry import Array
 
 
-def steps_of(mean: Array, by_state: Array, driven: Array, spacing: float) -> tuple[Array, Array]:
+def transition_steps(mean: Array, by_state: Array, driven: Array, spacing: float) -> tuple[Array, Array]:
     """Return, from each instant to the next, (2 f, 2 f) and (2 f, c) of x' = onward x + gain.
 
     Exponential Runge-Kutta method of order 4 (Cox and Matthews 2002): the mean (2 f, 2 f) of the derivatives exactly,

@@ -114,7 +114,7 @@ class Initialisation:
         self.windows: list[Window] = []
         self.accepted = self._confirmed = False  # confirmed by the search after it
         self.linearised_until = -np.inf
-        self._explained = True  # whether the latest search explains its windows
+        self._consistent = True  # whether the latest search explains its windows
         self._due = FIRST  # number of windows at which the next search begins
         self._searched = 0  # windows in the latest search
         self._search = BackgroundTask[Start](batch.layout.size)
@@ -140,13 +140,13 @@ class Initialisation:
         """Whether work is left to be done before the next window."""
         return any(task.is_due for task in self._tasks)
 
-    def curvatures(self, *, explained: bool) -> tuple[Curvature, ...]:
+    def curvatures(self, *, consistent: bool) -> tuple[Curvature, ...]:
         """Return the nonlinearity of the windows; about the present estimate only where the model explains the data."""
-        known = (self._curvature, self._displacement if explained else None)
+        known = (self._curvature, self._displacement if consistent else None)
         return tuple(each for each in known if each is not None)
 
     def add(
-        self, window: Window, points: Sequence[Callable[[], Point | None]], *, moved: bool, lost: bool = False
+        self, window: Window, points: Sequence[Callable[[], Point | None]], *, joints_moved: bool, lost: bool = False
     ) -> None:
         """Add a window, and begin a search where one is due; none as long as no joint has moved.
 
@@ -155,9 +155,9 @@ class Initialisation:
         self.windows.append(window)
         if self._search.under_way:
             return
-        if not moved:
+        if not joints_moved:
             self.windows = self.windows[-_AT_REST:]
-        elif len(self.windows) >= self._due or (lost and self._explained and self._batch.variables.described):
+        elif len(self.windows) >= self._due or (lost and self._consistent and self._batch.variables.has_body_prior):
             self._searched = len(self.windows)
             self._search.begin(self._multi_start.search(self.windows, points))
         elif not self.converged and len(self.windows) > self._kept:
@@ -167,17 +167,17 @@ class Initialisation:
     def allot(self) -> None:
         """Allot the work until the next window."""
         steps = _SHARE if self.converged and not self._displaced else _FIRST_SHARE
-        if self._batch.variables.described:
+        if self._batch.variables.has_body_prior:
             steps = AT_ONCE
         for task in self._tasks:
             task.allot_steps(steps)
 
-    def run_slice(self, *, explained: bool) -> Start | Curvature | None:
+    def run_slice(self, *, consistent: bool) -> Start | Curvature | None:
         """Run one slice; return a start to take over, or the nonlinearity about the last one.
 
         Parameters
         ----------
-        explained : whether the model explains the data: else no point is that where the windows are near linear
+        consistent : whether the model explains the data: else no point is that where the windows are near linear
         """
         if self._curvature_task.is_due:
             curvature = self._curvature_task.run_slice()
@@ -188,7 +188,7 @@ class Initialisation:
             if displacement is not None:
                 self._displacement = displacement
                 self._covariance = None if self._covariance is None else displacement.covariance
-                if explained and displacement.anywhere:
+                if consistent and displacement.is_nonlinear:
                     self._search_soon()
             return None
         try:
@@ -200,7 +200,7 @@ class Initialisation:
     def take_over(self, start: Start, filtered: HypothesisFilter) -> None:
         """Go on from the outcome of a search, of which this hypothesis is the best."""
         anew = not self.converged
-        self._explained = filtered.gaussian.nis < LARGEST_NIS * filtered.gaussian.measured
+        self._consistent = filtered.gaussian.nis < LARGEST_NIS * filtered.gaussian.measured
         self.accepted, self._confirmed = start.accepted, start.accepted and not anew
         self.linearised_until = self.windows[self._searched - 1].start
         self._due = self._next_search(self._searched, filtered.gaussian)
@@ -254,24 +254,24 @@ class Initialisation:
 
     @property
     def _displaced(self) -> bool:
-        return self._displacement is not None and self._displacement.anywhere
+        return self._displacement is not None and self._displacement.is_nonlinear
 
     def _is_linear(self, gaussian: SquareRootInformation) -> bool:
         """Return whether the remainder of second order is small, wherever the windows are linearised."""
-        if self._curvature is None or self._curvature.anywhere or self._displaced:
+        if self._curvature is None or self._curvature.is_nonlinear or self._displaced:
             return False
-        distribution = MeanAndCovariance.of(gaussian, self._batch.variables)
+        distribution = MeanAndCovariance.from_gaussian(gaussian, self._batch.variables)
         seconds = self.windows[-1].start - self.windows[0].start
         if not resolved_frequencies(self._batch.layout, distribution, seconds).all():
             return False
-        factor = distribution.factor_of(self._batch.variables.spread[BODY])
+        factor = distribution.factor_of(self._batch.variables.to_state[BODY])
         body, deviation = distribution.mean[BODY], np.sqrt(np.add.reduce(factor**2, axis=1))
         return bool(body[0] > 0.0 and np.all(deviation < _KNOWN * body_sizes(body)))
 
     def _is_sharper(self, filtered: HypothesisFilter) -> bool:
         if self._covariance is None:
             return False
-        now = MeanAndCovariance.of(filtered.gaussian, self._batch.variables).covariance(BODY_PLACES)
+        now = MeanAndCovariance.from_gaussian(filtered.gaussian, self._batch.variables).covariance(BODY_PLACES)
         return bool(np.any(now.diagonal() < _SHARPER**2 * self._covariance.diagonal()))
 
     def _drop(self, first: int) -> None:
@@ -279,7 +279,7 @@ class Initialisation:
 
     def _next_search(self, windows: int, gaussian: SquareRootInformation) -> int:
         """Return at how many windows to search again: soon where that may yet be accepted."""
-        if self._batch.variables.described:
+        if self._batch.variables.has_body_prior:
             return int(np.ceil(_GROWTH_DESCRIBED * windows))
         soon = not (self.accepted or gaussian.nis > HOPELESS * gaussian.measured)
         return int(np.ceil(windows + max(_RETRY, _RETRY_PART * windows) if soon else _GROWTH * windows))

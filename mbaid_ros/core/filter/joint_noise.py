@@ -40,8 +40,8 @@ class JointNoise(ArrayRecord):
     # stored momentum
     process: Array
     stored: Array  # (B, 6, c) factor of the noise in the twist, by these readings and by Gauss-Markov processes
-    stepped: Array  # (B, 6, f) motion of the base with each Gauss-Markov process, when that grows by one
-    gained: Array  # (B, f) variance that each of these gains in the window by the joints' noise, beside its own
+    by_process_steps: Array  # (B, 6, f) motion of the base with each Gauss-Markov process, when that grows by one
+    process_variance: Array  # (B, f) variance that each gains in the window by the joints' noise, beside its own
 
 
 def joint_noise(
@@ -92,19 +92,19 @@ def joint_noise(
         stored = _by_readings(bodies[index[1]])
         samples = np.concatenate([stack.samples for stack in stacks])
         process = np.concatenate((process, length / np.sqrt(samples) * stored), axis=-1)
-    stepped = np.zeros((*last.shape[:-1], 0))
-    if layout.times.size:
+    steps = np.zeros((*last.shape[:-1], 0))
+    if layout.time_constants.size:
         samples = np.concatenate([stack.samples for stack in stacks])
-        stepped = last @ layout.joint_steps
+        steps = last @ layout.joint_columns
         # The rate of a Gauss-Markov process is white, its density twice the variance over the time constant.
-        times = layout.times[np.isfinite(layout.times)]
-        within = np.sqrt(2.0 / times * samples / length) * (middle @ layout.joint_steps)
+        times = layout.time_constants[np.isfinite(layout.time_constants)]
+        within = np.sqrt(2.0 / times * samples / length) * (middle @ layout.joint_columns)
         stored = np.concatenate((stored, within), axis=-1)
-    gained = np.zeros((len(stepped), stepped.shape[-1]))
-    if swing is not None and layout.times.size:
-        more, gained, jolts = _of_swing(layout, kernel, bodies[index[1]], swing, (deviation, length))
-        stepped, stored = stepped + more, np.concatenate((stored, np.sqrt(samples) / length * jolts), axis=-1)
-    noise = JointNoise(deviation * middle, deviation[..., None, :] * by_unknowns, process, stored, stepped, gained)
+    added = np.zeros((len(steps), steps.shape[-1]))
+    if swing is not None and layout.time_constants.size:
+        more, added, jolts = _of_swing(layout, kernel, bodies[index[1]], swing, (deviation, length))
+        steps, stored = steps + more, np.concatenate((stored, np.sqrt(samples) / length * jolts), axis=-1)
+    noise = JointNoise(deviation * middle, deviation[..., None, :] * by_unknowns, process, stored, steps, added)
     ends = np.cumsum([0, *(len(stack.windows) for stack in stacks)])
     return [noise[begin:end] for begin, end in pairwise(ends)]
 
@@ -127,21 +127,21 @@ def _of_swing(
     _, errors = inertias.solve(-gamma, -passive_momenta(kernel, states.configuration.joint_twist, gamma))
     by_joints = inertias.mobility_of_joints @ (spring_constants(kernel, bodies.parameters)[0][:, None] * errors)
     turned = -inertias.mobility @ np.swapaxes(inertias.gamma, 1, 2)
-    processes = np.flatnonzero(np.isfinite(layout.times))
+    processes = np.flatnonzero(np.isfinite(layout.time_constants))
     own = processes < swing.shape[-1] - (BODY.stop - LINEAR.start)
     columns = processes[own] + BODY.stop - LINEAR.start
-    stepped, variance = np.zeros((len(swing), 6, len(processes))), np.zeros((len(swing), len(processes)))
-    growth = np.exp(length / layout.times[processes[own]])
-    stepped[..., own] = turned[:, ANGULAR_FIRST] @ swing[..., columns] * growth
+    steps, variance = np.zeros((len(swing), 6, len(processes))), np.zeros((len(swing), len(processes)))
+    growth = np.exp(length / layout.time_constants[processes[own]])
+    steps[..., own] = turned[:, ANGULAR_FIRST] @ swing[..., columns] * growth
     rates = np.sqrt(np.sum((length * by_joints * deviation) ** 2, axis=-1))  # (B, f) that a window adds
     begin = 0
     for unknown in layout.unknowns:
-        count = int(np.sum(np.isfinite(unknown.times)))
+        count = int(np.sum(np.isfinite(unknown.time_constants)))
         if isinstance(unknown, SwingNoise):
-            variance[:, begin : begin + count] = unknown.driven(rates)
+            variance[:, begin : begin + count] = unknown.process_variances(rates)
         begin += count
     ends = np.minimum(1.0 / (np.sqrt(2.0) * springs.frequency), length[:, 0] / np.sqrt(3.0)) * rates
-    return stepped, variance, turned[:, ANGULAR_FIRST] * ends[:, None]
+    return steps, variance, turned[:, ANGULAR_FIRST] * ends[:, None]
 
 
 def _by_readings(bodies: Bodies) -> Array:
@@ -164,12 +164,12 @@ def errors_in_variables_bias(precision: Array, slope: Array, body: Array, variab
     body : (B, 10) standard parameters at the linearisation point
     variables : of the filter
     """
-    of_body = slope[:, :, :10].transpose(0, 3, 1, 2) @ variables.spread[BODY, variables.body]
+    of_body = slope[:, :, :10].transpose(0, 3, 1, 2) @ variables.to_state[BODY, variables.body]
     weighed = precision[:, None] @ of_body  # (B, n, 6, b)
     windows, joints, numbers, count = of_body.shape
     flat = of_body.reshape(windows, joints * numbers, count)
     information = np.swapaxes(flat, 1, 2) @ weighed.reshape(flat.shape)  # M of trajectory.md, eq. 13
-    at = variables.gather[variables.body, BODY] @ body[..., None]
+    at = variables.from_state[variables.body, BODY] @ body[..., None]
     return np.concatenate((information, information @ at), axis=-1)
 
 
@@ -182,7 +182,7 @@ class InformationCorrection:
     shift: Array  # (b,) s: the estimate moves by P s
 
     @staticmethod
-    def of(covariance: Array, bias_information: Array, mean: Array) -> InformationCorrection:
+    def from_information(covariance: Array, bias_information: Array, mean: Array) -> InformationCorrection:
         """Return it for covariance (b, b), (M, M body) (b, b + 1) and mean (b,)."""
         root, information, at = np.linalg.cholesky(covariance), bias_information[:, :-1], bias_information[:, -1]
         # With P = F F^T and F^T M F = V diag(mu) V^T:  N = F^-T V diag(mu / (1 - mu)) V^T F^-1.
@@ -201,14 +201,14 @@ class TwistLink:
     # by_noise, by_carried: (w, k) derivatives of a window's w whitened measurements by q and c
     by_noise: Array
     by_carried: Array
-    # way_value, way_rows, back: (k,), (k, v), (k, k): q = back (c' - c - process noise + value - rows variables)
-    way_value: Array
-    way_rows: Array
-    back: Array
+    # value, rows, inverse factor: (k,), (k, v), (k, k): q = back (c' - c - process noise + value - rows variables)
+    integral_value: Array
+    integral_rows: Array
+    inverse_factor: Array
     process: Array  # (k, n) of that noise, as in `WhitenedWindow`
 
 
-def linked(
+def integrated_twist_rows(
     twist: IntegratedTwist, pose: Measurement, noise_of_joints: JointNoise, variables: Variables
 ) -> tuple[list[tuple[Array, Array, Array, TwistLink]], Array]:
     """Return value, rows, log_noise and link of B windows by pose and integrated twist, as in `WhitenedWindow`.
@@ -219,11 +219,11 @@ def linked(
     select, of_joints = variables.measured, noise_of_joints.pose
     size, change = len(select), twist.change[:, None]
     values = np.concatenate(
-        ((pose.value - change * twist.way_value) @ select.T, twist.mean_value @ select.T),
+        ((pose.value - change * twist.integral_value) @ select.T, twist.mean_value @ select.T),
         axis=1,
     )
     by_state = np.concatenate(
-        (select @ (pose.rows - change[..., None] * twist.way_rows), select @ twist.mean_rows),
+        (select @ (pose.rows - change[..., None] * twist.integral_rows), select @ twist.mean_rows),
         axis=1,
     )
     common = of_joints @ np.swapaxes(of_joints, -1, -2)
@@ -240,8 +240,8 @@ def linked(
         TwistLink,
         whiten @ by_noise,
         whiten @ by_carried,
-        twist.way_value @ select.T,
-        select @ variables.rows(twist.way_rows),
+        twist.integral_value @ select.T,
+        select @ variables.rows(twist.integral_rows),
         np.linalg.inv(factor),
         select @ noise_of_joints.process,
     )

@@ -128,11 +128,11 @@ def bridged(knots: Knots) -> Knots:
     return Knots(**values)
 
 
-def _columns_about(brought: Array, origin: Array, numbers: int) -> Array:
+def _columns_about(columns: Array, origin: Array, numbers: int) -> Array:
     """Return columns of (P, L), one for each of some numbers, with L about a point."""
-    if not brought.shape[1]:
-        return brought
-    return about_points(brought, np.broadcast_to(origin, (len(brought), 3)), numbers).reshape(brought.shape)
+    if not columns.shape[1]:
+        return columns
+    return about_points(columns, np.broadcast_to(origin, (len(columns), 3)), numbers).reshape(columns.shape)
 
 
 @dataclass(frozen=True)

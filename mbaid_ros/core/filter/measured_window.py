@@ -157,10 +157,10 @@ def twist_measurement(
 class IntegratedTwist(ArrayRecord):
     """Integral of a window's twist from its first knot on; of several windows with these along a first axis."""
 
-    counts: Flags  # () whether it takes the place of the twist; all else is zero where that is measured by itself
-    # way_value, way_rows: (6,), (6, s): value - rows x = c - c' + noise, to the next window's first knot, with its c'
-    way_value: Array
-    way_rows: Array
+    replaces_twist: Flags  # () whether it takes the place of the twist; all else is zero where not
+    # first two: (6,), (6, s): value - rows x = c - c' + noise, to the next window's first knot, with its c'
+    integral_value: Array
+    integral_rows: Array
     # mean_value, mean_rows: (6,), (6, s): value - rows x = c - joint noise in the mean pose + noise, mean over the
     # knots
     mean_value: Array

@@ -75,7 +75,7 @@ def starting_columns(layout: Layout, point: Point) -> Array:
     return columns
 
 
-def started(first: Array, by_state: Array, driven: Array) -> Array:
+def starting_states(first: Array, by_state: Array, driven: Array) -> Array:
     """Return x (..., 2 f, c) where deflections and rates are given, `first` (2, f, c).
 
     The rates of x there are by_state x + driven, (..., 2 f, 2 f) and (..., 2 f, c).

@@ -57,7 +57,7 @@ class PriorComparison:
     curved: Flags
 
     @staticmethod
-    def of(mean: Array, covariance: Array, moved: Array | None = None) -> PriorComparison:
+    def from_posterior(mean: Array, covariance: Array, moved: Array | None = None) -> PriorComparison:
         """Return numbers by their mean (..., n) and covariance (..., n, n).
 
         A direction is curved along which these have `moved` (d, ..., n), where windows were linearised elsewhere, by a
@@ -124,12 +124,12 @@ class PriorScaleFactors:
     # by kind of cause ('zero', 'link', ...), by single cause ('zero:joint1'), and by part of one ('mass:link1')
     scales: Mapping[str, LikelyScale]
     distances: Mapping[str, Distance]  # by single cause, of its observed part
-    each: Array  # (e,) the factor of each of the unknowns' independent numbers
+    factors: Array  # (e,) the factor of each of the unknowns' independent numbers
     covariance: Array  # (e, e) of these, of unit variance a priori, if all are as declared
     within: Mapping[str, Sequence[str]]  # the names that each of these names belongs to
 
     @staticmethod
-    def of(
+    def from_posterior(
         values: Array, covariance: Array, causes: Sequence[str], parts: Sequence[str], moved: Array | None = None
     ) -> PriorScaleFactors:
         """Return the factors that data make likely.
@@ -140,13 +140,13 @@ class PriorScaleFactors:
         causes, parts : 'zero:joint1' that each belongs to, 'mass:link1' that it is by itself, or empty
         moved : (d, e) as of `Curvature.unknowns`
         """
-        groups = _Groups.of(tuple(causes), tuple(parts))
+        groups = _Groups.from_causes(tuple(causes), tuple(parts))
         each, names = np.ones(len(values)), groups.rows
         table = np.zeros((3, len(names), groups.alike[-1][1].shape[1] if names else 0))
         table[1] = 1.0  # beyond its numbers a row has nothing that the data observe
         for rows, own in groups.alike:
             shifts = None if moved is None else moved[:, own]
-            numbers = PriorComparison.of(values[own], covariance[own[:, :, None], own[:, None, :]], shifts)
+            numbers = PriorComparison.from_posterior(values[own], covariance[own[:, :, None], own[:, None, :]], shifts)
             table[:, rows, : own.shape[1]] = numbers.mean, numbers.variance, numbers.curved
         numbers = PriorComparison(table[0], table[1], table[2] > 0.0)
         likely, away = numbers.likely_scales(*groups.chances), numbers.distances
@@ -159,7 +159,7 @@ class PriorScaleFactors:
         for kind in groups.wide:
             own, scales[kind] = groups.places[kind], AS_DECLARED
             if np.add.reduce(beyond[own]) > 0.0:
-                found = PriorComparison.of(values[own], covariance[own[:, None], own]).likely_scales(*_KIND)
+                found = PriorComparison.from_posterior(values[own], covariance[own[:, None], own]).likely_scales(*_KIND)
                 scales[kind] = LikelyScale(*map(float, found))
                 each[own] = np.maximum(each[own], scales[kind].factor)
         return PriorScaleFactors(
@@ -173,15 +173,15 @@ class PriorScaleFactors:
     @property
     def as_declared(self) -> bool:
         """Whether nothing is further off."""
-        return not np.any(self.each > 1.0)
+        return not np.any(self.factors > 1.0)
 
-    def beside(self, contributions: Array) -> Array:
+    def added_columns(self, contributions: Array) -> Array:
         """Return the columns (m, n) that a covariance factor gains, of the contributions (e, m) of each number.
 
         Numbers s times as far off add s^2 - 1 times the square of their contribution (trajectory.md, eq. 7).
         """
-        larger = self.each > 1.0
-        return np.asarray(contributions[larger].T * np.sqrt(self.each[larger] ** 2 - 1.0))
+        larger = self.factors > 1.0
+        return np.asarray(contributions[larger].T * np.sqrt(self.factors[larger] ** 2 - 1.0))
 
     @property
     def likeliest(self) -> tuple[str, float]:
@@ -191,7 +191,7 @@ class PriorScaleFactors:
         )
 
     @property
-    def sure(self) -> tuple[tuple[str, float], ...]:
+    def significant(self) -> tuple[tuple[str, float], ...]:
         """Names that are surely further off than declared, and than their group, with the factor."""
         factors = {cause: factor.factor for cause, factor in self.scales.items() if factor.chance > _SURE}
         return tuple(
@@ -222,7 +222,7 @@ class _Groups:
 
     @staticmethod
     @lru_cache(maxsize=8)  # a run asks at each window
-    def of(causes: tuple[str, ...], parts: tuple[str, ...]) -> _Groups:
+    def from_causes(causes: tuple[str, ...], parts: tuple[str, ...]) -> _Groups:
         """Return the groups of causes, and of parts of them."""
         kinds: dict[str, list[int]] = {}
         things: dict[str, list[int]] = {}

@@ -7,7 +7,7 @@ from enum import Enum, auto
 
 import numpy as np
 
-from mbaid_ros.core.filter.bank import Bank, HypothesisFilter, best, update_bank, update_hypotheses
+from mbaid_ros.core.filter.bank import Bank, HypothesisFilter, leader, update_bank, update_hypotheses
 from mbaid_ros.core.filter.batch import BatchIteration
 from mbaid_ros.core.filter.initialisation import Initialisation, resolved_frequencies
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
@@ -52,11 +52,11 @@ class LinearisationPoint:
         """Go on from the point of a start."""
         self.point, self._reference = point, point.state
 
-    def following(self, gaussian: SquareRootInformation) -> Point:
-        """Return the point, moved where the estimate is too far from its reference."""
+    def near_estimate(self, gaussian: SquareRootInformation) -> Point:
+        """Return the point, relinearised if the estimate is too far from its reference."""
         assert self.point is not None, 'there is a start'
-        distribution = MeanAndCovariance.of(gaussian, self._variables)
-        gather, root = self._variables.gather[self._variables.lasting], self._known(gaussian.triangle)
+        distribution = MeanAndCovariance.from_gaussian(gaussian, self._variables)
+        gather, root = self._variables.from_state[self._variables.persistent], self._known(gaussian.triangle)
         distance = root @ (gather @ (distribution.mean - self._reference))
         if distance @ distance > _HELD:
             self._move(distribution, root)
@@ -66,16 +66,16 @@ class LinearisationPoint:
         """Move the point to the estimate, along eigenvectors of the information R^T R of the lasting variables."""
         assert self.point is not None, 'there is a start'
         layout, variables, held = self._layout, self._variables, self.point
-        lasting, state = variables.lasting, held.state
+        lasting, state = variables.persistent, held.state
         # A body heavier than the robot sets the typical size: its momentum at 1 m/s is the typical one.
         heavier = float(distribution.mean[BODY.start] / variables.typical_momentum[0])
         unit = np.full(root.shape[1], 1.0 / max(1.0, heavier))
-        unit[np.arange(len(variables.scale))[lasting] >= variables.own] = _UNIT
+        unit[np.arange(len(variables.scale))[lasting] >= variables.first_unknown] = _UNIT
         information, directions = np.linalg.eigh((root / unit).T @ (root / unit))
         deviation = 1.0 / np.sqrt(np.maximum(information, 1.0))
-        offset = directions.T @ (unit * (variables.gather[lasting] @ (distribution.mean - state)))
+        offset = directions.T @ (unit * (variables.from_state[lasting] @ (distribution.mean - state)))
         moving = (deviation < _WELL_KNOWN) | (offset**2 > _CURVED * deviation)
-        state += variables.spread[:, lasting] @ (directions @ np.where(moving, offset, 0.0) / unit)
+        state += variables.to_state[:, lasting] @ (directions @ np.where(moving, offset, 0.0) / unit)
         step = state[layout.parameters] - held.parameters
         part = near_part(held.parameters, step)
         state[layout.parameters] = held.parameters + part * step
@@ -89,10 +89,10 @@ class LinearisationPoint:
         """Return the square-root information R of all but pose error, Gauss-Markov processes and a constant force."""
         variables = self._variables
         first, count = variables.poses, len(variables.scale)
-        others = np.concatenate((np.arange(count, len(root)), variables.wandering)).astype(int)
+        others = np.concatenate((np.arange(count, len(root)), variables.gauss_markov)).astype(int)
         if not others.size:
             return root[first:, first:count]
-        order = np.concatenate((others, np.arange(count)[variables.lasting]))
+        order = np.concatenate((others, np.arange(count)[variables.persistent]))
         triangle = np.asarray(np.linalg.qr(root[first:, order], mode='r'))
         return triangle[len(others) : len(order), len(others) :]
 
@@ -141,7 +141,7 @@ class FilterRun:
         self.planar = len(variables.measured) < 6
 
     @property
-    def started(self) -> bool:
+    def has_state(self) -> bool:
         """Whether there is a state."""
         return self._latest is not None
 
@@ -162,14 +162,14 @@ class FilterRun:
         return self._latest
 
     @property
-    def delayed(self) -> bool:
-        """Whether the joints' stamps have turned out late, or early."""
+    def has_joint_delay(self) -> bool:
+        """Whether the estimate has a delay of the joints' stamps."""
         return self._point.point is not None and self._point.point.side.delay != 0.0
 
     @property
-    def lead(self) -> float:
+    def log_likelihood_ratio(self) -> float:
         """Log-likelihood of the hypothesis to report over that of the first."""
-        return best(self._bank).gaussian.log_likelihood - self._bank[0].gaussian.log_likelihood if self._bank else 0.0
+        return leader(self._bank).gaussian.log_likelihood - self._bank[0].gaussian.log_likelihood if self._bank else 0.0
 
     @property
     def innovations(self) -> Array:
@@ -178,20 +178,20 @@ class FilterRun:
         return np.array([(each.misfit, each.gaussian.measured) for each in physical]).reshape(-1, 2)
 
     @property
-    def unexplained(self) -> bool:
-        """Whether there is no start, or it leaves much of the windows unexplained."""
+    def inconsistent(self) -> bool:
+        """Whether there is no start, or its innovations contradict the model."""
         if self._latest is None:
             return True
         gaussian = self._latest.gaussian
         return gaussian.nis > LARGEST_NIS * gaussian.measured or len(self._latest.jumps) > 0
 
     @property
-    def jumped(self) -> tuple[float, ...]:
-        """When the momentum seemed to jump, s, if nothing drifts."""
+    def jump_times(self) -> tuple[float, ...]:
+        """Times of the jumps of the momentum under the first hypothesis, s."""
         return tuple(jump.time for jump in self._bank[0].jumps) if self._bank else ()
 
     @property
-    def unconfirmed(self) -> tuple[float, ...]:
+    def unconfirmed_jumps(self) -> tuple[float, ...]:
         """When the momentum seems to have jumped, s, while the cause may be another.
 
         If the target has moved in the grasp, the next windows do not fit. And a window that moves a joint for the first
@@ -220,21 +220,21 @@ class FilterRun:
         seconds = 0.0 if self._newest is None else self._newest.start + self._newest.length
         return self._frozen_resolved & resolved_frequencies(self._layout, self.distribution_of_first(), seconds)
 
-    def curvatures(self, *, explained: bool) -> tuple[Curvature, ...]:
+    def curvatures(self, *, consistent: bool) -> tuple[Curvature, ...]:
         """Return the nonlinearity of the windows; about the present estimate only where the model explains the data."""
-        return self._initialisation.curvatures(explained=explained)
+        return self._initialisation.curvatures(consistent=consistent)
 
     def distribution(self) -> MeanAndCovariance:
         """Return the latest state under the best hypothesis."""
-        return MeanAndCovariance.of(self.best.gaussian, self._variables)
+        return MeanAndCovariance.from_gaussian(self.best.gaussian, self._variables)
 
     def distribution_of_first(self) -> MeanAndCovariance:
         """Return the state under the first hypothesis, which lets nothing drift."""
-        return MeanAndCovariance.of(self._bank[0].gaussian, self._variables)
+        return MeanAndCovariance.from_gaussian(self._bank[0].gaussian, self._variables)
 
     def prior_scales(self, distribution: MeanAndCovariance) -> PriorScaleFactors:
         """Return the scale factors of the unknowns' priors at a mean and covariance of this run."""
-        known = self.curvatures(explained=False)
+        known = self.curvatures(consistent=False)
         return distribution.prior_scales(self._layout, known[0].unknowns if known else None)
 
     def gaussian_before(self, time: float, slack: float) -> SquareRootInformation | None:
@@ -243,34 +243,34 @@ class FilterRun:
         return next((jump.gaussian for jump in jumps if abs(jump.time - time) <= slack), None)
 
     def expect(self, windows: Sequence[Window]) -> None:
-        """Take the windows that are going to come, in the order of their turn."""
+        """Set the coming windows, in order."""
         self._linearised.expect(windows)
 
-    def take(self, ready: Window | None, still_open: Window | None, *, moved: bool) -> None:
+    def filter_windows(self, ready: Window | None, still_open: Window | None, *, joints_moved: bool) -> None:
         """Filter the next window, and for the latest estimate the one after it.
 
         Parameters
         ----------
         ready : a window with all its neighbours; None where there is none
         still_open : the window after it, without its later neighbours
-        moved : whether a joint has moved so far; before, no start is searched
+        joints_moved : whether a joint has moved so far; before, no start is searched
         """
         while self.run_slice():
             pass
         if ready is not None and self.phase is not Phase.TRACKING:
             points = [self._best_point] if self.converged else []
             points += [] if self._offered is None else [self._offered]
-            lost = self.converged and self.unexplained
-            self._initialisation.add(ready, points, moved=moved, lost=lost)
+            lost = self.converged and self.inconsistent
+            self._initialisation.add(ready, points, joints_moved=joints_moved, lost=lost)
         self._initialisation.allot()
         if self.phase is Phase.COLLECTING:
             return
-        point = self._point.following(best(self._bank).gaussian)  # for both windows: one window old is as good
+        point = self._point.near_estimate(leader(self._bank).gaussian)  # for both windows: one window old is as good
         if ready is not None:
             self._bank = update_bank(self._bank, ready, self._linearised.whitened(ready, point), self._variables)
             if self.phase is Phase.INITIALISING:
-                self._initialisation.check_displacement(best(self._bank))
-        self._latest = best(self._bank)
+                self._initialisation.check_displacement(leader(self._bank))
+        self._latest = leader(self._bank)
         self._newest = still_open or ready or self._newest
         if still_open is not None:
             white = self._linearised.whitened(still_open, point)
@@ -292,7 +292,7 @@ class FilterRun:
 
     def run_slice(self) -> bool:
         """Run a slice of the background work; return whether more is due before the next window."""
-        outcome = self._initialisation.run_slice(explained=not self.unexplained)
+        outcome = self._initialisation.run_slice(consistent=not self.inconsistent)
         if isinstance(outcome, Start):
             self._take_over(outcome)
         elif outcome is not None:
@@ -303,18 +303,18 @@ class FilterRun:
         """Go on from a start."""
         self.phase, self._bank = Phase.INITIALISING, start.bank
         self._point.begin(start.point)
-        self._initialisation.take_over(start, best(start.bank))
+        self._initialisation.take_over(start, leader(start.bank))
         if not start.accepted:
             self._freeze_if_possible()
 
     def _freeze_if_possible(self) -> None:
         """Relinearise no window again where the initialisation allows it."""
         resolved = self.resolved
-        if self._initialisation.may_freeze(best(self._bank).gaussian):
+        if self._initialisation.may_freeze(leader(self._bank).gaussian):
             self.phase, self._frozen_resolved = Phase.TRACKING, resolved
 
     def _best_point(self) -> Point | None:
         if not self._bank:
             return None
-        distribution = MeanAndCovariance.of(best(self._bank).gaussian, self._variables)
+        distribution = MeanAndCovariance.from_gaussian(leader(self._bank).gaussian, self._variables)
         return self._layout.point(distribution.mean, distribution.deviation)

@@ -39,7 +39,7 @@ class SquareRootInformation:
     log_likelihood: float = 0.0  # of all measurements, up to a constant
 
     @staticmethod
-    def of(
+    def from_root(
         triangle: Array, value: Array, forces: Sequence[Axes], variables: Variables, likelihood: float = 0.0
     ) -> list[SquareRootInformation]:
         """Return R x = z, (v, v) and (v,), at first, with a force of unit variance in each of some axes."""
@@ -57,7 +57,7 @@ class SquareRootInformation:
     def priors(variables: Variables, forces: Sequence[Axes], mass: float | None = None) -> list[SquareRootInformation]:
         """Return the prior for a force in each of some axes, near a mass in kg if given."""
         mean, triangle, likelihood = variables.prior(mass)
-        return SquareRootInformation.of(triangle, triangle @ mean, forces, variables, likelihood)
+        return SquareRootInformation.from_root(triangle, triangle @ mean, forces, variables, likelihood)
 
     @staticmethod
     def prior(variables: Variables, force: Axes = 'none', mass: float | None = None) -> SquareRootInformation:
@@ -145,7 +145,7 @@ def update_together(gaussians: Sequence[SquareRootInformation], window: Whitened
                 after,
                 gaussian.axes,
                 force,
-                gaussian.innovations.after((residual * np.sign(diagonal))[::-1], window.places),
+                gaussian.innovations.with_window((residual * np.sign(diagonal))[::-1], window.places),
                 gaussian.bias_information + window.bias_information,
                 gaussian.nis + nis,
                 gaussian.measured + count,
@@ -171,17 +171,17 @@ class MeanAndCovariance:
     force: Array
 
     @staticmethod
-    def of(gaussian: SquareRootInformation, variables: Variables) -> MeanAndCovariance:
+    def from_gaussian(gaussian: SquareRootInformation, variables: Variables) -> MeanAndCovariance:
         """Return them of a Gaussian in information form."""
         both, count = np.column_stack(gaussian.mean_and_shift()), len(variables.scale)
         force = variables.force[:, : gaussian.size - count] @ both[count:, 0]
-        mean, shift = variables.of_state(both[:count]).T
+        mean, shift = variables.state_columns(both[:count]).T
         return MeanAndCovariance(gaussian, variables, mean, shift, force)
 
     @cached_property
     def factor(self) -> Array:
         """Factor of the covariance of the state, (s, v), without the parts outside the variables."""
-        return self.variables.of_state(self.gaussian.factor[: len(self.variables.scale)])
+        return self.variables.state_columns(self.gaussian.factor[: len(self.variables.scale)])
 
     @property
     def force_factor(self) -> Array:
@@ -192,7 +192,7 @@ class MeanAndCovariance:
     @cached_property
     def variance(self) -> Array:
         """Variances of the state, (s,)."""
-        return np.add.reduce(self.factor**2, axis=1) + self.variables.outside.diagonal()
+        return np.add.reduce(self.factor**2, axis=1) + self.variables.covariance_outside.diagonal()
 
     @property
     def deviation(self) -> Array:
@@ -205,38 +205,38 @@ class MeanAndCovariance:
         right[: numbers.shape[1]] = numbers.T
         return np.asarray(dtrtrs(self.gaussian.triangle, right, trans=1, overwrite_b=True)[0]).T
 
-    def by_force(self, pushed: Array) -> Array:
-        """Return the (6,) change of the momentum by a constant force, of `pushed` (p, f) as of `HypothesisFilter`."""
+    def impulse_of_force(self, impulse: Array) -> Array:
+        """Return the (6,) change of the momentum by a constant force, of `impulse` as of `HypothesisFilter`."""
         variables, count = self.variables, len(self.variables.scale)
         if self.gaussian.size == count:
             return np.zeros(6)
         numbers = self.gaussian.mean_and_shift()[0][count:]
-        change = np.broadcast_to(pushed, (variables.head - variables.poses, len(numbers))) @ numbers
-        return np.asarray(variables.spread[MOMENTUM, variables.poses : variables.head] @ change)
+        change = np.broadcast_to(impulse, (variables.head - variables.poses, len(numbers))) @ numbers
+        return np.asarray(variables.to_state[MOMENTUM, variables.poses : variables.head] @ change)
 
     def covariance(self, rows: Integers) -> Array:
         """Return the covariance (r, r) of some numbers of the state."""
-        part = self.factor_of(self.variables.spread[rows])
-        return np.asarray(part @ part.T + self.variables.outside[np.ix_(rows, rows)])
+        part = self.factor_of(self.variables.to_state[rows])
+        return np.asarray(part @ part.T + self.variables.covariance_outside[np.ix_(rows, rows)])
 
     def published(self, prior_scales: PriorScaleFactors, layout: Layout, rows: Integers) -> tuple[Array, Array]:
         """Return some numbers (r,) of the state, the body's among them, and a covariance factor (r, w), as published.
 
         With the correction for noise in the rows (trajectory.md, eq. 14), and the priors scaled (eq. 7).
         """
-        part = self.factor_of(self.variables.spread[rows])
+        part = self.factor_of(self.variables.to_state[rows])
         body, attenuation = self._attenuated
-        times = self.amplification(part, rows)
+        times = self.error_amplification(part, rows)
         columns = [times @ part, self.by_score(part)]
         if not prior_scales.as_declared:
-            columns.append(times @ prior_scales.beside(self.contributions(part, layout)))
+            columns.append(times @ prior_scales.added_columns(self.contributions(part, layout)))
         return self.mean[rows] + part @ (body.T @ attenuation.shift), np.concatenate(columns, axis=1)
 
-    def amplification(self, part: Array, rows: Integers) -> Array:
+    def error_amplification(self, part: Array, rows: Integers) -> Array:
         """Return the (r, r) amplification of errors by noise in the rows, of numbers with a factor `part` (r, v)."""
         body, attenuation = self._attenuated
         more = part @ body.T @ attenuation.gain
-        return np.asarray(np.eye(len(rows)) + more @ self.variables.gather[self.variables.body, rows])
+        return np.asarray(np.eye(len(rows)) + more @ self.variables.from_state[self.variables.body, rows])
 
     def by_score(self, part: Array) -> Array:
         """Return the columns (m, b) that the score of noise in the rows adds to a covariance factor (m, v)."""
@@ -247,9 +247,9 @@ class MeanAndCovariance:
     def _attenuated(self) -> tuple[Array, InformationCorrection]:
         """A covariance factor (b, v) of the body's variables, and their correction (trajectory.md, eq. 14)."""
         variables = self.variables
-        body = self.factor_of(np.eye(variables.own)[variables.body])
-        mean = variables.gather[variables.body, BODY] @ self.mean[BODY]
-        return body, InformationCorrection.of(body @ body.T, self.gaussian.bias_information, mean)
+        body = self.factor_of(np.eye(variables.first_unknown)[variables.body])
+        mean = variables.from_state[variables.body, BODY] @ self.mean[BODY]
+        return body, InformationCorrection.from_information(body @ body.T, self.gaussian.bias_information, mean)
 
     def with_variables(self, factor: Array) -> Array:
         """Return the covariance (v, m) of the variables with numbers of a covariance factor (m, v)."""
@@ -261,15 +261,15 @@ class MeanAndCovariance:
         They come last, with a force: the lower rows of the triangle are the root of their marginal information.
         """
         known = layout.known
-        values, covariance = self.mean[BODY.stop :] - known.mean, self.of_unknowns
+        values, covariance = self.mean[BODY.stop :] - known.mean, self.unknowns_covariance
         if known.independent:
             return values, covariance
         return known.whitening @ values, known.whitening @ covariance @ known.whitening.T
 
     @cached_property
-    def of_unknowns(self) -> Array:
+    def unknowns_covariance(self) -> Array:
         """The covariance (e, e) of the unknowns in the state."""
-        first = self.variables.own
+        first = self.variables.first_unknown
         count = len(self.variables.scale) - first
         if not count:  # LAPACK complains of empty triangles, on the terminal
             return np.zeros((0, 0))
@@ -279,20 +279,20 @@ class MeanAndCovariance:
     def unknowns_as_declared(self, layout: Layout) -> tuple[Array, Array]:
         """Return the same where numbers that noise drives beyond their priors count as right."""
         values, covariance = self.unknowns(layout)
-        if layout.driven.any():
-            free = 1.0 - layout.driven
-            values, covariance = values * free, covariance * np.outer(free, free) + np.diag(layout.driven)
+        if layout.noise_driven.any():
+            free = 1.0 - layout.noise_driven
+            values, covariance = values * free, covariance * np.outer(free, free) + np.diag(layout.noise_driven)
         return values, covariance
 
     def prior_scales(self, layout: Layout, moved: Array | None = None) -> PriorScaleFactors:
         """Return the scale factors of the unknowns' priors; `moved` (d, e) as of `Curvature.unknowns`."""
         numbers = self.unknowns_as_declared(layout)
-        return PriorScaleFactors.of(*numbers, layout.cause_of, layout.part_of, moved)
+        return PriorScaleFactors.from_posterior(*numbers, layout.cause_of, layout.part_of, moved)
 
     def contributions(self, factor: Array, layout: Layout) -> Array:
         """Return the contributions (e, m) of the unknowns' independent numbers to the errors of m numbers.
 
         That of a number of unit variance is its covariance with the estimate. `factor` (m, v) is that of `factor_of`.
         """
-        with_unknowns = self.with_variables(factor)[self.variables.own : len(self.variables.scale)]
+        with_unknowns = self.with_variables(factor)[self.variables.first_unknown : len(self.variables.scale)]
         return with_unknowns if layout.known.independent else np.asarray(layout.known.whitening @ with_unknowns)

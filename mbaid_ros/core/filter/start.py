@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.filter.bank import LONGEST_AT_A_GUESS, NO_JUMPS, Bank, best, clamped, far_better, joined
+from mbaid_ros.core.filter.bank import LONGEST_AT_A_GUESS, NO_JUMPS, Bank, cap_likelihood, far_likelier, joined, leader
 from mbaid_ros.core.filter.batch import MASS, BatchIteration, BatchResult, Work
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout, Point, mobility_and_joint_momentum
@@ -106,14 +106,15 @@ class MultiStart:
             result = max(results, key=lambda each: each.merit)
             chosen, bank, other_leads = yield from self._choose_hypothesis(stacks, result)
         accepted = other_leads or (result.acceptable and not any(result.is_rivalled_by(other) for other in results))
-        covariance = MeanAndCovariance.of(best(bank).gaussian, self.batch.variables).covariance(BODY_PLACES)
-        curvature = self.batch.curvature(stacks, best(bank)) if accepted else None
+        distribution = MeanAndCovariance.from_gaussian(leader(bank).gaussian, self.batch.variables)
+        covariance = distribution.covariance(BODY_PLACES)
+        curvature = self.batch.curvature(stacks, leader(bank)) if accepted else None
         while count < len(windows):
             more = windows[count : count + STACK]
-            linearised = yield from self.batch.relinearise([stacked(more)], chosen.held)
+            linearised = yield from self.batch.relinearise([stacked(more)], chosen.linearised_at)
             count += len(more)
             bank = yield from self.batch.filter(linearised, bank)
-        return Start(bank, chosen.held, accepted, covariance, curvature)
+        return Start(bank, chosen.linearised_at, accepted, covariance, curvature)
 
     def _from_guesses(self, stacks: list[list[Stack]]) -> Work[list[BatchResult]]:
         """Return the solutions with each guessed mass held, and from the best of these with any mass.
@@ -121,7 +122,7 @@ class MultiStart:
         Where the rows are as noisy as the motion is large, an iteration may converge with narrow intervals although
         bodies of quite another mass explain the windows as well: the results with the mass held show those.
         """
-        if self.batch.variables.described:
+        if self.batch.variables.has_body_prior:
             guess = self.batch.layout.point(self._beginning(self.batch.variables.mean[BODY], stacks[0][0].windows))
             result = yield from self.batch.converge(stacks, guess, self.batch.prior(self.hypotheses[0]))
             return [] if result is None else [result]
@@ -165,21 +166,21 @@ class MultiStart:
         linearisation's. Where the first explains them too, the gain must not come from noise in the rows.
         """
         first, *others = self.hypotheses
-        longest = result.filtered.longest
+        longest = result.filtered.longest_jump
         bank: Bank = (result.filtered,)
         if others:
             followed = yield from self.batch.filter(result.windows, self.batch.priors(others, longest))
             bank = (result.filtered, *followed)
             bank = bank if result.mass_held else joined(bank)
-        leading = best(bank).hypothesis
+        leading = leader(bank).hypothesis
         if leading is first:
             return result, bank, False
         other = yield from self.batch.converge(stacks, result.point, self.batch.prior(leading, longest))
         if other is None:
-            return result, clamped(bank), False
+            return result, cap_likelihood(bank), False
         needed = not result.consistent or self._is_hardly_shifted(other)
-        if not (needed and other.acceptable and other.consistent and far_better(other.filtered, result.filtered)):
-            return result, clamped(bank), False
+        if not (needed and other.acceptable and other.consistent and far_likelier(other.filtered, result.filtered)):
+            return result, cap_likelihood(bank), False
         bank = yield from self.batch.filter(other.windows, self.batch.priors(self.hypotheses, longest))
         return other, bank, True
 

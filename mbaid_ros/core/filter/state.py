@@ -64,7 +64,7 @@ class Layout:
     imu: Link | None = None  # the link that an IMU is on, where joints move it
 
     @staticmethod
-    def of(
+    def from_unknowns(
         kernel: MomentumKernel,
         unknowns: Sequence[Unknown],
         known: UnknownsPrior | None = None,
@@ -74,12 +74,12 @@ class Layout:
 
         Raises ValueError: The prior is of other numbers, or the unknowns of the readings are not the last.
         """
-        count, last = sum(unknown.count for unknown in unknowns), [unknown.read for unknown in unknowns]
+        count, last = sum(unknown.count for unknown in unknowns), [unknown.in_readings for unknown in unknowns]
         if known is None:
-            known = UnknownsPrior.nothing(count)
+            known = UnknownsPrior.standard_normal(count)
         elif len(known.mean) != count or last != sorted(last):
             raise ValueError(f'a posterior of {len(known.mean)} numbers does not match {count} unknowns, in order')
-        return Layout(kernel, tuple(sorted(unknowns, key=lambda unknown: unknown.read)), known, plane)
+        return Layout(kernel, tuple(sorted(unknowns, key=lambda unknown: unknown.in_readings)), known, plane)
 
     @cached_property
     def places(self) -> tuple[slice, ...]:
@@ -105,7 +105,7 @@ class Layout:
     @cached_property
     def predicted(self) -> tuple[Unknown, ...]:
         """The unknowns that the prediction depends on."""
-        return tuple(each for each in self.unknowns if not each.read)
+        return tuple(each for each in self.unknowns if not each.in_readings)
 
     @cached_property
     def of_joints(self) -> tuple[tuple[Unknown, slice], ...]:
@@ -114,13 +114,13 @@ class Layout:
         return tuple(
             (unknown, slice(place.start - first, place.stop - first))
             for unknown, place in zip(self.unknowns, self.places, strict=True)
-            if unknown.of_joints
+            if unknown.moves_joints
         )
 
     @cached_property
     def read(self) -> tuple[Unknown, ...]:
         """The unknowns that only the readings depend on."""
-        return tuple(each for each in self.unknowns if each.read)
+        return tuple(each for each in self.unknowns if each.in_readings)
 
     @cached_property
     def causes(self) -> tuple[str, ...]:
@@ -147,10 +147,10 @@ class Layout:
     def extended(self, more: Sequence[Unknown]) -> Layout:
         """Return the layout with more unknowns, independent of the others."""
         before = len(self.predicted)
-        predicted, read = (tuple(each for each in more if each.read is which) for which in (False, True))
+        predicted, read = (tuple(each for each in more if each.in_readings is which) for which in (False, True))
         unknowns = (*self.unknowns[:before], *predicted, *self.unknowns[before:], *read)
-        known = self.known.beside(sum(each.count for each in predicted), before=self.readings.start - BODY.stop)
-        known = known.beside(sum(each.count for each in read), before=len(known.mean))
+        known = self.known.extended(sum(each.count for each in predicted), before=self.readings.start - BODY.stop)
+        known = known.extended(sum(each.count for each in read), before=len(known.mean))
         return replace(self, unknowns=unknowns, known=known)
 
     def state(self, body: Array, momentum: Array) -> Array:
@@ -159,39 +159,40 @@ class Layout:
 
     def point(self, state: Array, deviation: Array | None = None) -> Point:
         """Return the linearisation point of a state (s,) with standard deviations (s,)."""
-        values = self.settled(state, deviation)
+        values = self.linearisation_state(state, deviation)
         side = NominalModel.nominal(self.kernel)
         for unknown, place in zip(self.unknowns, self.places, strict=True):
-            side = unknown.moved(side, unknown.factor @ values[place])
+            side = unknown.applied_to(side, unknown.factor @ values[place])
         return Point(values[self.parameters], values[self.readings], side)
 
-    def settled(self, state: Array, deviation: Array | None = None) -> Array:
+    def linearisation_state(self, state: Array, deviation: Array | None = None) -> Array:
         """Return the linearisation point (s,) of windows, for a state (s,) with standard deviations (s,)."""
         values = state.copy()
         for unknown, place in zip(self.unknowns, self.places, strict=True):
             uncertain = np.zeros(unknown.count) if deviation is None else deviation[place]
-            values[place] = unknown.settled(values[place], uncertain)
+            values[place] = unknown.linearisation_value(values[place], uncertain)
         return values
 
     @cached_property
-    def times(self) -> Array:
+    def time_constants(self) -> Array:
         """Time constants (e,) of the unknowns' numbers, s; inf where they stay. Empty where all do."""
-        times = np.concatenate([np.zeros(0), *(unknown.times for unknown in self.unknowns)])
+        times = np.concatenate([np.zeros(0), *(unknown.time_constants for unknown in self.unknowns)])
         return times if np.isfinite(times).any() else np.zeros(0)
 
     @cached_property
-    def driven(self) -> Array:
+    def noise_driven(self) -> Array:
         """Which of the unknowns' e numbers the joints' noise drives, too, as ones among zeros."""
         return numbers_of(self.unknowns, [isinstance(each, SwingNoise) for each in self.unknowns]).astype(float)
 
     @cached_property
-    def joint_steps(self) -> Array:
+    def joint_columns(self) -> Array:
         """Offsets (n, f) of the joints by each of the unknowns' f Gauss-Markov processes."""
         steps = [
-            np.zeros((self.kernel.model.joints, each.count)) if each.joint_steps is None else each.joint_steps
+            np.zeros((self.kernel.model.joints, each.count)) if each.joint_columns is None else each.joint_columns
             for each in self.unknowns
         ]
-        return np.concatenate(steps, axis=1)[:, np.isfinite(self.times)] if self.times.size else np.zeros((0, 0))
+        times = self.time_constants
+        return np.concatenate(steps, axis=1)[:, np.isfinite(times)] if times.size else np.zeros((0, 0))
 
 
 def numbers_of(unknowns: Sequence[Unknown], which: Sequence[bool]) -> Flags:
@@ -212,15 +213,15 @@ def near_part(parameters: Array, step: Array) -> float:
 
 def layout_of(kernel: MomentumKernel, uncertainty: Uncertainty, detector: PlaneDetector) -> Layout:
     """Return the layout for the uncertainty of a robot that moves in a plane or in space."""
-    unknowns, known = catalogue(kernel, uncertainty), uncertainty.carried
+    unknowns, known = catalogue(kernel, uncertainty), uncertainty.joint_prior
     if known is not None:
         # The swing of passive joints at the start of another run does not apply to this one.
-        known = known.drawn_anew(numbers_of(unknowns, [each.of_a_chain for each in unknowns]))
+        known = known.drawn_anew(numbers_of(unknowns, [each.redrawn_after_gap for each in unknowns]))
     if detector.planar:
         seen = tuple(unknown.in_plane(detector) for unknown in unknowns)
         known = known and known.of([in_plane_map(*pair) for pair in zip(unknowns, seen, strict=True)])
         unknowns = seen
-    layout = Layout.of(kernel, unknowns, known, detector.equation_selection() if detector.planar else None)
+    layout = Layout.from_unknowns(kernel, unknowns, known, detector.equation_selection() if detector.planar else None)
     return replace(layout, imu=None if uncertainty.gyro is None else uncertainty.gyro.link)
 
 
@@ -237,16 +238,16 @@ def mobility_and_joint_momentum(
     return mobility, moving
 
 
-def total_momentum(middle: Midpoints, point: Point, known: Array, brought: tuple[Array, Array]) -> tuple[Array, Array]:
+def total_momentum(middle: Midpoints, point: Point, known: Array, impulses: tuple[Array, Array]) -> tuple[Array, Array]:
     """Return the total (P, L_b) at N instants, (N, 3) each: that of the point, thrust and orbit included.
 
     Parameters
     ----------
     middle, point : Midpoints, Point
     known : (n + 1, 10) standard parameters of all bodies
-    brought : columns of tide and of thrusters that deviate from their commands
+    impulses : columns of tide and of thrusters that deviate from their commands
     """
-    parameters, (tide, thrust) = point.parameters, brought
+    parameters, (tide, thrust) = point.parameters, impulses
     linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
     about_base = angular - cross(middle.base_position, linear)
     parts = [(tide, known)] if tide.shape[1] else []

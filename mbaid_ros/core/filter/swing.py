@@ -14,9 +14,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from mbaid_ros.core.filter.exponential import steps_of
+from mbaid_ros.core.filter.exponential import transition_steps
 from mbaid_ros.core.filter.knots import Midpoints
-from mbaid_ros.core.filter.passive_prediction import PassiveColumns, started, starting_columns
+from mbaid_ros.core.filter.passive_prediction import PassiveColumns, starting_columns, starting_states
 from mbaid_ros.core.filter.state import Layout, Point
 from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, predict
 from mbaid_ros.core.filter.window import Stack, Window
@@ -66,9 +66,9 @@ class SwingCourse:
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
-        self._bare = replace(layout, unknowns=(), known=UnknownsPrior.nothing(0))
+        self._bare = replace(layout, unknowns=(), known=UnknownsPrior.standard_normal(0))
         # Time constants of the parameters that are Gauss-Markov processes, s; inf of x itself and of all others.
-        times = np.concatenate([np.full(17, np.inf), *(each.times for each in layout.predicted)])
+        times = np.concatenate([np.full(17, np.inf), *(each.time_constants for each in layout.predicted)])
         self._decay = 1.0 / times
         # By point, and the interval after a window: x and its derivative by the parameters, (2, 2 f, 1 + u), in the
         # last two intervals of the window.
@@ -134,7 +134,7 @@ class SwingCourse:
         for window, end in enumerate(part.ends):
             columns, before = self._guesses.get(end, (states[:0], point))
             if len(columns) == part.intervals:
-                states[:, window] = _moved(columns, before, point)[..., 0]
+                states[:, window] = _columns_at(columns, before, point)[..., 0]
         return states.reshape(-1, states.shape[-1])
 
     @np.errstate(over='ignore', invalid='ignore')  # a swing without bounds is noticed
@@ -150,7 +150,7 @@ class SwingCourse:
         results, first = np.zeros_like(driven), starting_columns(self._layout, point)[..., :columns]
         steps = []  # by part, linear in x one interval before the own ones
         for part in parts:
-            onward = steps_of(mean, part.divided(by_state), part.divided(driven), part.stack.windows[0].spacing)
+            onward = transition_steps(mean, part.divided(by_state), part.divided(driven), part.stack.windows[0].spacing)
             steps.append(composed(*(step[part.begin :] for step in onward)))
         ends: dict[int, Array] = {}
         places = [
@@ -163,7 +163,7 @@ class SwingCourse:
             before = None if window.fresh else self._before(window, ends, point)
             if before is None:
                 instant = part.instants.start + begin * len(part.ends) + index
-                start = result[:begin] = started(first, by_state[instant], driven[instant])
+                start = result[:begin] = starting_states(first, by_state[instant], driven[instant])
             else:
                 start, result[:begin] = before[1, :, :columns], before[:begin, :, :columns]
             result[begin:] = step[..., :size] @ start + step[..., size:]
@@ -178,8 +178,8 @@ class SwingCourse:
             others = [other for other, each in self._ends.items() if number in each]
             if not others:
                 return None
-            near = point if point in others else min(others, key=lambda other: _apart(other, point))
-            found = _moved(self._ends[near][number], near, point)
+            near = point if point in others else min(others, key=lambda other: _distance(other, point))
+            found = _columns_at(self._ends[near][number], near, point)
         # A window's amplitudes of decaying terms are those at its own begin.
         return np.asarray(found * np.exp(self._decay[: found.shape[-1]] * window.length))
 
@@ -230,14 +230,14 @@ def _end(window: Window) -> int:
     return round((window.start + window.length) / window.spacing)
 
 
-def _moved(columns: Array, before: Point, point: Point) -> Array:
+def _columns_at(columns: Array, before: Point, point: Point) -> Array:
     """Return x and its derivatives (..., 2 f, 1 + u) of one point at another."""
     moved = columns.copy()
     moved[..., 0] += columns[..., 1:] @ (point.parameters - before.parameters)
     return moved
 
 
-def _apart(one: Point, other: Point) -> float:
+def _distance(one: Point, other: Point) -> float:
     """Return how far two points are apart, squared, in units of their priors; the mass in units of itself."""
     step = one.parameters - other.parameters
     return float(np.sum(step[16:] ** 2) + (step[6] / (abs(one.parameters[6]) + 1e-9)) ** 2)

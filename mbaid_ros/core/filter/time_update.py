@@ -40,7 +40,7 @@ class Hypothesis:
         return self.force != 'none' or self.position > 0.0 or self.momentum > 0.0
 
     @cached_property
-    def walks(self) -> Array:
+    def random_walk(self) -> Array:
         """The (12, w) factor of the walks of pose error and momentum."""
         intensities = np.repeat((0.0, self.position, self.momentum), (3, 3, 6))
         return np.diag(intensities)[:, intensities > 0.0]
@@ -53,13 +53,13 @@ UNDISTURBED = Hypothesis('nothing drifts')
 class MomentumChange:
     """The change of the momentum over some seconds, and of the f Gauss-Markov processes that bring a part of it."""
 
-    brought: Array  # (p, v) by the variables at the begin
-    stepped: Array  # (h, f) of the first variables with a process, when that grows by one until the end
+    by_variables: Array  # (p, v) by the variables at the begin
+    by_process_steps: Array  # (h, f) of the first variables with a process, when that grows by one until the end
     noise: Array  # (p, f) factor, given the processes at both ends
-    kept: Array  # (f,) autocorrelation of the processes that bring momentum; 0 of others
+    autocorrelation: Array  # (f,) autocorrelation of the processes that bring momentum; 0 of others
 
 
-def momentum_change(brought: Array, rate_length: float, seconds: float, variables: Variables) -> MomentumChange:
+def momentum_change(change: Array, rate_length: float, seconds: float, variables: Variables) -> MomentumChange:
     """Return the change of the momentum over some seconds.
 
     A process v of unit variance and time constant T with the values v and v' at the ends of D seconds has an integral
@@ -67,20 +67,20 @@ def momentum_change(brought: Array, rate_length: float, seconds: float, variable
 
     Parameters
     ----------
-    brought, rate_length : (p, v) change over a length in s by constant variables
+    change, rate_length : (p, v) change over a length in s by constant variables
     """
-    brought = brought * (seconds / rate_length)
-    count = len(variables.wandering)
-    stepped = np.zeros((variables.head, count))
+    change = change * (seconds / rate_length)
+    count = len(variables.gauss_markov)
+    steps = np.zeros((variables.head, count))
     if not count:
-        return MomentumChange(brought, stepped, np.zeros((len(brought), 0)), np.zeros(0))
-    of_processes = brought[:, variables.wandering]
-    half = 0.5 * seconds / variables.times[np.isfinite(variables.times)]
+        return MomentumChange(change, steps, np.zeros((len(change), 0)), np.zeros(0))
+    of_processes = change[:, variables.gauss_markov]
+    half = 0.5 * seconds / variables.time_constants[np.isfinite(variables.time_constants)]
     share = np.tanh(half) / half
-    brought[:, variables.wandering] = share * of_processes
-    stepped[variables.poses :] = 0.5 * share * of_processes
+    change[:, variables.gauss_markov] = share * of_processes
+    steps[variables.poses :] = 0.5 * share * of_processes
     noise = of_processes * np.sqrt((1.0 - share) / half)
-    return MomentumChange(brought, stepped, noise, variables.kept(seconds) * of_processes.any(axis=0))
+    return MomentumChange(change, steps, noise, variables.autocorrelation(seconds) * of_processes.any(axis=0))
 
 
 def advance(
@@ -90,37 +90,37 @@ def advance(
 
     With an integrated twist c goes along (trajectory.md, eq. 10).
     """
-    link = window.carried if gaussian.conditional.links else None
+    link = window.twist_link if gaussian.conditional.links else None
     root = gaussian.conditional if link is not None else gaussian.conditional.unlinked
     head, columns, count = variables.head, len(variables.scale), root.links // 2
-    change = momentum_change(window.brought, window.length, window.length, variables)
+    change = momentum_change(window.momentum_change, window.length, window.length, variables)
     rows = root.rows(2 * count + head)
     above, rows = rows[:, : 2 * count], rows[:, 2 * count :]
     if link is not None:
         # q = back (c' - c - noise w + value - rows x), put into the rows that know of it.
-        gain = above[: 2 * count, :count] @ link.back
-        rows[: 2 * count, :columns] -= gain @ link.way_rows
-        rows[: 2 * count, columns + 1] -= gain @ link.way_value
-    back, noise, rest = _stepped(rows, window, change, variables, hypothesis, root.forces)
+        gain = above[: 2 * count, :count] @ link.inverse_factor
+        rows[: 2 * count, :columns] -= gain @ link.integral_rows
+        rows[: 2 * count, columns + 1] -= gain @ link.integral_value
+    back, noise, rest = _at_next_window(rows, window, change, variables, hypothesis, root.forces)
     known = np.concatenate((back, rest), axis=1)
     if link is not None:
         noise[: 2 * count, : link.process.shape[1]] += gain @ link.process
         of_links = np.zeros((len(rows), 2 * count))  # by c and c'
         of_links[: 2 * count] = np.concatenate((above[: 2 * count, count:] - gain, gain), axis=1)
         known = np.concatenate((of_links, known), axis=1)
-    after = root.with_first(_eliminated(known, noise)[count:, count:], 2 * count + head, count)
-    if variables.walks.shape[1]:
-        walked = _walked(after.rows(), np.sqrt(window.length) * variables.walks, count + columns)
-        after = ConditionalRoot.of(walked, root.forces, count)
-    if variables.times.size:  # there is no c then
-        change.stepped[: variables.poses] += window.stepped
-        kept = variables.kept(window.length)
-        wandered = _wandered(after.rows(), variables.wandering, kept, change.stepped, window.gained)
-        after = ConditionalRoot.of(wandered, root.forces)
+    after = root.with_first(_noise_eliminated(known, noise)[count:, count:], 2 * count + head, count)
+    if variables.random_walk.shape[1]:
+        walked = _with_random_walk(after.rows(), np.sqrt(window.length) * variables.random_walk, count + columns)
+        after = ConditionalRoot.from_rows(walked, root.forces, count)
+    if variables.time_constants.size:  # there is no c then
+        change.by_process_steps[: variables.poses] += window.by_process_steps
+        process = variables.autocorrelation(window.length), change.by_process_steps, window.process_variance
+        rows = _gauss_markov_step(after.rows(), variables.gauss_markov, *process)
+        after = ConditionalRoot.from_rows(rows, root.forces)
     return replace(gaussian, conditional=after)
 
 
-def _stepped(
+def _at_next_window(
     rows: Array,
     window: WhitenedWindow,
     change: MomentumChange,
@@ -134,32 +134,32 @@ def _stepped(
     """
     head, poses, columns = variables.head, variables.poses, len(variables.scale)
     # x_head = A^-1 (x_head' - B x_rest - drift - noise w), put into the rows that know of it.
-    back = rows[:, :head] @ window.back
+    back = rows[:, :head] @ window.inverse_transition
     of_poses, of_momentum = back[:, :poses], back[:, poses:]
     rest = rows[:, head:].copy()
     right = rest[:, columns - head :]
-    rest[:, : columns - head] -= of_poses @ window.transition[:, head:] + of_momentum @ change.brought[:, head:]
+    rest[:, : columns - head] -= of_poses @ window.transition[:, head:] + of_momentum @ change.by_variables[:, head:]
     right[:, 1] += of_poses @ window.drift
     if forces:
-        right[:, 2:] -= of_momentum @ np.concatenate([window.push(axes) for axes in forces], axis=1)
+        right[:, 2:] -= of_momentum @ np.concatenate([window.force_impulse(axes) for axes in forces], axis=1)
     noise = of_poses @ window.process
     if change.noise.any():
         noise = np.concatenate((noise, of_momentum @ change.noise), axis=1)
-    if hypothesis.walks.size:
-        walk = variables.gather[:head, :12] @ hypothesis.walks
+    if hypothesis.random_walk.size:
+        walk = variables.from_state[:head, :12] @ hypothesis.random_walk
         noise = np.concatenate((noise, np.sqrt(window.length) * (back @ walk)), axis=1)
     return back, noise, rest
 
 
-def entered(
+def at_window_start(
     gaussian: SquareRootInformation, window: Window, white: WhitenedWindow, variables: Variables
 ) -> SquareRootInformation:
     """Return the Gaussian at the start of a window; with an unknown pose error where the chain was broken before it."""
     if not window.fresh:
         return gaussian
-    if not window.gap or not white.brought.any():
+    if not window.gap or not white.momentum_change.any():
         return pose_reset(gaussian, variables)
-    return pose_reset(gaussian, variables, momentum_change(white.brought, white.length, window.gap, variables))
+    return pose_reset(gaussian, variables, momentum_change(white.momentum_change, white.length, window.gap, variables))
 
 
 def pose_reset(
@@ -174,12 +174,12 @@ def pose_reset(
     root[:poses, :poses] = variables.prior()[1][:poses, :poses]
     if change is not None:
         head, own = variables.head, slice(variables.head, len(variables.scale))
-        root[:, own] -= root[:, poses:head] @ change.brought[:, own]
+        root[:, own] -= root[:, poses:head] @ change.by_variables[:, own]
         if change.noise.any():
-            root[:head] = _eliminated(root[:head], root[:head, poses:head] @ change.noise)
-    if variables.broken.shape[1]:
-        root = _walked(root, variables.broken, len(variables.scale))
-    return _with_rows(gaussian, _forgotten(root, variables, change))
+            root[:head] = _noise_eliminated(root[:head], root[:head, poses:head] @ change.noise)
+    if variables.gap_change.shape[1]:
+        root = _with_random_walk(root, variables.gap_change, len(variables.scale))
+    return _with_rows(gaussian, _processes_redrawn(root, variables, change))
 
 
 def new_motion(gaussian: SquareRootInformation, variables: Variables) -> SquareRootInformation:
@@ -187,14 +187,14 @@ def new_motion(gaussian: SquareRootInformation, variables: Variables) -> SquareR
     root, head = gaussian.conditional.unlinked.rows(), variables.head
     root[:head] = 0.0
     root[:head, :head] = variables.prior()[1][:head, :head]
-    if variables.renewed.shape[1]:
-        root = _walked(root, variables.renewed, len(variables.scale))
-    return _with_rows(gaussian, _forgotten(root, variables))
+    if variables.motion_change.shape[1]:
+        root = _with_random_walk(root, variables.motion_change, len(variables.scale))
+    return _with_rows(gaussian, _processes_redrawn(root, variables))
 
 
 def _with_rows(gaussian: SquareRootInformation, rows: Array) -> SquareRootInformation:
     """Return the Gaussian with other rows (v, v + 2 + g) of the variables."""
-    return replace(gaussian, conditional=ConditionalRoot.of(rows, gaussian.conditional.forces))
+    return replace(gaussian, conditional=ConditionalRoot.from_rows(rows, gaussian.conditional.forces))
 
 
 def momentum_inflation(
@@ -211,19 +211,19 @@ def momentum_inflation(
     change = np.zeros((12, 12))
     change[MOMENTUM, :6] = np.diag(sizes)
     # It came at any time of the window: for half of it, with a standard deviation of the square root of 1/12.
-    change[POSE, :6] = 0.5 * window.moved * sizes
-    change[POSE, 6:] = np.sqrt(1.0 / 12.0) * window.moved * sizes
-    return inflated(gaussian, variables.gather[: variables.head, :12] @ change)
+    change[POSE, :6] = 0.5 * window.pose_error_by_momentum * sizes
+    change[POSE, 6:] = np.sqrt(1.0 / 12.0) * window.pose_error_by_momentum * sizes
+    return with_process_noise(gaussian, variables.from_state[: variables.head, :12] @ change)
 
 
-def inflated(gaussian: SquareRootInformation, noise: Array) -> SquareRootInformation:
+def with_process_noise(gaussian: SquareRootInformation, noise: Array) -> SquareRootInformation:
     """Return the Gaussian with noise (h, w) added to its first h variables."""
     root, head = gaussian.conditional.unlinked, len(noise)
     rows = root.rows(head)
-    return replace(gaussian, conditional=root.with_first(_eliminated(rows, rows[:, :head] @ noise), head))
+    return replace(gaussian, conditional=root.with_first(_noise_eliminated(rows, rows[:, :head] @ noise), head))
 
 
-def _eliminated(rows: Array, noise: Array) -> Array:
+def _noise_eliminated(rows: Array, noise: Array) -> Array:
     """Return the triangle of rows (r, c), r <= c, in which noise (r, w) of unit variance has been eliminated."""
     count, (height, width) = noise.shape[1], rows.shape
     wide = np.zeros((count + height, count + width), order='F')
@@ -240,36 +240,37 @@ def _triangle(wide: Array, count: int) -> Array:
     return triangle
 
 
-def _walked(root: Array, noise: Array, stop: int) -> Array:
+def _with_random_walk(root: Array, noise: Array, stop: int) -> Array:
     """Return the triangle after noise (e, w) has been added to the last e of the first `stop` variables."""
-    return _eliminated(root, root[:, stop - len(noise) : stop] @ noise)
+    return _noise_eliminated(root, root[:, stop - len(noise) : stop] @ noise)
 
 
-def _forgotten(root: Array, variables: Variables, change: MomentumChange | None = None) -> Array:
-    """Return the triangle with the Gauss-Markov processes drawn anew, but for those that have brought momentum."""
-    if not variables.times.size:
+def _processes_redrawn(root: Array, variables: Variables, change: MomentumChange | None = None) -> Array:
+    """Return the triangle with the Gauss-Markov processes drawn anew, but for those that change the momentum."""
+    if not variables.time_constants.size:
         return root
-    nothing = np.zeros(len(variables.wandering))
-    kept, stepped = (nothing, np.zeros((0, len(nothing)))) if change is None else (change.kept, change.stepped)
-    return _wandered(root, variables.wandering, kept, stepped, nothing)
+    zeros = np.zeros(len(variables.gauss_markov))
+    if change is None:
+        return _gauss_markov_step(root, variables.gauss_markov, zeros, np.zeros((0, len(zeros))), zeros)
+    return _gauss_markov_step(root, variables.gauss_markov, change.autocorrelation, change.by_process_steps, zeros)
 
 
-def _wandered(root: Array, places: Integers, kept: Array, stepped: Array, gained: Array) -> Array:
+def _gauss_markov_step(root: Array, places: Integers, correlation: Array, steps: Array, added: Array) -> Array:
     """Return the triangle after a step of Gauss-Markov processes of unit variance (trajectory.md, eq. 11).
 
-    v' = kept v + noise, and the first variables go along: x' = x + stepped (v' - v). v is eliminated.
+    v' = correlation v + noise, and the first variables follow: x' = x + steps (v' - v). v is eliminated.
 
     Parameters
     ----------
     root, places : (v, v + 2 + g), and the (f,) indices of the processes
-    kept, stepped : (f,) autocorrelations, below 1; (p, f)
-    gained : (f,) variance of the noise beside that which keeps the processes stationary
+    correlation, steps : (f,) autocorrelations, below 1; (p, f)
+    added : (f,) variance of the noise beside that which keeps the processes stationary
     """
     size, count = len(root), len(places)
-    rows, certain = np.arange(count), 1.0 / np.sqrt(1.0 - kept**2 + gained)
-    along = root[:, : len(stepped)] @ stepped
+    rows, certain = np.arange(count), 1.0 / np.sqrt(1.0 - correlation**2 + added)
+    along = root[:, : len(steps)] @ steps
     wide = np.zeros((count + size, count + root.shape[1]), order='F')
-    wide[rows, rows], wide[rows, count + places] = -kept * certain, certain
+    wide[rows, rows], wide[rows, count + places] = -correlation * certain, certain
     wide[count:, count:] = root
     wide[count:, :count] = root[:, places] + along
     wide[count:, count + places] = -along

@@ -38,20 +38,20 @@ class Variables:
     known: Array  # (e, e) square-root information of the unknowns
     typical_momentum: Array  # (6,) typical sizes
     # (e, w) factor of the unknowns' random walks, per square root of a second; of no columns where there is none
-    walks: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    random_walk: Array = field(default_factory=lambda: np.zeros((0, 0)))
     # (e, w) factor of the unknowns' change from one motion to the next
-    renewed: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    motion_change: Array = field(default_factory=lambda: np.zeros((0, 0)))
     # (e,) s, time constants of the unknowns' Gauss-Markov processes, inf of constants; empty where all are
-    times: Array = field(default_factory=lambda: np.zeros(0))
+    time_constants: Array = field(default_factory=lambda: np.zeros(0))
     # (e, w) factor of the unknowns' change over a gap in the data
-    broken: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    gap_change: Array = field(default_factory=lambda: np.zeros((0, 0)))
     # (v, v + 1) square-root information left by the run before the target changed, and z; else None
-    left: Array | None = None
-    left_bias: Array | None = None  # (b, b + 1) bias information that the run before has left; None without one
-    weighed: Array | None = None  # (v + 1,) the row of the robot's mass, where it was weighed, of unit variance
+    previous_information: Array | None = None
+    previous_bias: Array | None = None  # (b, b + 1) bias information of the run before; None without one
+    mass_row: Array | None = None  # (v + 1,) the row of the robot's mass, where it was weighed, of unit variance
 
     @property
-    def described(self) -> bool:
+    def has_body_prior(self) -> bool:
         """Whether all of the body has a prior."""
         return bool(self.mean[BODY][4] > 0.0)
 
@@ -66,70 +66,70 @@ class Variables:
         return 2 * self.poses
 
     @property
-    def own(self) -> int:
+    def first_unknown(self) -> int:
         """Number of variables of pose error, momentum and body; the others are the unknowns themselves."""
         return self.basis.shape[1] - (len(self.basis) - BODY.stop)
 
     @property
     def body(self) -> slice:
         """Slice of the b variables of the body."""
-        return slice(self.head, self.own)
+        return slice(self.head, self.first_unknown)
 
     @property
     def bias(self) -> Array:
         """The (b, b + 1) information of the body by noise in the rows, before the first window."""
-        count = self.own - self.head
-        return np.zeros((count, count + 1)) if self.left_bias is None else self.left_bias
+        count = self.first_unknown - self.head
+        return np.zeros((count, count + 1)) if self.previous_bias is None else self.previous_bias
 
     @cached_property
-    def wandering(self) -> Integers:
+    def gauss_markov(self) -> Integers:
         """Indices of Gauss-Markov processes."""
-        return len(self.scale) - len(self.times) + np.flatnonzero(np.isfinite(self.times))
+        return len(self.scale) - len(self.time_constants) + np.flatnonzero(np.isfinite(self.time_constants))
 
     @cached_property
-    def lasting(self) -> Integers | slice:
+    def persistent(self) -> Integers | slice:
         """Indices of all others but the pose error."""
-        if not self.times.size:
+        if not self.time_constants.size:
             return slice(self.poses, None)
-        return np.setdiff1d(np.arange(self.poses, len(self.scale)), self.wandering)
+        return np.setdiff1d(np.arange(self.poses, len(self.scale)), self.gauss_markov)
 
-    def kept(self, length: float) -> Array:
+    def autocorrelation(self, length: float) -> Array:
         """Return the autocorrelation (f,) of the Gauss-Markov processes after a length in s."""
-        return np.exp(-length / self.times[np.isfinite(self.times)])
+        return np.exp(-length / self.time_constants[np.isfinite(self.time_constants)])
 
     @cached_property
-    def spread(self) -> Array:
+    def to_state(self) -> Array:
         """The (s, v) matrix from variables to state."""
         return self.basis * self.scale
 
     def rows(self, of_state: Array) -> Array:
         """Return (..., s) rows of the state as (..., v) rows of the variables."""
-        moving = of_state[..., : BODY.stop] @ self.spread[: BODY.stop, : self.own]
+        moving = of_state[..., : BODY.stop] @ self.to_state[: BODY.stop, : self.first_unknown]
         return np.concatenate((moving, of_state[..., BODY.stop :]), axis=-1)
 
-    def of_state(self, columns: Array) -> Array:
+    def state_columns(self, columns: Array) -> Array:
         """Return (v, m) columns of the variables as (s, m) columns of the state."""
-        moving = self.spread[: BODY.stop, : self.own] @ columns[: self.own]
-        return np.concatenate((moving, columns[self.own :]))
+        moving = self.to_state[: BODY.stop, : self.first_unknown] @ columns[: self.first_unknown]
+        return np.concatenate((moving, columns[self.first_unknown :]))
 
     @cached_property
-    def open(self) -> Array:
+    def uninformative_deviation(self) -> Array:
         """Standard deviations of an unknown momentum and body, (s,); zero elsewhere."""
-        sizes = _OPEN * np.sqrt(np.add.reduce(self.spread**2, axis=1))
+        sizes = _OPEN * np.sqrt(np.add.reduce(self.to_state**2, axis=1))
         return np.where(np.isin(np.arange(len(sizes)), np.r_[MOMENTUM, BODY]), sizes, 0.0)
 
     @cached_property
-    def gather(self) -> Array:
+    def from_state(self) -> Array:
         """The (v, s) matrix from state to variables."""
         return self.basis.T / self.scale[:, None]
 
     @cached_property
-    def outside(self) -> Array:
+    def covariance_outside(self) -> Array:
         """The (s, s) covariance of the state outside the variables."""
         outside = np.eye(len(self.basis)) - self.basis @ self.basis.T
         return np.asarray(outside @ self.factor @ self.factor.T @ outside.T)
 
-    def going_on(self, root: Array, mean: Array, *, exchanged: bool) -> Variables:
+    def for_new_target(self, root: Array, mean: Array, *, exchanged: bool) -> Variables:
         """Return these for a run with another target, or with the same elsewhere.
 
         Parameters
@@ -141,10 +141,10 @@ class Variables:
         """
         expected = np.where(np.arange(len(mean)) < BODY.stop, 0.0, mean)
         expected[BODY.start] = 0.0 if exchanged else mean[BODY.start]
-        return replace(self, mean=expected, left=self.without_force(root))
+        return replace(self, mean=expected, previous_information=self.without_force(root))
 
     def without_force(self, root: Array) -> Array:
-        """Return the (v, v + 1) square-root information, and z, of a root as of `going_on`."""
+        """Return the (v, v + 1) square-root information, and z, of a root as of `for_new_target`."""
         left = np.column_stack((root[:, :-2], root[:, -2] + root[:, -1]))
         count = len(self.scale)
         if len(root) == count:
@@ -153,7 +153,7 @@ class Variables:
         force = len(root) - count
         return np.asarray(np.linalg.qr(others, mode='r'))[force : len(root), force:]
 
-    def continued(self, root: Array, bias: Array) -> Variables:
+    def for_continued_run(self, root: Array, bias: Array) -> Variables:
         """Return these for another run of the same target: a new pose error and momentum, all else as it was left.
 
         Raises DataError: The run had other unknowns.
@@ -173,9 +173,9 @@ class Variables:
         left = np.zeros((len(self.scale), len(self.scale) + 1))
         left[: self.head, : self.head] = self.prior()[1][: self.head, : self.head]
         left[self.head :, self.head :] = root
-        expected = self.spread[:, self.head :] @ mean
+        expected = self.to_state[:, self.head :] @ mean
         expected[BODY.start + 1 : BODY.stop] = 0.0
-        return replace(self, mean=expected, left=left, left_bias=bias)
+        return replace(self, mean=expected, previous_information=left, previous_bias=bias)
 
     def prior(self, mass: float | None = None) -> tuple[Array, Array, float]:
         """Return the prior's mean (v,) and square-root information (v, v), near a mass in kg if given.
@@ -187,22 +187,22 @@ class Variables:
         deviation = before if mass is None else min(_NEAR * mass, before)
         if mass is not None:
             likelihood = float(np.log(deviation / before))
-        if self.left is not None:
-            held = np.append(self.spread[BODY.start], mass or 0.0) / deviation
-            both = np.vstack((self.left, held)) if mass is not None else self.left
+        if self.previous_information is not None:
+            held = np.append(self.to_state[BODY.start], mass or 0.0) / deviation
+            both = np.vstack((self.previous_information, held)) if mass is not None else self.previous_information
             return *_solved(both), likelihood
         if mass is not None:
             along = factor[:, BODY.start] / before  # a prior of the CoM goes with the mass
             mean, factor = mean + (mass - mean[BODY.start]) * along, factor.copy()
             factor[:, BODY.start] = deviation * along
-        first = self.own
-        root = np.asarray(np.linalg.qr((self.gather[:first] @ factor).T, mode='r'))  # covariance = root^T root
+        first = self.first_unknown
+        root = np.asarray(np.linalg.qr((self.from_state[:first] @ factor).T, mode='r'))  # covariance = root^T root
         information = np.eye(len(self.scale))
         information[:first, :first] = np.linalg.qr(np.linalg.inv(root).T, mode='r')
         information[first:, first:] = self.known
-        if self.weighed is None:
-            return self.gather @ mean, information, likelihood
-        both = np.vstack((np.column_stack((information, information @ (self.gather @ mean))), self.weighed))
+        if self.mass_row is None:
+            return self.from_state @ mean, information, likelihood
+        both = np.vstack((np.column_stack((information, information @ (self.from_state @ mean))), self.mass_row))
         return *_solved(both), likelihood
 
 
@@ -229,7 +229,8 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
     basis, measured = _planar(layout, detector) if detector.planar else (np.eye(layout.size), np.eye(6))
     force = detector.equation_selection().T * (_FORCE * typical[10:16] @ np.abs(detector.equation_selection().T))
     scale, known = np.sqrt((basis**2).T @ sizes**2), layout.known.triangle
-    constant = ~np.isfinite(layout.times) if layout.times.size else True  # Gauss-Markov processes are forgotten
+    unknowns, times = layout.unknowns, layout.time_constants
+    constant = ~np.isfinite(times) if times.size else True  # Gauss-Markov processes are drawn anew anyway
     return Variables(
         basis,
         scale,
@@ -239,15 +240,15 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
         factor,
         known,
         typical[10:16],
-        walks=_walks(layout),
-        renewed=_drawn_anew(numbers_of(layout.unknowns, [each.of_a_motion for each in layout.unknowns]) & constant),
-        times=layout.times,
-        broken=_drawn_anew(numbers_of(layout.unknowns, [each.of_a_chain for each in layout.unknowns])),
-        weighed=None if uncertainty.weighed is None else _weighed(layout, uncertainty.weighed, basis * scale),
+        random_walk=_walks(layout),
+        motion_change=_drawn_anew(numbers_of(unknowns, [each.redrawn_per_motion for each in unknowns]) & constant),
+        time_constants=times,
+        gap_change=_drawn_anew(numbers_of(unknowns, [each.redrawn_after_gap for each in unknowns])),
+        mass_row=None if uncertainty.total_mass is None else _mass_row(layout, uncertainty.total_mass, basis * scale),
     )
 
 
-def _weighed(layout: Layout, total: TotalMass, spread: Array) -> Array:
+def _mass_row(layout: Layout, total: TotalMass, spread: Array) -> Array:
     """Return the (v + 1,) row of the robot's mass: that of the known bodies, and of the target if it is weighed too."""
     row = np.zeros(layout.size)
     row[BODY.start] = float(total.with_target)
@@ -260,9 +261,9 @@ def _weighed(layout: Layout, total: TotalMass, spread: Array) -> Array:
 
 def _walks(layout: Layout) -> Array:
     """Return the (e, w) factor of the random walks of the unknowns' independent numbers."""
-    if not any(unknown.walk.shape[1] for unknown in layout.unknowns):
+    if not any(each.random_walk.shape[1] for each in layout.unknowns):
         return np.zeros((0, 0))
-    return np.asarray(block_diag(*(np.linalg.pinv(unknown.factor) @ unknown.walk for unknown in layout.unknowns)))
+    return np.asarray(block_diag(*(np.linalg.pinv(each.factor) @ each.random_walk for each in layout.unknowns)))
 
 
 def _drawn_anew(which: Flags) -> Array:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from mbaid_ros.core.filter.chain import WindowModel, window_models
-from mbaid_ros.core.filter.joint_noise import TwistLink, errors_in_variables_bias, linked
+from mbaid_ros.core.filter.joint_noise import TwistLink, errors_in_variables_bias, integrated_twist_rows
 from mbaid_ros.core.filter.measured_window import Measurement
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, POSE, Layout, Point
 from mbaid_ros.core.filter.swing import SwingCourse
@@ -35,19 +35,19 @@ class WhitenedWindow:
     transition: Array
     drift: Array
     process: Array
-    back: Array  # (2 p, 2 p) inverse of the transition of pose error and momentum
+    inverse_transition: Array  # (2 p, 2 p) inverse of the transition of pose error and momentum
     shared: Array  # (v,) mean score by noise that rows and value share
     bias_information: Array  # (b, b + 1) information M of the body by noise in the rows, and M times the body
-    moved: Array  # (6, 6) derivative of the next pose error by the momentum, SI units
-    brought: Array  # (p, v) change of the momentum until the next window by the variables
-    pushes: Array  # (3, p, f) change of the momentum by a constant force and torque, acting as in `_ACTING`
-    stepped: Array  # (p, f) as of `JointNoise`
-    gained: Array  # (f,) the same
+    pose_error_by_momentum: Array  # (6, 6) derivative of the next pose error by the momentum, SI units
+    momentum_change: Array  # (p, v) change of the momentum until the next window by the variables
+    momentum_by_force: Array  # (3, p, f) change of the momentum by a constant force and torque, acting as in `_ACTING`
+    by_process_steps: Array  # (p, f) as of `JointNoise`
+    process_variance: Array  # (f,) the same
     length: float  # s
     places: Integers  # (k,) of the values among the numbers that a window may measure, as of `Innovations`
-    carried: TwistLink | None = None  # for an integrated twist, the links to the windows before and after
+    twist_link: TwistLink | None = None  # for an integrated twist, the links to the windows before and after
 
-    def given(self, values: Array) -> WhitenedWindow:
+    def with_known(self, values: Array) -> WhitenedWindow:
         """Return the window where some variables are known exactly: their values (v,), NaN for the others."""
         known = np.isfinite(values)
         at = np.where(known, values, 0.0)
@@ -59,12 +59,12 @@ class WhitenedWindow:
             transition=self.transition * ~known,
         )
 
-    def push(self, axes: Axes) -> Array:
+    def force_impulse(self, axes: Axes) -> Array:
         """Return the change of the momentum by a constant force and torque in these axes, (p, f)."""
-        return self.pushes[_ACTING.index(axes)]
+        return self.momentum_by_force[_ACTING.index(axes)]
 
 
-def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
+def whitened_windows(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
     """Return B windows in the filter's variables."""
     known = np.isfinite(windows.pose.covariance)
     # In a run all windows measure the same parts: pose, orientation alone, or nothing.
@@ -77,10 +77,10 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
     places = np.arange(len(select))
     measured = [(*each, places) for each in zip(pose.value, pose.rows, pose.log_noise, strict=True)]
     links: list[TwistLink | None] = [None] * len(measured)
-    integrated = windows.integrated.counts
+    integrated = windows.integrated.replaces_twist
     if integrated.any():
         chosen = windows[integrated]
-        joined, precision[integrated] = linked(chosen.integrated, chosen.pose, chosen.noise, variables)
+        joined, precision[integrated] = integrated_twist_rows(chosen.integrated, chosen.pose, chosen.noise, variables)
         weighed[integrated] = precision[integrated] @ chosen.noise.pose
         for index, (value, rows, log_noise, link) in zip(np.flatnonzero(integrated).tolist(), joined, strict=True):
             measured[index], links[index] = (value, rows, log_noise, np.arange(len(value))), link
@@ -98,7 +98,7 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
         all_places = np.concatenate((places, of_rates))
         for index, values_of_window in zip(moving.tolist(), zip(values, both, log_noise, strict=True), strict=True):
             measured[index] = (*values_of_window, all_places)
-    turn = variables.gather[: variables.poses, POSE]
+    turn = variables.from_state[: variables.poses, POSE]
     transition = turn @ variables.rows(windows.transition)
     head: Array = np.tile(np.eye(variables.head), (len(transition), 1, 1))
     head[:, : variables.poses] = transition[..., : variables.head]
@@ -113,10 +113,10 @@ def prepared(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]
             _shared(weighed, windows.noise.by_unknowns, variables),
             errors_in_variables_bias(precision, windows.noise.by_unknowns, windows.body, variables),
             windows.transition[..., MOMENTUM],
-            variables.gather[variables.poses : variables.head, MOMENTUM] @ variables.rows(windows.brought),
-            _pushes(windows, variables),
-            turn @ windows.noise.stepped,
-            windows.noise.gained,
+            variables.from_state[variables.poses : variables.head, MOMENTUM] @ variables.rows(windows.momentum_change),
+            _momentum_by_force(windows, variables),
+            turn @ windows.noise.by_process_steps,
+            windows.noise.process_variance,
             windows.length.tolist(),
             (each[3] for each in measured),
             links,
@@ -199,7 +199,7 @@ def _shared(weighed: Array, slope: Array, variables: Variables) -> Array:
     return variables.rows(score)[:, 0]
 
 
-def _pushes(windows: WindowModel, variables: Variables) -> Array:
+def _momentum_by_force(windows: WindowModel, variables: Variables) -> Array:
     """Return the (B, 3, p, f) change of the momentum by a constant force and torque, as in `_ACTING`.
 
     A window's momentum is that of its middle. The force acts from there to the middle of the next window, on a robot
@@ -212,7 +212,7 @@ def _pushes(windows: WindowModel, variables: Variables) -> Array:
     push[..., :3, :3] = push[..., 3:, 3:] = rotation
     push[..., 3:, :3] = skew(point) @ rotation
     force = windows.length[:, None, None, None] * variables.force
-    return np.asarray(variables.gather[variables.poses : variables.head, MOMENTUM] @ (push @ force))
+    return np.asarray(variables.from_state[variables.poses : variables.head, MOMENTUM] @ (push @ force))
 
 
 LINEARISED = 5  # work of linearising a window, in steps of the filter
@@ -220,11 +220,7 @@ TOGETHER = 8  # windows linearised at once: singly a replay takes a sixth longer
 
 
 class LinearisationCache:
-    """Linearises windows, and keeps those that are to come.
-
-    One numpy call costs much the same for one window as for ten. So the next windows that are known to come are
-    linearised with the first one.
-    """
+    """Linearises windows, and the next ones with them: one numpy call costs much the same for ten as for one."""
 
     def __init__(self, layout: Layout, variables: Variables) -> None:
         self._layout = layout
@@ -236,7 +232,7 @@ class LinearisationCache:
         self._point: Point | None = None  # at which these are linearised
 
     def expect(self, windows: Sequence[Window]) -> None:
-        """Take the windows that are going to come, in order."""
+        """Set the coming windows, in order."""
         self._coming = windows
         self._turn = {window: turn for turn, window in enumerate(windows)}
         self._made.clear()
@@ -261,4 +257,4 @@ class LinearisationCache:
         models = window_models(self._layout, stacks, point, self._course)
         placed = dict(pair for stack in stacks for pair in zip(stack.places, stack.windows, strict=True))
         windows = [placed[place] for place in sorted(placed)]
-        return list(zip(windows, prepared(models, self._variables), strict=True))
+        return list(zip(windows, whitened_windows(models, self._variables), strict=True))

@@ -278,7 +278,7 @@ class InertiaPublication:
     def __init__(self) -> None:
         self._published = False  # whether the last ones can be used
 
-    def follow(self, estimate: Estimate) -> Estimate | None:
+    def next_published(self, estimate: Estimate) -> Estimate | None:
         """Return the next estimate, without its numbers where these cannot be used; None where that is known."""
         before, self._published = self._published, is_usable(estimate)
         if self._published:
@@ -292,7 +292,7 @@ class DebrisPublication:
     def __init__(self) -> None:
         self._published: Debris | None = None
 
-    def follow(self, found: Debris | None) -> Debris | None:
+    def next_published(self, found: Debris | None) -> Debris | None:
         """Return the next one, without numbers where it is not determined any more; None where that is known."""
         before, self._published = self._published, found
         if found is None and before is not None:

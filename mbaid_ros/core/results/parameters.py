@@ -66,9 +66,9 @@ class ErrorBudget:
     shares: Array
     # (10, c) which of them rest on a declaration that the data hardly see: if it is wrong, the parameter is further off
     # than its interval, and no residual shows it; none where not given
-    unchecked: Flags = field(default_factory=lambda: np.zeros((10, 1), dtype=bool))
+    unobserved: Flags = field(default_factory=lambda: np.zeros((10, 1), dtype=bool))
 
-    def of(self, parameter: str, least: float = 1e-3) -> dict[str, float]:
+    def shares_of(self, parameter: str, least: float = 1e-3) -> dict[str, float]:
         """Return the shares of one parameter, the largest first, without those below `least`; empty where not known."""
         return self._ordered(self.shares[PARAMETERS.index(parameter)], least)
 
@@ -103,7 +103,7 @@ class ErrorBudget:
         The share is the largest that one has in the variance of any parameter of a group.
         """
         found: dict[str, list[tuple[float, str]]] = {}
-        shares = np.where(self.unchecked & np.isfinite(self.shares), self.shares, 0.0)
+        shares = np.where(self.unobserved & np.isfinite(self.shares), self.shares, 0.0)
         for group, which in GROUPS.items():
             for cause, share in zip(self.causes, np.max(shares[which], axis=0), strict=True):
                 if share >= _RESTS:
@@ -158,13 +158,13 @@ class DeferredBudget(ErrorBudget):
         return self._computed[0]
 
     @property
-    def unchecked(self) -> Flags:
+    def unobserved(self) -> Flags:
         """Which of them the data hardly see, (10, c)."""
         return self._computed[1]
 
     def __reduce__(self) -> tuple[type[ErrorBudget], tuple[tuple[str, ...], Array, Flags]]:
         """Leave the state behind when it is sent to another process."""
-        return ErrorBudget, (self.causes, self.shares, self.unchecked)
+        return ErrorBudget, (self.causes, self.shares, self.unobserved)
 
 
 def _listed(causes: Iterable[str], shares: dict[str, list[str]]) -> str:

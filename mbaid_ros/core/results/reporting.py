@@ -38,9 +38,9 @@ class Curvature:
     largest: float = LARGEST_SHIFT  # standard deviations that a near linear one moves by at most
     unknowns: Array | None = None  # (d, e) by which the unknowns' independent numbers have moved
     # (d, 10, 10) covariances at those points; none where not asked for
-    elsewhere: Array = field(default_factory=lambda: np.zeros((0, 10, 10)))
+    covariances: Array = field(default_factory=lambda: np.zeros((0, 10, 10)))
 
-    def straight(self, jacobian: Array) -> Flags:
+    def is_linear(self, jacobian: Array) -> Flags:
         """Return of which numbers (m,), by their Jacobian (m, 10), the equations are near linear."""
         moved = np.max(np.abs(self.shifts @ jacobian.T), axis=0)
         variance = np.einsum('ij,jk,ik->i', jacobian, self.covariance, jacobian)
@@ -49,7 +49,7 @@ class Curvature:
     def first_order(self, jacobian: Array) -> Flags:
         """Return which numbers (m,) the data observe at first order: elsewhere near, and about as well known."""
         here, *others = (
-            np.einsum('ij,jk,ik->i', jacobian, each, jacobian) for each in (self.covariance, *self.elsewhere)
+            np.einsum('ij,jk,ik->i', jacobian, each, jacobian) for each in (self.covariance, *self.covariances)
         )
         if len(others) < len(self.shifts):
             return np.zeros(len(here), dtype=bool)
@@ -58,9 +58,9 @@ class Curvature:
         return np.asarray(alike & np.all((self.shifts @ jacobian.T) ** 2 < _NEAR**2 * here, axis=0))
 
     @property
-    def anywhere(self) -> bool:
+    def is_nonlinear(self) -> bool:
         """Whether any of the standard parameters moves too far."""
-        return not bool(self.straight(np.eye(10)).all())
+        return not bool(self.is_linear(np.eye(10)).all())
 
 
 LENGTH = 1.0  # m, that the standard deviation of the centre of mass is relative to, of a body that is not smaller
@@ -158,7 +158,7 @@ class Reporting:
         That of the centre of mass is the body's own size, or a given length, m.
         """
         moments = np.sqrt(np.abs(parameters[_FIRST] * parameters[_SECOND]))
-        lengths = np.full(3, own_size(parameters) if length is None else length)
+        lengths = np.full(3, body_size(parameters) if length is None else length)
         # An element that vanishes is of the size that rounding leaves of a typical one.
         typical = np.concatenate((self.scale[:1], np.full(3, LENGTH), self.scale[4:]))
         return np.maximum(np.concatenate((np.abs(parameters[:1]), lengths, moments)), 1e-9 * typical)
@@ -190,7 +190,7 @@ def _names(which: Flags) -> str:
     return ', '.join(name for name, named in zip(PARAMETERS, which, strict=True) if named)
 
 
-def own_size(parameters: Array) -> float:
+def body_size(parameters: Array) -> float:
     """Return the size of a body, m, at most LENGTH: twice the radius of gyration about the CoM, a cube's side.
 
     Moments that are not known (NaN) count as the largest that is; without any, the size is LENGTH.
@@ -217,7 +217,7 @@ def _nonlinearity(curvatures: Sequence[Curvature], jacobian: Array) -> tuple[Fla
     """
     observed, remainder = np.ones(10, dtype=bool), np.zeros((10, 10))
     for curvature in curvatures:
-        straight = curvature.straight(jacobian)
+        straight = curvature.is_linear(jacobian)
         if not straight.all():
             observed &= straight | curvature.first_order(jacobian)
             shifts = np.where(straight, 0.0, curvature.shifts @ jacobian.T)

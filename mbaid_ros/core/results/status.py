@@ -88,7 +88,7 @@ class Innovations:
         nothing = np.zeros((2, 2 * poses + angular))
         return Innovations(angular, nothing, nothing, np.full(nothing.shape[1], np.nan))
 
-    def after(self, normalised: Array, places: Integers) -> Innovations:
+    def with_window(self, normalised: Array, places: Integers) -> Innovations:
         """Return the sums with a window's normalised innovations (w,), which are of the numbers at some places."""
         latest = np.full(len(self.previous), np.nan)
         latest[places] = normalised

@@ -25,15 +25,15 @@ from mbaid_ros.core.robot.momentum import momentum_change, standard
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.posterior import End, Posterior, posterior
 from mbaid_ros.core.trajectory.solution import (
-    carry_target,
     error_budget,
+    estimates,
     forces,
-    implausible,
+    implausible_springs,
     joint_delay,
+    joints_carrying_target,
     jumps,
-    of_filter,
     passive_joints,
-    soft_grasps,
+    soft_grasp_warnings,
     thrusters,
 )
 from mbaid_ros.core.trajectory.target_runs import TargetRuns, TrajectorySettings
@@ -61,7 +61,7 @@ class TrajectoryEstimator:
         self._settings = settings
         self._reporting = reporting
         self._plane = PlaneDetector(kernel.model)
-        self._soft = soft_grasps(kernel)
+        self._soft = soft_grasp_warnings(kernel)
         self._averaging = KnotAveraging(
             settings.noise,
             settings.window,
@@ -81,7 +81,7 @@ class TrajectoryEstimator:
         windows : list of Samples
         origin : ns, stamp at time 0
         """
-        averaged = self._averaging.take(windows)  # to knots
+        averaged = self._averaging.average(windows)  # to knots
         self._runs.expect(
             [window for each in averaged for window in (each.ready, each.still_open) if window is not None]
         )
@@ -94,18 +94,19 @@ class TrajectoryEstimator:
         self._runs.finish_due_work()  # of the windows before
         self._plane.update(window)
         self._samples += len(window)
-        run = self._runs.present(self._averaging.origin)  # a new one if motion or target have changed
-        ready, still_open = (each and self._runs.used(each) for each in (knots.ready, knots.still_open))
+        run = self._runs.current_run(self._averaging.origin)  # a new one if motion or target have changed
+        ready, still_open = (each and self._runs.usable_window(each) for each in (knots.ready, knots.still_open))
         # Predict the twist, linearise, update every hypothesis, choose.
-        moved = knots.moved or self._runs.variables.described or self._runs.variables.left_bias is not None
-        run.take(ready, still_open, moved=moved)
-        self._runs.isolation.take(ready, window)
+        variables = self._runs.variables
+        joints_moved = knots.joints_moved or variables.has_body_prior or variables.previous_bias is not None
+        run.filter_windows(ready, still_open, joints_moved=joints_moved)
+        self._runs.isolation.add_window(ready, window)
         time = float(window.time[-1])
         stamp = origin + round(time * 1e9)
         now = Estimate(self.method, 'waiting', time, stamp, samples=self._samples, innovations=run.innovations)
-        if run.started and run.converged:
+        if run.has_state and run.converged:
             return self._solution(run, now, window)
-        return self._no_solution(run, now, window, moved=moved)
+        return self._no_solution(run, now, window, joints_moved=joints_moved)
 
     def _solution(self, run: FilterRun, now: Estimate, window: Samples) -> Estimate:
         """Judge the solution of the best hypothesis, and report it with the history of its run."""
@@ -138,7 +139,7 @@ class TrajectoryEstimator:
                 *self._runs.events(distribution),
                 *jumps(filtered, distribution, self._averaging.origin),
             ),
-            thrusters=thrusters(of_filter(Thrusters, distribution, layout)),
+            thrusters=thrusters(estimates(Thrusters, distribution, layout)),
             flexible=self._flexible(run, distribution) if layout.kernel.springs.count else (),
             time_offset=delay,
             time_offset_std=delay_std,
@@ -147,8 +148,8 @@ class TrajectoryEstimator:
     def _flexible(self, run: FilterRun, distribution: MeanAndCovariance) -> tuple[PassiveJoint, ...]:
         """Return the passive joints as estimated, those that carry the target as declared."""
         layout = self._runs.layout
-        resolved = run.resolved & ~carry_target(layout.kernel)
-        estimated = of_filter(SpringErrors, distribution, layout)
+        resolved = run.resolved & ~joints_carrying_target(layout.kernel)
+        estimated = estimates(SpringErrors, distribution, layout)
         return passive_joints(estimated, layout.kernel, run.deflections, resolved)
 
     def _solved(
@@ -162,11 +163,11 @@ class TrajectoryEstimator:
         """Return body and momentum with their covariance, and the reasons to read them with care."""
         filtered, layout = run.best, self._runs.layout
         # Where the data contradict the model, the verdict names the declarations that would have to be wrong.
-        too_small = [underestimated_text(*each) for each in prior_scales.sure if verdict.adequate]
+        too_small = [underestimated_text(*each) for each in prior_scales.significant if verdict.adequate]
         acting = filtered.hypothesis.disturbed and filtered.hypothesis.physical
         estimated = [f'{filtered.hypothesis.name}; it is estimated as well, and widens the intervals'] if acting else []
         x, factor = distribution.published(prior_scales, layout, _REPORTED)
-        outside = distribution.variables.outside[np.ix_(_REPORTED, _REPORTED)]
+        outside = distribution.variables.covariance_outside[np.ix_(_REPORTED, _REPORTED)]
         covariance = (factor @ factor.T + outside) * verdict.widening
         return Solution(
             x=x,
@@ -176,40 +177,40 @@ class TrajectoryEstimator:
             redundancy=filtered.gaussian.measured,
             origin=self._averaging.origin,
             plane=self._plane.plane(self._kernel.target),
-            curvatures=run.curvatures(explained=verdict.adequate),
+            curvatures=run.curvatures(consistent=verdict.adequate),
             reasons=(
                 *notes((*self._runs.warnings, *too_small, *estimated, *self._soft)),
                 *(Reason(text, 'contradiction') for text in verdict.reasons),
-                *(implausible(distribution, layout, flexible, run.resolved) if flexible else ()),
+                *(implausible_springs(distribution, layout, flexible, run.resolved) if flexible else ()),
             ),
         )
 
     def _with_causes(self, run: FilterRun, verdict: Verdict) -> Verdict:
         """Return the verdict with the causes that fault isolation has found, and let that follow the run."""
         isolation = self._runs.isolation
-        isolation.follow(run, suspicious=not verdict.adequate or bool(verdict.causes))
+        isolation.begin_if_due(run, suspicious=not verdict.adequate or bool(verdict.causes))
         if not verdict.adequate and (causes := isolation.causes(run)):
             return replace(verdict, causes=causes)
         return verdict
 
-    def _no_solution(self, run: FilterRun, now: Estimate, window: Samples, *, moved: bool) -> Estimate:
+    def _no_solution(self, run: FilterRun, now: Estimate, window: Samples, *, joints_moved: bool) -> Estimate:
         """Return why there is no solution after a window."""
         isolation = self._runs.isolation
-        if run.started:
+        if run.has_state:
             reason = 'no convergent solution yet: more motion is needed'
-        elif moved:
+        elif joints_moved:
             doing = 'looking for a start in' if run.searching else 'collecting'
             reason = f'{doing} the first {FIRST} windows'
         elif len(window) < _FEWEST:
             reason = _SPARSE.format(self._settings.window, _FEWEST * self._settings.window)
         else:
             reason = _AT_REST if self._settings.located else _TUMBLING
-        if moved:
+        if joints_moved:
             # A run that has lost its solution has not explained the contradiction.
-            isolation.follow(run, suspicious=run.unexplained or isolation.suspicious)
+            isolation.begin_if_due(run, suspicious=run.inconsistent or isolation.suspicious)
         return replace(
             now,
-            status='waiting' if moved and not run.started else 'not_identifiable',
+            status='waiting' if joints_moved and not run.has_state else 'not_identifiable',
             causes=tuple((cause.text, cause.gain) for cause in isolation.causes(run)),
             events=self._runs.events(None),
             warnings=(reason, *self._runs.warnings),
@@ -233,22 +234,22 @@ class TrajectoryEstimator:
             return None
         distribution = run.distribution()
         settings, change = self._settings, self._momentum_change(last, distribution.mean)
-        end = End.of(last, settings.noise, settings.window, self._averaging.origin, change)
+        end = End.from_window(last, settings.noise, settings.window, self._averaging.origin, change)
         return posterior(self._runs.layout, run.best.hypothesis, distribution, run.prior_scales(distribution), end)
 
     @property
     def settled(self) -> bool:
         """Whether the run has a solution that has converged."""
         run = self._runs.run
-        return run is not None and run.started and run.converged
+        return run is not None and run.has_state and run.converged
 
     @property
     def disturbed(self) -> bool:
         """Whether the solution explains the data by an external force, or by joints that are stamped late."""
         run = self._runs.run
-        if run is None or not run.started:
+        if run is None or not run.has_state:
             return False
-        return run.best.hypothesis.disturbed or len(run.best.jumps) > 0 or run.delayed
+        return run.best.hypothesis.disturbed or len(run.best.jumps) > 0 or run.has_joint_delay
 
     @property
     def changed(self) -> bool:

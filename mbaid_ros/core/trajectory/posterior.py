@@ -33,7 +33,7 @@ class End:
     base_rotation: Array
     base_position: Array
     origin: Array  # (3,) m, the run's, in the odometry frame
-    brought: Array  # (6,) change of the momentum by thrust and orbit since the run began, L about its origin
+    momentum_change: Array  # (6,) change of the momentum by thrust and orbit since the run began, L about its origin
 
     @property
     def measures_twist(self) -> bool:
@@ -41,10 +41,10 @@ class End:
         return bool(np.all(np.isfinite(self.noise.twist)))
 
     @staticmethod
-    def of(window: Samples, noise: SensorNoise, length: float, origin: Array, brought: Array) -> End:
+    def from_window(window: Samples, noise: SensorNoise, length: float, origin: Array, momentum_change: Array) -> End:
         """Return it from the last window of a run, of a length in s, that began at an origin (3,) m.
 
-        `brought` (6,) is the change of the momentum since then, L about the odometry's origin.
+        `momentum_change` (6,) is the change of the momentum since then, L about the odometry's origin.
         """
         last = window_noises([window[-1:]], noise)[0]
         if window.missing_rates[1]:
@@ -62,7 +62,7 @@ class End:
             window.base_rotation[-1],
             window.base_position[-1] - origin,
             origin,
-            np.concatenate((brought[:3], brought[3:] - cross(origin, brought[:3]))),
+            np.concatenate((momentum_change[:3], momentum_change[3:] - cross(origin, momentum_change[:3]))),
         )
 
 
@@ -71,12 +71,12 @@ class Continuation:
     """The information that a run leaves to the next one of the same robot and target, without widening."""
 
     planar: bool  # whether the run was, and has the numbers of a planar motion
-    # root, bias: as of `Variables.continued`
+    # root, bias: as of `Variables.for_continued_run`
     root: Array
     bias: Array
 
     @staticmethod
-    def of(gaussian: SquareRootInformation, variables: Variables) -> Continuation:
+    def from_gaussian(gaussian: SquareRootInformation, variables: Variables) -> Continuation:
         """Return that of the Gaussian at the end of a run."""
         root = variables.without_force(new_motion(gaussian, variables).root)
         rest = slice(variables.head, None)
@@ -104,7 +104,7 @@ class Posterior:
     def state(self) -> Array:
         """The mean with the present momentum, (s,)."""
         state = self.mean.copy()
-        state[LINEAR.start : LINEAR.start + 6] += self.end.brought
+        state[LINEAR.start : LINEAR.start + 6] += self.end.momentum_change
         return state
 
     @property
@@ -136,5 +136,5 @@ def posterior(
     outside = variables.factor - variables.basis @ (variables.basis.T @ variables.factor)
     mean[rows], factor = distribution.published(prior_scales, layout, rows)
     triangle = np.asarray(np.linalg.qr(np.concatenate((factor, outside[rows]), axis=1).T, mode='r'))
-    continuation = Continuation.of(distribution.gaussian, variables)
+    continuation = Continuation.from_gaussian(distribution.gaussian, variables)
     return Posterior(layout, variables, hypothesis, mean, triangle, end, continuation)

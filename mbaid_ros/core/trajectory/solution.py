@@ -45,10 +45,11 @@ def forces(filtered: HypothesisFilter, distribution: MeanAndCovariance) -> tuple
 
 def jumps(filtered: HypothesisFilter, distribution: MeanAndCovariance, origin: Array) -> tuple[Event, ...]:
     """Return the jumps of the momentum, without the effect of a constant force; origin (3,) m of the run."""
-    levels = [*((jump.before, jump.pushed) for jump in filtered.jumps), (distribution.mean[MOMENTUM], filtered.pushed)]
+    levels = [(jump.before, jump.force_impulse) for jump in filtered.jumps]
+    levels.append((distribution.mean[MOMENTUM], filtered.force_impulse))
     events, cause = [], PULSE if len(filtered.jumps) <= MOST_JUMPS else SYMPTOM
-    for jump, (after, pushed) in zip(filtered.jumps, levels[1:], strict=True):
-        change = after - jump.before - distribution.by_force(pushed - jump.pushed)
+    for jump, (after, impulse) in zip(filtered.jumps, levels[1:], strict=True):
+        change = after - jump.before - distribution.impulse_of_force(impulse - jump.force_impulse)
         angular = change[3:] + cross(origin, change[:3])
         events.append(Event(jump.time, 'step', change[:3], angular, cause))
     return tuple(events)
@@ -74,39 +75,40 @@ def error_budget(
     known : (10,) which parameters are determined
     """
     given = []
-    if uncertainty.target.given:
+    if uncertainty.target.declared:
         given.append(('target prior', distribution.variables.body))
     if uncertainty.linear_momentum > 0.0:
         given.append(('momentum prior', slice(distribution.variables.poses, distribution.variables.head)))
     names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
     # Kept with many estimates: without the 150 kB that have been computed from this one.
-    fresh, each = replace(distribution), prior_scales.each
+    fresh, each = replace(distribution), prior_scales.factors
     return DeferredBudget(names, lambda: _shares(fresh, layout, [which for _, which in given], each, known))
 
 
 def _shares(
     distribution: MeanAndCovariance, layout: Layout, given: list[slice], scales: Array, known: Flags
 ) -> tuple[Array, Flags]:
-    """Return the shares (10, c), and which are unchecked, as of `error_budget`; `given` are variables with a prior."""
+    """Return the shares (10, c), and which are unobserved, as of `error_budget`; `given` are variables with a prior."""
     variables = distribution.variables
-    jacobian, part = physical_jacobian(distribution.mean[BODY]), distribution.factor_of(variables.spread[BODY])
-    factor = jacobian @ distribution.amplification(part, BODY_PLACES) @ part
+    jacobian, part = physical_jacobian(distribution.mean[BODY]), distribution.factor_of(variables.to_state[BODY])
+    factor = jacobian @ distribution.error_amplification(part, BODY_PLACES) @ part
     errors = distribution.contributions(factor, layout).T * scales
     squares = errors**2
-    priors = np.array([_of_a_prior(factor, distribution, variables, which) for which in given]).reshape(-1, len(factor))
+    priors = np.array([_prior_part(factor, distribution, variables, which) for which in given]).reshape(-1, len(factor))
     total = np.sum(factor**2, axis=1) + np.sum(distribution.by_score(jacobian @ part) ** 2, axis=1)
     noise = total - np.sum((errors / scales) ** 2, axis=1) - priors.sum(axis=0)
     noise = np.where(noise < -_ROUNDING * total, np.nan, np.maximum(noise, 0.0))
     parts = np.column_stack((noise, squares @ layout.belongs, priors.T))
     with np.errstate(divide='ignore', invalid='ignore'):
         shares = parts / parts.sum(axis=1, keepdims=True)
-    unchecked = np.zeros(shares.shape, dtype=bool)
+    unobserved = np.zeros(shares.shape, dtype=bool)
     declared = slice(1, 1 + len(layout.causes))
-    unchecked[:, declared] = shares[:, declared] > _seen(errors, distribution.unknowns_as_declared(layout)[1], layout)
-    return np.where(known[:, None], shares, np.nan), unchecked
+    covariance = distribution.unknowns_as_declared(layout)[1]
+    unobserved[:, declared] = shares[:, declared] > _observed(errors, covariance, layout)
+    return np.where(known[:, None], shares, np.nan), unobserved
 
 
-def _seen(errors: Array, covariance: Array, layout: Layout) -> Array:
+def _observed(errors: Array, covariance: Array, layout: Layout) -> Array:
     """Return the part (m, c) of each cause's prior variance that the data remove, along the errors (m, e).
 
     A cause that is k of its deviations off shifts an estimate by k sqrt(share) standard deviations, and raises the
@@ -118,14 +120,14 @@ def _seen(errors: Array, covariance: Array, layout: Layout) -> Array:
     return np.asarray(1.0 - left / np.maximum(errors**2 @ layout.belongs, np.finfo(float).tiny))
 
 
-def _of_a_prior(factor: Array, distribution: MeanAndCovariance, variables: Variables, which: slice) -> Array:
+def _prior_part(factor: Array, distribution: MeanAndCovariance, variables: Variables, which: slice) -> Array:
     """Return the part (m,) of variances that comes from the prior of some variables, independent of all others."""
-    gather = variables.gather[which]
+    gather = variables.from_state[which]
     root = np.linalg.cholesky(gather @ variables.factor @ variables.factor.T @ gather.T)
     return np.asarray(np.sum(np.linalg.solve(root, distribution.with_variables(factor)[which]) ** 2, axis=0))
 
 
-def values_of(
+def estimates_of(
     kind: type[U], unknowns: Iterable[tuple[Unknown, slice]], mean: Array, deviation: Array
 ) -> Iterator[tuple[U, Array, Array]]:
     """Yield the unknowns of a kind with their values and standard deviations, SI units.
@@ -140,15 +142,15 @@ def values_of(
             yield unknown, unknown.factor @ mean[place], np.abs(unknown.factor @ deviation[place])
 
 
-def of_filter(kind: type[U], distribution: MeanAndCovariance, layout: Layout) -> Iterator[tuple[U, Array, Array]]:
+def estimates(kind: type[U], distribution: MeanAndCovariance, layout: Layout) -> Iterator[tuple[U, Array, Array]]:
     """Yield the unknowns of a kind with their values and standard deviations, SI units."""
-    deviation = np.concatenate((np.zeros(BODY.stop), np.sqrt(distribution.of_unknowns.diagonal())))
-    return values_of(kind, zip(layout.unknowns, layout.places, strict=True), distribution.mean, deviation)
+    deviation = np.concatenate((np.zeros(BODY.stop), np.sqrt(distribution.unknowns_covariance.diagonal())))
+    return estimates_of(kind, zip(layout.unknowns, layout.places, strict=True), distribution.mean, deviation)
 
 
 def joint_delay(distribution: MeanAndCovariance, layout: Layout) -> tuple[float, float]:
     """Return the joints' delay and its standard deviation, s; NaN where it is no unknown."""
-    found = ((float(value[0]), float(std[0])) for _, value, std in of_filter(TimeOffset, distribution, layout))
+    found = ((float(value[0]), float(std[0])) for _, value, std in estimates(TimeOffset, distribution, layout))
     return next(found, (np.nan, np.nan))
 
 
@@ -174,7 +176,7 @@ def passive_joints(
 _FAR = 3.0  # standard deviations of its declaration, beyond which a frequency is another thing's
 
 
-def implausible(
+def implausible_springs(
     distribution: MeanAndCovariance, layout: Layout, joints: Sequence[PassiveJoint], resolved: Flags
 ) -> list[Reason]:
     """Return why passive joints contradict their declaration; `resolved` (f,): whose frequency the data resolve."""
@@ -204,17 +206,17 @@ def implausible(
     return reasons
 
 
-def soft_grasps(kernel: MomentumKernel) -> list[str]:
+def soft_grasp_warnings(kernel: MomentumKernel) -> list[str]:
     """Return a warning of each passive joint between base and target."""
     names = kernel.model.joint_names
     return [
         f'{names[joint]} is passive and carries the target: encoder noise drives its swing, so its frequency and '
         'damping stay as declared'
-        for joint, carries in zip(kernel.springs.joints, carry_target(kernel), strict=True)
+        for joint, carries in zip(kernel.springs.joints, joints_carrying_target(kernel), strict=True)
         if carries
     ]
 
 
-def carry_target(kernel: MomentumKernel) -> Flags:
+def joints_carrying_target(kernel: MomentumKernel) -> Flags:
     """Return which passive joints (f,) lie between base and target: 3 Hz of one were found 9.7 deviations off."""
     return np.asarray(kernel.kinematics.ancestors[kernel.target.body, list(kernel.springs.joints)], dtype=bool)

@@ -116,7 +116,7 @@ class TargetRuns:
             found.append('the run before, which was planar, does not count: this motion is not')
         return tuple(found)
 
-    def used(self, window: Window) -> Window:
+    def usable_window(self, window: Window) -> Window:
         """Return the part of a window that the run uses."""
         return without_twist(window) if self._wrong_twist else window
 
@@ -124,7 +124,7 @@ class TargetRuns:
         """Take the windows that are going to come, in order."""
         self._coming = windows
         if self.run is not None:
-            self.run.expect([self.used(window) for window in windows])
+            self.run.expect([self.usable_window(window) for window in windows])
 
     def events(self, now: MeanAndCovariance | None) -> tuple[Event, ...]:
         """Return the events of earlier runs, and the change of target that ended them.
@@ -135,7 +135,7 @@ class TargetRuns:
         """
         return self._earlier if self._change is None else (*self._earlier, self._change.event(now))
 
-    def present(self, origin: Array) -> FilterRun:
+    def current_run(self, origin: Array) -> FilterRun:
         """Return the run for the next window: a new one if the motion is not planar, target or twist have changed.
 
         Parameters
@@ -147,15 +147,15 @@ class TargetRuns:
             self.variables = variables(self.layout, self._plane, self._settings.uncertainty)
             before = self._settings.before
             if before is not None and before.planar == self._plane.planar:
-                self.variables = self.variables.continued(before.root, before.bias)
+                self.variables = self.variables.for_continued_run(before.root, before.bias)
             self.run = self._new_run([])
-            if self.variables.left_bias is not None:  # of the run that this one continues
-                self.run.offer(partial(self.layout.point, self.variables.spread @ self.variables.prior()[0]))
+            if self.variables.previous_bias is not None:  # of the run that this one continues
+                self.run.offer(partial(self.layout.point, self.variables.to_state @ self.variables.prior()[0]))
         elif (change := self.isolation.change) is not None:
             self.run = self._run_after(self.run, change, origin)
         elif (wrong := self.isolation.wrong_twist) and not self._wrong_twist:
             self._wrong_twist = wrong
-            self.run = self._new_run([self.used(window) for window in self.isolation.since(-np.inf)])
+            self.run = self._new_run([self.usable_window(window) for window in self.isolation.windows_since(-np.inf)])
         return self.run
 
     def finish_due_work(self) -> None:
@@ -163,7 +163,7 @@ class TargetRuns:
         if self.run is not None:
             while self.run.run_slice():
                 pass
-            self.isolation.hand_over()
+            self.isolation.accept_result()
 
     def _new_run(self, windows: list[Window]) -> FilterRun:
         """Return a run over some windows."""
@@ -175,26 +175,26 @@ class TargetRuns:
         run = FilterRun(self.layout, self.variables, bank, settings.kept)
         run.expect(windows)
         for window in windows:
-            run.take(window, None, moved=True)
-        run.expect([self.used(window) for window in self._coming])
+            run.filter_windows(window, None, joints_moved=True)
+        run.expect([self.usable_window(window) for window in self._coming])
         return run
 
     def _run_after(self, run: FilterRun, change: Change, origin: Array) -> FilterRun:
         """Return a run over the windows since a change of the target: the posterior of the robot carries over."""
         slack = _SETTLING * self._settings.window
-        windows = self.isolation.since(change.time + slack)
+        windows = self.isolation.windows_since(change.time + slack)
         gaussian = run.gaussian_before(change.time, slack)
-        before = None if gaussian is None else MeanAndCovariance.of(gaussian, self.variables)
-        jumped = jumps(run.best, run.distribution(), origin) if run.started else ()
+        before = None if gaussian is None else MeanAndCovariance.from_gaussian(gaussian, self.variables)
+        jumped = jumps(run.best, run.distribution(), origin) if run.has_state else ()
         self._earlier = (*self.events(before), *(jump for jump in jumped if jump.time < change.time - slack))
         text = target_changed_text(change.time, exchanged=change.exchanged)
         self._change = ChangedTarget(change.time, text, change.exchanged, before)
         if gaussian is not None:
             after = another_body(gaussian, self.variables, exchanged=change.exchanged)
-            distribution = MeanAndCovariance.of(after, self.variables)
+            distribution = MeanAndCovariance.from_gaussian(after, self.variables)
             prior = UnknownsPrior(distribution.mean[BODY.stop :], distribution.factor[BODY.stop :])
             self.layout = replace(self.layout, known=prior)
-            self.variables = self.variables.going_on(after.root, distribution.mean, exchanged=change.exchanged)
+            self.variables = self.variables.for_new_target(after.root, distribution.mean, exchanged=change.exchanged)
         return self._new_run(windows)
 
     def evidence(self, run: FilterRun, prior_scales: PriorScaleFactors) -> Evidence:
@@ -211,9 +211,9 @@ class TargetRuns:
             innovations=gaussian.innovations,
             distances={kind_in_words(cause): value for cause, value in beside_prior.distances.items()},
             jumps=len(run.best.jumps),
-            unconfirmed=run.unconfirmed or self.isolation.open_jumps(run),
+            unconfirmed=run.unconfirmed_jumps or self.isolation.open_jumps(run),
             hypothesis=hypothesis.name if hypothesis.disturbed else '',
             physical=hypothesis.physical,
-            gain=run.lead,
+            gain=run.log_likelihood_ratio,
             instead=(kind_in_words(instead), gain),
         )

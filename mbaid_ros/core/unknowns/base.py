@@ -41,7 +41,7 @@ class OdometryMount(Unknown):
             ),
         )
     }
-    read = True
+    in_readings = True
 
     def equation_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return how the equations of a robot that is measured by its odometry's frame depend on where that is.
@@ -72,7 +72,7 @@ class OdometryMount(Unknown):
         twist[:, 3:, :3] = -motion.sliding
         return pose, twist
 
-    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with this mount."""
         return replace(side, mount=side.mount + value)
 

@@ -59,7 +59,7 @@ class KnownBodies(Unknown):
             columns -= states.tide[:, index]
         return np.moveaxis(columns, 1, 2).reshape(len(columns), 6, 10 * len(index))
 
-    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these bodies."""
         change = np.zeros_like(side.kernel.known)
         change[list(self.bodies)] = value.reshape(-1, 10)
@@ -104,7 +104,7 @@ class TargetPrior:
     com_std: float = 0.0  # m
 
     @property
-    def given(self) -> bool:
+    def declared(self) -> bool:
         """Whether anything is."""
         return self.mass_std > 0.0
 
@@ -129,7 +129,7 @@ class KnownTarget:
     factor: Array  # (10, 10) of their covariance
 
     @property
-    def given(self) -> bool:
+    def declared(self) -> bool:
         """Whether anything is."""
         return True
 
@@ -158,7 +158,7 @@ class SpinInertias(Unknown):
         columns[:, 3:] = np.swapaxes(states.readings[..., None] * directions, 1, 2)
         return columns
 
-    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these spin inertias."""
         return replace(side, kernel=side.kernel.with_storage(side.kernel.storage.with_inertia_changes(value)))
 

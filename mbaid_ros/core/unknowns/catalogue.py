@@ -29,7 +29,7 @@ from mbaid_ros.core.unknowns.base import (
 )
 from mbaid_ros.core.unknowns.bodies import KnownTarget, TargetPrior, TotalMass, known_bodies, spin_inertias
 from mbaid_ros.core.unknowns.declaration import Linear, Unknown, Words, diagonal
-from mbaid_ros.core.unknowns.environment import Circle, Pushing, external, gravity, orbit_shape, thrusters
+from mbaid_ros.core.unknowns.environment import Circle, DisturbanceModel, disturbances, gravity, orbit_shape, thrusters
 from mbaid_ros.core.unknowns.flexible import spring_errors, starting_swing, swing_noise
 from mbaid_ros.core.unknowns.joints import geared_joints, joint_placements, joint_tracking
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
@@ -50,7 +50,7 @@ class Uncertainty:
     time_offset: float = 0.0  # s, of the joints' stamps
     target: TargetPrior | KnownTarget = field(default_factory=TargetPrior)
     linear_momentum: float = 0.0  # N s, of the total linear momentum about zero; 0 where nothing is known of it
-    carried: UnknownsPrior | None = None  # of all independent numbers together, after a calibration
+    joint_prior: UnknownsPrior | None = None  # of all independent numbers together, after a calibration
     spin_inertias: Sequence[float] = ()  # kg m^2, of each wheel; empty is exact
     thrusters: Sequence[str] = ()  # frames of those that are not as commanded
     thrust_scale: float = 0.0  # relative, of each of them
@@ -62,15 +62,15 @@ class Uncertainty:
     twist_bias: float = 0.0  # rad/s, of its angular velocity
     orbit: float = 0.0  # rad/s, mean motion of an orbit that may be there undeclared; 0 is none
     circle: Circle | None = None  # the orbit that is declared, where it may be no circle
-    torque: Pushing = field(default_factory=Pushing)  # from outside
-    force: Pushing = field(default_factory=Pushing)  # from outside
+    torque: DisturbanceModel = field(default_factory=DisturbanceModel)  # from outside
+    force: DisturbanceModel = field(default_factory=DisturbanceModel)  # from outside
     tracking: Sequence[float] = ()  # of each joint: rad or m, how far it wanders from its reading; empty is not at all
     tracking_time: Sequence[float] = ()  # s, over which it does
     spring_frequency: Sequence[float] = ()  # of each passive joint: relative, of its natural frequency
     spring_ratio: Sequence[float] = ()  # of its damping ratio
     spring_start: Sequence[float] = ()  # rad or m, of its deflection at the start
     spring_noise: Sequence[float] = ()  # rad or m, stationary, of the deflection that the model does not excite
-    weighed: TotalMass | None = None  # the mass of the whole robot, where it is known
+    total_mass: TotalMass | None = None  # the mass of the whole robot, where it is known
     marker: AttachedFrame | None = None  # that the odometry locates, as declared; None for the base link or another
 
 
@@ -124,7 +124,7 @@ def _of_sensors(uncertainty: Uncertainty) -> tuple[Unknown, ...]:
         odometry_scale(uncertainty.odometry_scale),
         twist_bias(uncertainty.twist_bias, 0.0),
         gravity(uncertainty.orbit),
-        *external(uncertainty.torque, uncertainty.force),
+        *disturbances(uncertainty.torque, uncertainty.force),
         *(() if uncertainty.circle is None else (orbit_shape(uncertainty.circle),)),
     )
 
@@ -134,7 +134,7 @@ def _uncertain(*unknowns: Unknown) -> tuple[Unknown, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class CalibratedSide:
+class CalibratedModel:
     """A calibration beside the robot description, which has its bodies, origins and axes already."""
 
     links: tuple[Link, ...]  # k of them
@@ -144,7 +144,7 @@ class CalibratedSide:
     # displacement of its frame and tilts of its axis; mount
     covariance: Array
 
-    def known_to(self, kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[MomentumKernel, Uncertainty]:
+    def with_kernel(self, kernel: MomentumKernel, uncertainty: Uncertainty) -> tuple[MomentumKernel, Uncertainty]:
         """Return a kernel with its target and its uncertainty, correlated; the rest of the uncertainty as given."""
         joints = kernel.model.joints
         bodies, carry = links_to_bodies(self.links, [link.name for link in kernel.unknown])
@@ -173,8 +173,8 @@ class CalibratedSide:
             sum(unknown.count for unknown in each)
             for each in (_not_calibrated(kernel, uncertainty), _of_sensors(uncertainty))
         )
-        known = known.beside(others, before=int(np.count_nonzero(units[:-6])))
-        known = known.beside(sensing, before=len(known.mean))
+        known = known.extended(others, before=int(np.count_nonzero(units[:-6])))
+        known = known.extended(sensing, before=len(known.mean))
         doubted = kernel.with_errors(KnownErrors(bodies, diagonal(of_bodies)))
         return doubted, replace(
             uncertainty,
@@ -183,7 +183,7 @@ class CalibratedSide:
             axes=axes.tolist(),
             mount_position=float(position),
             mount_orientation=float(orientation),
-            carried=known,
+            joint_prior=known,
         )
 
 
@@ -202,7 +202,7 @@ def _gaussian(values: Array, covariance: Array, units: Array) -> UnknownsPrior:
     return UnknownsPrior(values[uncertain] / own, size[:, None] * vectors * np.sqrt(np.maximum(eigenvalues, 0.0)))
 
 
-def suspects(known: Sequence[str], joints: Sequence[str]) -> tuple[Linear, ...]:
+def candidate_unknowns(known: Sequence[str], joints: Sequence[str]) -> tuple[Linear, ...]:
     """Return unknowns that a contradicted run is tried with, by joints' names, beside those whose labels are known.
 
     Their standard deviations are too small to matter, a thousandth of a plausible value: the run stays as it was. The

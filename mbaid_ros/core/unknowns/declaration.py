@@ -107,17 +107,17 @@ class Unknown:
     words: ClassVar[Mapping[str, Words]] = {}
     # Whether the sensors' readings depend on it. Windows that follow each other then share its linearisation point: the
     # pose error that links them is about the readings.
-    read = False
+    in_readings = False
     # Whether the momentum of the robot that moves as measured depends on it.
     in_equations = True
-    # Whether it changes the momentum as time goes by.
-    pushes = False
-    # Whether every motion has one of its own.
-    of_a_motion = False
-    # Whether it is another one after every gap in the data.
-    of_a_chain = False
+    # Whether it changes the momentum with time.
+    changes_momentum = False
+    # Whether it is drawn anew for every motion.
+    redrawn_per_motion = False
+    # Whether it is drawn anew after every gap in the data.
+    redrawn_after_gap = False
     # Whether it adds to the joints' motion.
-    of_joints = False
+    moves_joints = False
 
     @property
     def count(self) -> int:
@@ -185,12 +185,12 @@ class Unknown:
         return None
 
     @property
-    def walk(self) -> Array:
+    def random_walk(self) -> Array:
         """The (k, w) factor of the covariance that a second adds; no columns where it is constant."""
         return np.zeros((len(self.factor), 0))
 
     @property
-    def times(self) -> Array:
+    def time_constants(self) -> Array:
         """Time constant (e,) of each independent number that is a first-order Gauss-Markov process, s; inf: constant.
 
         Its prior is the stationary one, of unit variance; numbers D apart correlate by exp(-D / time).
@@ -198,16 +198,16 @@ class Unknown:
         return np.full(self.count, np.inf)
 
     @property
-    def joint_steps(self) -> Array | None:
+    def joint_columns(self) -> Array | None:
         """How much further on than read the joints are by each independent number, (n, e); None: it is not of them."""
         return None
 
-    def settled(self, value: Array, deviation: Array) -> Array:
-        """Return the value to linearise at, of an estimate (k,) with standard deviations (k,)."""
+    def linearisation_value(self, value: Array, deviation: Array) -> Array:
+        """Return the linearisation point (k,) of an estimate (k,) with standard deviations (k,)."""
         del deviation
         return value
 
-    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with this value (k,)."""
         raise NotImplementedError
 
@@ -229,15 +229,15 @@ class Unknown:
 class Linear(Unknown):
     """An unknown, mostly of the readings, that enters the measurement linearly: windows need no relinearisation."""
 
-    read = True
+    in_readings = True
     in_equations = False
 
-    def settled(self, value: Array, deviation: Array) -> Array:
-        """Return zero: the windows are those that are read."""
+    def linearisation_value(self, value: Array, deviation: Array) -> Array:
+        """Return zero: windows are linearised as read."""
         del deviation
         return np.zeros_like(value)
 
-    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model as it is."""
         del value
         return side

@@ -24,7 +24,7 @@ from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.core.unknowns.declaration import Linear, NominalModel, Reading, Unknown, Words, diagonal
 
 GRAVITY, SHAPE, TORQUE, FORCE = 'gravity gradient', 'orbit shape', 'external torque', 'external force'
-PushAxes = Literal['body', 'inertial', 'orbit']
+DisturbanceAxes = Literal['body', 'inertial', 'orbit']
 
 # Orthonormal symmetric matrices without trace, (5, 3, 3).
 _TRACELESS = np.array(
@@ -40,11 +40,11 @@ _NEAR = 200.0  # m from its origin, beyond which a frame does not count as one t
 
 
 @dataclass(frozen=True, eq=False)
-class _Pushing(Linear):
+class _Disturbance(Linear):
     """An unknown that changes the momentum as time goes by; none of a planar motion, as tables do not orbit."""
 
     in_equations = True
-    pushes = True
+    changes_momentum = True
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return no direction."""
@@ -53,14 +53,14 @@ class _Pushing(Linear):
 
 
 @dataclass(frozen=True, eq=False)
-class Gravity(_Pushing):
+class Gravity(_Disturbance):
     """The five numbers of a gradient G at the begin, 1/s^2, and of its change a second."""
 
     words: ClassVar = {
         GRAVITY: Words(
             remedy='an undeclared orbit: set orbit.mean_motion, or orbit.undeclared_rate to 0',
             deviation=lambda _, value: (
-                f'a gravity gradient acts as at {rate_of(value):.2g} rad/s: set orbit.mean_motion'
+                f'a gravity gradient acts as at {orbit_rate(value):.2g} rad/s: set orbit.mean_motion'
             ),
         )
     }
@@ -68,11 +68,11 @@ class Gravity(_Pushing):
     def momentum_rates(self, whole: Array, origin: Array, time: Array, rotation: Array) -> Array:
         """Return the change of (P, L) a second by each of them."""
         del rotation
-        rates = rates_by(_TRACELESS, whole, origin if np.linalg.norm(origin) < _NEAR else np.zeros(3))
+        rates = gravity_gradient_rates(_TRACELESS, whole, origin if np.linalg.norm(origin) < _NEAR else np.zeros(3))
         return np.concatenate((rates, time[:, None, None] * rates), axis=2)
 
 
-def rates_by(gradients: Array, whole: Array, origin: Array) -> Array:
+def gravity_gradient_rates(gradients: Array, whole: Array, origin: Array) -> Array:
     """Return the changes of (P, L) a second, (B, 6, k), by (k, 3, 3) or (B, k, 3, 3) gradients; as `momentum_rates`."""
     mass, first, inertia = whole[:, 0], whole[:, 1:4], unvec(whole[:, 4:])
     second = 0.5 * np.trace(inertia, axis1=1, axis2=2)[:, None, None] * np.eye(3) - inertia
@@ -91,7 +91,7 @@ def gravity(rate: float) -> Gravity:
     return Gravity(diagonal(deviations), (GRAVITY,) * len(deviations))
 
 
-def rate_of(value: Array) -> float:
+def orbit_rate(value: Array) -> float:
     """Return the mean motion, rad/s, of an orbit with a gradient of (10,) numbers at the begin."""
     return float((value[:5] @ value[:5] / 6.0) ** 0.25)
 
@@ -106,7 +106,7 @@ class Circle:
 
 
 @dataclass(frozen=True, eq=False)
-class OrbitShape(_Pushing):
+class OrbitShape(_Disturbance):
     """The numbers k, h and d of an orbit beside its circle (orbit.md)."""
 
     circle: Circle
@@ -127,13 +127,13 @@ class OrbitShape(_Pushing):
         del rotation
         orbit = self.circle.orbit
         gradient, normal = orbit.gradient(time), skew(orbit.normal)
-        brought = rates_by(gradient[:, None], whole, origin)
+        brought = gravity_gradient_rates(gradient[:, None], whole, origin)
         if orbit.is_rotating:
             # The run's origin is read turned, too.
             turned: Array = np.concatenate((normal @ brought[:, :3], normal @ brought[:, 3:]), axis=1)
             turned[:, 3:] += skew(np.cross(orbit.normal, origin)) @ brought[:, :3]
         else:
-            turned = rates_by((normal @ gradient - gradient @ normal)[:, None], whole, origin)
+            turned = gravity_gradient_rates((normal @ gradient - gradient @ normal)[:, None], whole, origin)
         ahead, stronger = self._orbit_sensitivity(time)[::2]
         return np.asarray(brought * stronger[:, None] + turned * ahead[:, None])
 
@@ -166,13 +166,13 @@ def orbit_shape(circle: Circle) -> OrbitShape:
 
 
 @dataclass(frozen=True)
-class Pushing:
+class DisturbanceModel:
     """How a force or torque from outside varies."""
 
     deviation: float = 0.0  # N or N m, standard deviation along each axis; 0 is none
     # s, time constant of the first-order Gauss-Markov process that each component is; 0: constant in a motion
     time: float = 0.0
-    axes: PushAxes = 'body'  # in which it is constant or varies; those of the orbit are LVLH
+    axes: DisturbanceAxes = 'body'  # in which it is constant or varies; those of the orbit are LVLH
     orbit: Orbit | None = None  # whose axes these are, its epoch at the begin of the run
 
     def rotation(self, time: Array, base: Array) -> Array:
@@ -187,10 +187,10 @@ class Pushing:
 
 
 @dataclass(frozen=True, eq=False)
-class ExternalTorque(_Pushing):
+class ExternalTorque(_Disturbance):
     """A torque, (3,) N m; another one in every motion."""
 
-    pushing: Pushing
+    model: DisturbanceModel
 
     words: ClassVar = {
         TORQUE: Words(
@@ -203,23 +203,23 @@ class ExternalTorque(_Pushing):
             ),
         )
     }
-    of_a_motion = True
+    redrawn_per_motion = True
 
     @property
-    def times(self) -> Array:
+    def time_constants(self) -> Array:
         """The time constant of each component; inf where it is constant."""
-        return np.full(self.count, self.pushing.time or np.inf)
+        return np.full(self.count, self.model.time or np.inf)
 
     def momentum_rates(self, whole: Array, origin: Array, time: Array, rotation: Array) -> Array:
         """Return the change of (P, L) a second by each component."""
         del origin
         rates = np.zeros((len(whole), 6, 3))
-        rates[:, 3:] = self.pushing.rotation(time, rotation)
+        rates[:, 3:] = self.model.rotation(time, rotation)
         return rates
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return the one about the normal."""
-        if self.pushing.axes == 'body':
+        if self.model.axes == 'body':
             return np.asarray(detector.plane_of_body(0).normal[:, None])
         return detector.equation_selection()[2:, 3:].T
 
@@ -243,12 +243,12 @@ class ExternalForce(ExternalTorque):
     def momentum_rates(self, whole: Array, origin: Array, time: Array, rotation: Array) -> Array:
         """Return the change of (P, L) a second by each component."""
         del origin
-        axes, centre = self.pushing.rotation(time, rotation), whole[:, 1:4] / whole[:, :1]
+        axes, centre = self.model.rotation(time, rotation), whole[:, 1:4] / whole[:, :1]
         return np.concatenate((axes, skew(centre) @ axes), axis=1)
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return the two in the plane."""
-        if self.pushing.axes == 'body':
+        if self.model.axes == 'body':
             return np.asarray(detector.plane_of_body(0).axes.T)
         return detector.equation_selection()[:2, :3].T
 
@@ -257,7 +257,7 @@ def _varying(name: str) -> str:
     return f'from outside varies with {name}' if name else 'acts from outside'
 
 
-def external(torque: Pushing, force: Pushing) -> tuple[ExternalTorque, ExternalForce]:
+def disturbances(torque: DisturbanceModel, force: DisturbanceModel) -> tuple[ExternalTorque, ExternalForce]:
     """Return a torque and a force from outside as unknowns."""
     labels = (
         (f'{kind}:{push.time:g} s' if push.time else kind,) * 3 for kind, push in ((TORQUE, torque), (FORCE, force))
@@ -278,7 +278,7 @@ class Thrusters(Unknown):
         del kernel
         return -np.moveaxis(states.thrust, 1, 2).reshape(len(states.thrust), 6, -1)
 
-    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these thrusters."""
         return replace(side, thrust=side.thrust + value if side.thrust.size else value)
 

@@ -21,7 +21,7 @@ class _OfSprings(Unknown):
     held: bool = False
     in_equations = False
 
-    def settled(self, value: Array, deviation: Array) -> Array:
+    def linearisation_value(self, value: Array, deviation: Array) -> Array:
         """Return zero where it is held."""
         del deviation
         return np.zeros_like(value) if self.held else value
@@ -53,7 +53,7 @@ class SpringErrors(_OfSprings):
         ),
     }
 
-    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these springs, or with the joints held; a damper never drives."""
         springs, each = side.kernel.springs, value.reshape(-1, 2)
         if not springs.count:
@@ -68,10 +68,10 @@ class StartingSwing(_OfSprings):
     """Of each passive joint: deflection (rad or m) and rate at the first instant after a gap or the start."""
 
     words: ClassVar = {SWING: Words('the swing of passive joints at the start', 'flexible.<joint>.initial_std')}
-    of_a_motion = True
-    of_a_chain = True
+    redrawn_per_motion = True
+    redrawn_after_gap = True
 
-    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with this start, or with the joints held."""
         springs = side.kernel.springs
         if not springs.count:
@@ -100,11 +100,11 @@ class SwingNoise(Unknown):
     in_equations = False
 
     @property
-    def times(self) -> Array:
+    def time_constants(self) -> Array:
         """Time constants of the amplitudes."""
         return self.correlation
 
-    def driven(self, rates: Array) -> Array:
+    def process_variances(self, rates: Array) -> Array:
         """Return the variances (B, e) that white noise adds to the amplitudes, and rates (B, f) of that size to joints.
 
         Either amplitude takes half.
@@ -112,12 +112,12 @@ class SwingNoise(Unknown):
         joints = np.argmax(np.abs(self.factor), axis=0) // 2
         return np.asarray(0.5 * (rates / np.sqrt(np.sum(self.factor[1::2] ** 2, axis=1)))[:, joints] ** 2)
 
-    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model as it is: windows are linearised without."""
         del value
         return side
 
-    def settled(self, value: Array, deviation: Array) -> Array:
+    def linearisation_value(self, value: Array, deviation: Array) -> Array:
         """Return zero."""
         del deviation
         return np.zeros_like(value)

@@ -67,7 +67,7 @@ class JointPlacements(Unknown):
         displacement[:, :, 4:, 3:] = turn
         return momentum_displaced(kernel, states, displacement)
 
-    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these placements."""
         each = value.reshape(-1, _PLACEMENT_NUMBERS)
         tilts = (self.across @ each[:, 4:, None])[..., 0]
@@ -139,17 +139,17 @@ class JointTracking(Linear):
             ),
         )
     }
-    read = False
+    in_readings = False
     in_equations = True
-    of_a_motion = True
+    redrawn_per_motion = True
 
     @property
-    def times(self) -> Array:
+    def time_constants(self) -> Array:
         """Time constants of the errors."""
         return self.correlation
 
     @property
-    def joint_steps(self) -> Array:
+    def joint_columns(self) -> Array:
         """Each joint is further on by its own number."""
         return self.factor
 
@@ -187,8 +187,8 @@ class GearedJoints(Linear):
             )
         )
     }
-    read = False
-    of_joints = True
+    in_readings = False
+    moves_joints = True
 
     def deflections(self, position: Array, rate: Array) -> tuple[Array, Array]:
         """Return the contribution of each number to the position of its own joint, and to its rate."""

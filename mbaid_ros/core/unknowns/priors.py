@@ -25,7 +25,7 @@ class UnknownsPrior:
     factor: Array  # (e, w) of their covariance
 
     @staticmethod
-    def nothing(numbers: int) -> UnknownsPrior:
+    def standard_normal(numbers: int) -> UnknownsPrior:
         """Return the prior of so many numbers before anything is measured."""
         return UnknownsPrior(np.zeros(numbers), np.eye(numbers))
 
@@ -48,7 +48,7 @@ class UnknownsPrior:
         """The (e, e) upper triangular square root of the information."""
         return np.asarray(np.linalg.qr(self.whitening, mode='r'))
 
-    def beside(self, count: int, *, before: int) -> UnknownsPrior:
+    def extended(self, count: int, *, before: int) -> UnknownsPrior:
         """Return this prior with `count` more independent numbers of unit variance after the first `before`."""
         if not count:
             return self
@@ -72,11 +72,11 @@ class UnknownsPrior:
         together = block_diag(*maps)
         return UnknownsPrior(together @ self.mean, together @ self.factor)
 
-    def expected(self, kernel: MomentumKernel, unknowns: Sequence[Unknown]) -> NominalModel:
+    def nominal_model(self, kernel: MomentumKernel, unknowns: Sequence[Unknown]) -> NominalModel:
         """Return the nominal model at the mean of the unknowns' numbers."""
         side, place = NominalModel.nominal(kernel), 0
         for unknown in unknowns:
-            side = unknown.moved(side, unknown.factor @ self.mean[place : place + unknown.count])
+            side = unknown.applied_to(side, unknown.factor @ self.mean[place : place + unknown.count])
             place += unknown.count
         return side
 

@@ -44,11 +44,11 @@ class Gyro(Unknown):
     wandering: Array = field(default_factory=lambda: np.zeros((13, 0)))
     errors: GyroErrors = field(default_factory=GyroErrors)  # as declared
 
-    read = True
+    in_readings = True
     in_equations = False  # which do not know of it
 
     @property
-    def walk(self) -> Array:
+    def random_walk(self) -> Array:
         """The walk of the bias."""
         return self.wandering
 
@@ -66,7 +66,7 @@ class Gyro(Unknown):
         own = motion.imu
         return np.concatenate((own.axes, own.stretching, own.turning, own.crossing, -own.slope[..., None]), axis=-1)
 
-    def settled(self, value: Array, deviation: Array) -> Array:
+    def linearisation_value(self, value: Array, deviation: Array) -> Array:
         """Return zero where poses are measured: the readings are linear, and windows are those that are read.
 
         Without poses they are the integrated gyro's, less the estimate of its errors.
@@ -78,7 +78,7 @@ class Gyro(Unknown):
         numbers[_LATE] = 0.0
         return np.asarray(np.linalg.pinv(self.factor) @ numbers)
 
-    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these errors."""
         return replace(side, gyro=side.gyro + value[:_LATE]) if self.errors.alone else side
 
@@ -134,7 +134,7 @@ class TimeOffset(Unknown):
             deviation=lambda _, value: f'the joints are stamped {1e3 * np.sum(value):+.3g} ms late: check the stamps',
         )
     }
-    read = True
+    in_readings = True
     in_equations = False  # of the measured motion at one instant
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
@@ -146,11 +146,11 @@ class TimeOffset(Unknown):
         assert motion.imu is not None, 'there is an IMU'
         return motion.imu.slope[..., None]
 
-    def settled(self, value: Array, deviation: Array) -> Array:
+    def linearisation_value(self, value: Array, deviation: Array) -> Array:
         """Return the delay that the joints are taken later by: none, unless it is clearly one."""
         return np.where(np.abs(value) > _CLEAR * deviation, value, 0.0)
 
-    def moved(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with this delay."""
         return replace(side, delay=side.delay + float(value[0]))
 

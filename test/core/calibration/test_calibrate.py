@@ -23,7 +23,7 @@ from mbaid_ros.core.robot.model_errors import BodyDeviations
 from mbaid_ros.core.robot.momentum import is_physical
 from mbaid_ros.core.unknowns.bodies import KnownTarget
 from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.environment import Pushing
+from mbaid_ros.core.unknowns.environment import DisturbanceModel
 from mbaid_ros.session import methods
 from mbaid_ros.simulation.motion import Sinusoids, random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
@@ -231,7 +231,7 @@ def test_where_a_torque_varies_the_misfit_is_least_at_the_solution() -> None:
     robot_kernel = MomentumKernel(free_model(), 'link7')
     prior, detector = robot_kernel.target.parameters, PlaneDetector(robot_kernel.model)
     scale = 0.05 * np.maximum(np.abs(prior), 0.01)
-    uncertainty = Uncertainty(target=KnownTarget(prior, np.diag(scale)), torque=Pushing(0.3, 30.0))
+    uncertainty = Uncertainty(target=KnownTarget(prior, np.diag(scale)), torque=DisturbanceModel(0.3, 30.0))
     run = windows(observe(free_motion(1, 10.0), HIGH, 0))
     # The momentum of a varying torque, which the readings of the motion do not have: as if it had been taken up.
     torque = 0.3 * np.sin(np.outer(np.concatenate([each.time for each in run]), [0.2, 0.3, 0.4]))
@@ -245,7 +245,7 @@ def test_where_a_torque_varies_the_misfit_is_least_at_the_solution() -> None:
     solution = converge([motion], prior)
     assert motion.has_disturbance
     assert solution.converged
-    body = motion.variables.spread[BODY.start :, motion.variables.head :]
+    body = motion.variables.to_state[BODY.start :, motion.variables.head :]
     deviation = np.linalg.norm(body @ solution.iteration.factor, axis=1)
     misfit = Misfit([motion], solution.common, deviation, solution.momenta)
 

@@ -22,10 +22,11 @@ from mbaid_ros.core.sensors.synchroniser import Synchroniser
 from windowed import base_stream, joint_stream
 
 JOINT = 1e-4  # rad
+compared = PriorComparison.from_posterior
 
 
 def test_what_is_as_certain_as_declared_gains_nothing_by_less() -> None:
-    assert PriorComparison.of(np.array([0.5]), np.array([[1e-4]])).gain(1000.0)[0] < 0.0
+    assert compared(np.array([0.5]), np.array([[1e-4]])).gain(1000.0)[0] < 0.0
 
 
 @pytest.mark.parametrize(
@@ -70,7 +71,7 @@ def ranks(joint_noise: float) -> list[str]:
     """Return what is named where innovations are three times as large as declared and a thing and a walk explain it."""
     large = Innovations.none(6)
     for _ in range(50):
-        large = large.after(np.full(12, 3.0), np.arange(12))
+        large = large.with_window(np.full(12, 3.0), np.arange(12))
     inquired = {'the thing': (2300.0, True), 'anything': (2390.0, False), 'a small thing': (500.0, True)}
     return [cause.text for cause in ranked(inquired, large, joint_noise)]
 
@@ -111,44 +112,42 @@ def test_the_gain_is_that_of_the_likelihood_of_the_data(seed: int) -> None:
         return float(multivariate_normal(np.zeros(MEASURED), covariance).logpdf(data))
 
     expected = {factor: likelihood(factor) - likelihood(1.0) for factor in (3.0, 10.0)}
-    most, factor = PriorComparison.of(*posterior(rows, data)).gain(10.0)
+    most, factor = compared(*posterior(rows, data)).gain(10.0)
     assert factor == max(expected, key=lambda each: expected[each])
     assert most == pytest.approx(expected[float(factor)], rel=1e-9)
 
 
 def test_what_is_as_large_as_declared_stays() -> None:
-    sizes = [PriorComparison.of(*drawn(seed, 1.0, 10.0)).likely_scales(BEFORE, BEFORE)[0] for seed in range(500)]
+    sizes = [compared(*drawn(seed, 1.0, 10.0)).likely_scales(BEFORE, BEFORE)[0] for seed in range(500)]
     assert np.median(sizes) < 1.05
     assert np.mean(np.array(sizes) > 1.5) < 0.03
 
 
 @pytest.mark.parametrize('size', [3.0, 6.0])
 def test_what_is_larger_is_found_to_be(size: float) -> None:
-    found = np.array(
-        [PriorComparison.of(*drawn(seed, size, 10.0)).likely_scales(BEFORE, BEFORE)[:2] for seed in range(200)]
-    )
+    found = np.array([compared(*drawn(seed, size, 10.0)).likely_scales(BEFORE, BEFORE)[:2] for seed in range(200)])
     assert 0.7 * size < np.median(found[:, 0]) < 1.3 * size
     assert np.median(found[:, 1]) > 0.9
 
 
 def test_numbers_that_data_say_nothing_of_stay_as_declared() -> None:
     mean, covariance = drawn(0, 3.0, 1e-6)
-    assert PriorComparison.of(mean, covariance).likely_scales(BEFORE, BEFORE)[:2] == pytest.approx((1.0, 0.0), abs=1e-3)
-    assert [*PriorComparison.of(np.zeros(NUMBERS), np.eye(NUMBERS)).likely_scales(BEFORE, BEFORE)] == [1.0, 0.0, 0.0]
+    assert compared(mean, covariance).likely_scales(BEFORE, BEFORE)[:2] == pytest.approx((1.0, 0.0), abs=1e-3)
+    assert [*compared(np.zeros(NUMBERS), np.eye(NUMBERS)).likely_scales(BEFORE, BEFORE)] == [1.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize('seen', [0.5, 10.0])
 def test_what_is_as_declared_is_as_far_from_its_prior_as_chance_has_it(seen: float) -> None:
     """Also where data see little of the numbers: what is left at the prior is no evidence for it."""
-    square, _, degrees = np.transpose([PriorComparison.of(*drawn(seed, 1.0, seen)).distances for seed in range(500)])
+    square, _, degrees = np.transpose([compared(*drawn(seed, 1.0, seen)).distances for seed in range(500)])
     assert np.mean(square > chdtri(degrees, 0.05)) == pytest.approx(0.05, abs=0.03)
     assert np.mean(square) == pytest.approx(np.mean(degrees), rel=0.1)
-    _, twice, degrees = np.transpose([PriorComparison.of(*drawn(seed, 2.0, seen)).distances for seed in range(500)])
+    _, twice, degrees = np.transpose([compared(*drawn(seed, 2.0, seen)).distances for seed in range(500)])
     assert np.mean(twice) == pytest.approx(np.mean(degrees), rel=0.1)
 
 
 def test_what_no_data_see_is_at_no_distance() -> None:
-    assert [*PriorComparison.of(np.zeros(NUMBERS), np.eye(NUMBERS)).distances] == [0.0, 0.0, 0]
+    assert [*compared(np.zeros(NUMBERS), np.eye(NUMBERS)).distances] == [0.0, 0.0, 0]
 
 
 def test_what_data_see_at_second_order_only_is_no_distance() -> None:
@@ -164,18 +163,16 @@ def test_what_data_see_at_second_order_only_is_no_distance() -> None:
     mean, covariance = solved(np.array([0.3, 0.2]), steps=200)
     draws = mean + np.random.default_rng(0).multivariate_normal(np.zeros(2), covariance, 3)
     moved = np.array([solved(draw)[0] - mean for draw in draws])
-    assert PriorComparison.of(mean, covariance).distances[2] == 1
-    assert [*PriorComparison.of(mean, covariance, moved).distances] == [0.0, 0.0, 0]
+    assert compared(mean, covariance).distances[2] == 1
+    assert [*compared(mean, covariance, moved).distances] == [0.0, 0.0, 0]
     straight = 0.01 * moved
-    assert [*PriorComparison.of(mean, covariance, straight).distances] == [
-        *PriorComparison.of(mean, covariance).distances
-    ]
+    assert [*compared(mean, covariance, straight).distances] == [*compared(mean, covariance).distances]
 
 
 def test_groups_side_by_side_are_as_each_by_itself() -> None:
     drawings = [drawn(seed, 3.0, 2.0) for seed in range(5)]
-    together = PriorComparison.of(*map(np.array, zip(*drawings, strict=True)))
-    for place, each in enumerate(PriorComparison.of(*drawing) for drawing in drawings):
+    together = compared(*map(np.array, zip(*drawings, strict=True)))
+    for place, each in enumerate(compared(*drawing) for drawing in drawings):
         assert [part[place] for part in together.likely_scales(BEFORE, BEFORE)] == [*each.likely_scales(BEFORE, BEFORE)]
         assert [part[place] for part in together.distances] == [*each.distances]
         assert [part[place] for part in together.gain(30.0)] == [*each.gain(30.0)]

@@ -47,7 +47,7 @@ def texts(samples: Samples) -> list[str]:
     """Return the axes that samples may be in, the likeliest first."""
     robot, windows = kernel('servicer7'), windows_of(samples)
     declared, *fits = (fitted(windows, each, 2) for each in (Convention('', robot), *axis_conventions(robot)))
-    likely = [fit for fit in fits if fit.exists and fit.misfit < fit.convention.left * declared.misfit]
+    likely = [fit for fit in fits if fit.exists and fit.misfit < fit.convention.misfit_left * declared.misfit]
     return [fit.convention.text for fit in sorted(likely, key=lambda fit: fit.misfit)]
 
 

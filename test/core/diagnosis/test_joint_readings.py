@@ -72,7 +72,7 @@ def window(servicer: Truth) -> Window:
 
 def covariances(robot: MomentumKernel, window: Window) -> tuple[Array, Array]:
     """Return those of the means of a window's pose and twist, at rest and with the body that is described."""
-    layout = Layout.of(robot, ())
+    layout = Layout.from_unknowns(robot, ())
     point = layout.point(np.concatenate((np.zeros(12), robot.target.parameters)))
     model = window_model(layout, window, point)
     return model.pose.covariance, model.twist.covariance

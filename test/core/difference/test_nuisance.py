@@ -68,7 +68,7 @@ def test_the_columns_of_placements_are_what_they_do_with_the_target(spatial: Tru
     error = 1e-6 * np.random.default_rng(2).normal(size=unknown.count)
 
     def equations(size: float) -> Array:
-        side = unknown.moved(NominalModel.nominal(servicer), unknown.factor @ (size * error))
+        side = unknown.applied_to(NominalModel.nominal(servicer), unknown.factor @ (size * error))
         there = [replace(part, joint_position=part.joint_position + side.zeros) for part in parts]
         return left(window_rows(side.kernel, there, MID, np.zeros(3)), x)
 
@@ -131,7 +131,7 @@ def test_the_robot_is_taken_at_the_mean_of_what_is_known(spatial: Truth) -> None
     ]
     count = sum(unknown.count for unknown in unknowns)
     known = UnknownsPrior(np.random.default_rng(7).normal(size=count), np.eye(count))
-    side = known.expected(servicer, unknowns)
+    side = known.nominal_model(servicer, unknowns)
     placements, mount = (
         unknown.factor @ mean for unknown, mean in zip(unknowns, np.split(known.mean, [-6]), strict=True)
     )

@@ -31,11 +31,11 @@ def followed(bank: Bank, made: list[WhitenedWindow], space: Variables) -> Bank:
 
 
 def filtered(place: int, gaussian: SquareRootInformation) -> HypothesisFilter:
-    return HypothesisFilter(ALL[place], gaussian, longest=1 if place in JUMPING else 0)
+    return HypothesisFilter(ALL[place], gaussian, longest_jump=1 if place in JUMPING else 0)
 
 
 def assert_alike(one: HypothesisFilter, other: HypothesisFilter, space: Variables) -> None:
-    here, there = (MeanAndCovariance.of(each.gaussian, space) for each in (one, other))
+    here, there = (MeanAndCovariance.from_gaussian(each.gaussian, space) for each in (one, other))
     assert here.mean == pytest.approx(there.mean, rel=1e-8, abs=1e-8)
     assert here.shift == pytest.approx(there.shift, rel=1e-8, abs=1e-8)
     assert here.force == pytest.approx(there.force, rel=1e-8, abs=1e-8)

@@ -44,13 +44,13 @@ def measured(gaussian: SquareRootInformation, seed: int, truth: Array) -> tuple[
     rows = np.random.default_rng(seed).normal(size=(60, gaussian.size))
     known = np.column_stack((rows, np.zeros(60), rows @ truth))
     root = np.asarray(np.linalg.qr(np.vstack((gaussian.root, known)), mode='r'))
-    measured_root = ConditionalRoot.of(root[: gaussian.size], ())
+    measured_root = ConditionalRoot.from_rows(root[: gaussian.size], ())
     return replace(gaussian, conditional=measured_root), rows
 
 
 def blocks(layout: Layout, filter_variables: Variables, *, given: bool) -> dict[str, Flags]:
     """Return of each cause which variables have its prior."""
-    place, head, own = np.arange(len(filter_variables.scale)), filter_variables.head, filter_variables.own
+    place, head, own = np.arange(len(filter_variables.scale)), filter_variables.head, filter_variables.first_unknown
     labels = [cause for unknown in layout.unknowns for cause in unknown.causes]
     found = {cause: np.isin(place - own, np.flatnonzero(np.array(labels) == cause)) for cause in layout.causes}
     if given:
@@ -68,22 +68,22 @@ def test_each_prior_has_its_share_and_noise_the_rest(name: str, given: bool) -> 
     detector.update(observe(configured_motion(name, 0.5, 20.0), MID))
     if detector.planar:
         unknowns = tuple(unknown.in_plane(detector) for unknown in unknowns)
-    layout = Layout.of(robot, unknowns)
+    layout = Layout.from_unknowns(robot, unknowns)
     of_filter = variables(layout, detector, known)
     state = np.zeros(layout.size)
     state[BODY] = robot.target.parameters
     prior = SquareRootInformation.prior(of_filter)
-    gaussian, rows = measured(prior, 1, of_filter.gather @ state)
-    distribution = MeanAndCovariance.of(gaussian, of_filter)
-    declared = replace(distribution.prior_scales(layout), each=np.ones(layout.size - BODY.stop))
+    gaussian, rows = measured(prior, 1, of_filter.from_state @ state)
+    distribution = MeanAndCovariance.from_gaussian(gaussian, of_filter)
+    declared = replace(distribution.prior_scales(layout), factors=np.ones(layout.size - BODY.stop))
     found = error_budget(distribution, layout, known, declared, np.ones(10, dtype=bool))
     zeros = np.array([cause.startswith('zero') for unknown in layout.unknowns for cause in unknown.causes])
-    wrong = replace(declared, each=np.where(zeros, 3.0, 1.0))
+    wrong = replace(declared, factors=np.where(zeros, 3.0, 1.0))
     wider = error_budget(distribution, layout, known, wrong, np.ones(10, dtype=bool))
 
     information = prior.root[:, :-2].T @ prior.root[:, :-2]
     covariance = np.linalg.inv(information + rows.T @ rows)
-    gains = physical_jacobian(distribution.mean[BODY]) @ of_filter.spread[BODY] @ covariance
+    gains = physical_jacobian(distribution.mean[BODY]) @ of_filter.to_state[BODY] @ covariance
     parts = {
         cause: np.sum((gains[:, which] @ np.linalg.cholesky(information[np.ix_(which, which)])) ** 2, axis=1)
         for cause, which in blocks(layout, of_filter, given=given).items()

@@ -28,7 +28,7 @@ PARAMETERS, DELAY = slice(6, 22), 22  # of a state whose only unknown is the del
 
 @pytest.fixture(scope='module')
 def robot() -> Layout:
-    return Layout.of(kernel('servicer7'), (time_offset(1.0),))
+    return Layout.from_unknowns(kernel('servicer7'), (time_offset(1.0),))
 
 
 @pytest.fixture(scope='module')

@@ -31,14 +31,14 @@ class Case:
     def __init__(self, windows: int = 5, unseen: slice = slice(0)) -> None:
         robot = kernel('servicer7')
         uncertainty = Uncertainty(zeros=(1e-3,) * 7, axes=(2e-3,) * 7, mount_position=2e-3, time_offset=5e-3)
-        self.layout = Layout.of(robot, catalogue(robot, uncertainty))
+        self.layout = Layout.from_unknowns(robot, catalogue(robot, uncertainty))
         self.space: Variables = variables(self.layout, PlaneDetector(robot.model), uncertainty)
         rng = np.random.default_rng(5)
         self.windows = [self._window(rng, unseen) for _ in range(windows)]
         gaussian = SquareRootInformation.prior(self.space)
         for white in self.windows:
             gaussian = advance(update(gaussian, white), white, self.space, UNDISTURBED)
-        self.distribution = MeanAndCovariance.of(gaussian, self.space)
+        self.distribution = MeanAndCovariance.from_gaussian(gaussian, self.space)
 
     def _window(self, rng: np.random.Generator, unseen: slice) -> WhitenedWindow:
         size = self.layout.size
@@ -69,9 +69,9 @@ class Case:
             step = np.eye(size)
             step[:6] = white.transition
             whole = step @ whole
-        matrix, root = np.concatenate(rows), self.space.gather @ self.space.factor
+        matrix, root = np.concatenate(rows), self.space.from_state @ self.space.factor
         covariance = np.linalg.inv(matrix.T @ matrix + np.linalg.inv(root @ root.T))
-        to_state = self.space.spread @ whole
+        to_state = self.space.to_state @ whole
         noise = to_state @ covariance @ matrix.T
         prior = to_state @ (covariance @ matrix.T @ matrix - np.eye(size)) @ root
         return np.stack([noise @ noise.T, *(np.outer(column, column) for column in prior.T)])
@@ -117,7 +117,7 @@ def said(truth: Array, seed: int, parts: tuple[str, ...] = PARTS) -> PriorScaleF
     """Return what is said of numbers that data see with noise."""
     seen = 1.0 / (1.0 + NOISE**2)
     values = seen * (truth + NOISE * np.random.default_rng(seed).normal(size=len(truth)))
-    return PriorScaleFactors.of(values, (1.0 - seen) * np.eye(len(truth)), CAUSES, parts)
+    return PriorScaleFactors.from_posterior(values, (1.0 - seen) * np.eye(len(truth)), CAUSES, parts)
 
 
 def off(place: int, far: float) -> Array:
@@ -129,18 +129,18 @@ def test_masses_as_declared_are_hardly_ever_taken_for_mistaken() -> None:
     each = np.empty((300, 2, len(CAUSES)))
     for seed, (looked_at, not_so) in enumerate(each):
         truth = rng.normal(size=len(CAUSES))
-        looked_at[:] = said(truth, seed).each
-        not_so[:] = said(truth, seed, ('',) * len(CAUSES)).each
+        looked_at[:] = said(truth, seed).factors
+        not_so[:] = said(truth, seed, ('',) * len(CAUSES)).factors
     masses = np.any(np.array([PARTS]) != '', axis=0)
     assert np.mean(each[:, 0, masses] > 1.5) < np.mean(each[:, 1, masses] > 1.5) + 0.03
     assert np.all(each[:, 0, ~masses] == each[:, 1, ~masses])
 
 
 def test_a_mass_is_named_where_it_is_further_off_than_its_link() -> None:
-    assert 'mass:link2' in dict(said(off(PLACE, 14.0), 0).sure)
+    assert 'mass:link2' in dict(said(off(PLACE, 14.0), 0).significant)
     whole = np.where(np.array(CAUSES) == 'link:link2', 8.0, 0.0)
-    assert 'link:link2' in dict(said(whole, 0).sure)
-    assert 'mass:link2' not in dict(said(whole, 0).sure)
+    assert 'link:link2' in dict(said(whole, 0).significant)
+    assert 'mass:link2' not in dict(said(whole, 0).significant)
     assert set(said(off(0, 0.0), 0).distances) == {f'link:{name}' for name in LINKS}
 
 
@@ -149,29 +149,29 @@ def test_causes_of_all_sizes_together_are_scaled_as_each_alone() -> None:
     causes = tuple(np.repeat(('link:a', 'zero:a', 'zero:b', 'axis:a', 'mount'), (10, 1, 1, 2, 6)).tolist())
     root = rng.normal(size=(len(causes), len(causes)))
     covariance, values = np.linalg.inv(np.eye(len(causes)) + root @ root.T), 3.0 * rng.normal(size=len(causes))
-    together = PriorScaleFactors.of(values, covariance, causes, ('',) * len(causes))
+    together = PriorScaleFactors.from_posterior(values, covariance, causes, ('',) * len(causes))
     for cause, size in together.scales.items():
         own = np.flatnonzero([each == cause or each.startswith(f'{cause}:') for each in causes])
-        numbers = PriorComparison.of(values[own], covariance[np.ix_(own, own)])
+        numbers = PriorComparison.from_posterior(values[own], covariance[np.ix_(own, own)])
         chances = (0.05, 0.05) if ':' not in cause else (0.01, 0.2)
         assert size == pytest.approx([float(part) for part in numbers.likely_scales(*chances)])
         if cause in together.distances:
             assert together.distances[cause] == pytest.approx([float(part) for part in numbers.distances])
-        assert np.all(together.each[own] >= size.factor)
-    nothing = PriorScaleFactors.of(np.zeros(0), np.zeros((0, 0)), (), ())
-    assert (nothing.as_declared, nothing.sure, nothing.scales) == (True, (), {})
+        assert np.all(together.factors[own] >= size.factor)
+    nothing = PriorScaleFactors.from_posterior(np.zeros(0), np.zeros((0, 0)), (), ())
+    assert (nothing.as_declared, nothing.significant, nothing.scales) == (True, (), {})
 
 
 @pytest.mark.parametrize('seed', range(3))
 def test_noise_in_rows_feigns_the_information_that_it_has_on_average(seed: int) -> None:
     rng = np.random.default_rng(seed)
     space, model = drawn_variables(rng), drawn_window(rng)
-    slope = np.einsum('aun,ub->abn', model.noise.by_unknowns[:, :10], space.spread[BODY, BODY])
+    slope = np.einsum('aun,ub->abn', model.noise.by_unknowns[:, :10], space.to_state[BODY, BODY])
     information = np.zeros((10, 10))
     for covariance, size in ((model.pose.covariance, 1.0), (model.twist.covariance, model.joints_in_twist)):
         # E[(d rows)^T covariance^-1 (d rows)] of an error of the joints with unit covariance.
         information += size * np.einsum('abn,ac,cdn->bd', slope, np.linalg.inv(covariance), slope)
-    at = information @ (space.gather[BODY, BODY] @ model.body)
+    at = information @ (space.from_state[BODY, BODY] @ model.body)
     assert prepare(model, space).bias_information == pytest.approx(np.column_stack((information, at)), rel=1e-8)
 
 
@@ -183,17 +183,17 @@ def test_what_is_feigned_adds_up_and_widens_the_body_and_what_goes_with_it() -> 
     for each in white:
         gaussian = update(gaussian, each)
     assert gaussian.bias_information == pytest.approx(white[0].bias_information + white[1].bias_information)
-    distribution = MeanAndCovariance.of(gaussian, space)
+    distribution = MeanAndCovariance.from_gaussian(gaussian, space)
     rows = np.arange(6, BODY.stop)  # momentum and body
     covariance = distribution.covariance(rows)
     information = np.zeros((len(rows), len(rows)))
-    gather = space.gather[BODY, BODY]
+    gather = space.from_state[BODY, BODY]
     # Of these drawn windows' information, what is left of a hundredth of the joints' noise.
-    small = MeanAndCovariance.of(replace(gaussian, bias_information=1e-4 * gaussian.bias_information), space)
+    small = MeanAndCovariance.from_gaussian(replace(gaussian, bias_information=1e-4 * gaussian.bias_information), space)
     information[6:, 6:] = 1e-4 * gather.T @ gaussian.bias_information[:, :-1] @ gather
     expected = np.linalg.inv(np.eye(len(rows)) - covariance @ information)
     for which in (rows, BODY_PLACES):
-        times = small.amplification(small.factor_of(space.spread[which]), which)
+        times = small.error_amplification(small.factor_of(space.to_state[which]), which)
         assert times == pytest.approx(expected[-len(which) :, -len(which) :], rel=1e-7, abs=1e-9)
 
 
@@ -218,7 +218,7 @@ def test_intervals_hold_where_much_of_what_seems_known_is_noise() -> None:
         found = step(found)
     information = np.mean(np.sum(rows**2, axis=1)) / size
     seems = np.sqrt(1.0 / information)
-    found_of = InformationCorrection.of(
+    found_of = InformationCorrection.from_information(
         np.array([[1.0 / information]]), np.array([[bias_information, bias_information]]), np.ones(1)
     )
     wider = np.hypot(1.0 + found_of.gain[0, 0] / information, found_of.score[0, 0] / np.sqrt(information))

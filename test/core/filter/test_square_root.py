@@ -77,8 +77,8 @@ def test_the_filter_is_least_squares(seed: int) -> None:
         white = prepare(model, space)
         gaussian = advance(update(gaussian, white), white, space, UNDISTURBED)
     mean, covariance, likelihood, shift = batch(models, space)
-    distribution = MeanAndCovariance.of(gaussian, space)
-    assert space.spread @ gaussian.least_squares == pytest.approx(mean, rel=1e-8, abs=1e-8)
+    distribution = MeanAndCovariance.from_gaussian(gaussian, space)
+    assert space.to_state @ gaussian.least_squares == pytest.approx(mean, rel=1e-8, abs=1e-8)
     assert covariance_of(gaussian, space) == pytest.approx(covariance, rel=1e-8, abs=1e-8)
     assert distribution.variance == pytest.approx(np.diag(covariance), rel=1e-8, abs=1e-8)
     assert gaussian.log_likelihood == pytest.approx(likelihood, rel=1e-9)
@@ -189,23 +189,23 @@ def test_the_linked_filter_is_least_squares() -> None:
     for place, (model, twist, common) in enumerate(models):
         noise = np.zeros((6, size))
         noise[:, STATE + 6 + 6 * place : STATE + 12 + 6 * place] = np.linalg.cholesky(twist.white)
-        rows = (model.pose.rows - twist.change * twist.way_rows) @ whole - twist.change * noise
+        rows = (model.pose.rows - twist.change * twist.integral_rows) @ whole - twist.change * noise
         of_mean = twist.mean_rows @ whole + carried + twist.share * noise
-        values = model.pose.value - twist.change * twist.way_value, twist.mean_value - carried_constant
+        values = model.pose.value - twist.change * twist.integral_value, twist.mean_value - carried_constant
         values = (
-            values[0] - (model.pose.rows - twist.change * twist.way_rows) @ constant,
+            values[0] - (model.pose.rows - twist.change * twist.integral_rows) @ constant,
             (values[1] - twist.mean_rows @ constant),
         )
         covariance = np.block([[model.pose.covariance, common], [common, common + twist.left * twist.white]])
         both = np.concatenate((rows, of_mean))
         information += both.T @ np.linalg.solve(covariance, both)
         right += both.T @ np.linalg.solve(covariance, np.concatenate(values))
-        carried = carried + noise + twist.way_rows @ whole
-        carried_constant = carried_constant - twist.way_value + twist.way_rows @ constant
+        carried = carried + noise + twist.integral_rows @ whole
+        carried_constant = carried_constant - twist.integral_value + twist.integral_rows @ constant
         whole, constant = onward(model, whole, constant)
     solved = np.linalg.inv(information)
-    distribution = MeanAndCovariance.of(gaussian, space)
-    assert space.spread @ gaussian.least_squares == pytest.approx(
+    distribution = MeanAndCovariance.from_gaussian(gaussian, space)
+    assert space.to_state @ gaussian.least_squares == pytest.approx(
         whole @ (solved @ right) + constant, rel=1e-6, abs=1e-6
     )
     assert distribution.factor @ distribution.factor.T == pytest.approx(whole @ solved @ whole.T, rel=1e-6, abs=1e-6)

@@ -119,7 +119,7 @@ class Young:
         """Return what all windows lead to, linearised at a point."""
         passed = returned(self.passes.relinearise(in_stacks(self.windows), point))
         (filtered,) = returned(self.passes.filter(passed, (self.passes.prior(UNDISTURBED),)))
-        return filtered, MeanAndCovariance.of(filtered.gaussian, self.passes.variables)
+        return filtered, MeanAndCovariance.from_gaussian(filtered.gaussian, self.passes.variables)
 
     def at(self, distribution: MeanAndCovariance) -> Point:
         """Return the point of a distribution."""
@@ -166,7 +166,7 @@ def test_it_is_asked_once_the_body_is_better_known_and_kept_until_windows_are_li
         asked.append(initialisation.is_due)
     assert asked == [False, True]
     while initialisation.is_due:
-        initialisation.run_slice(explained=True)
+        initialisation.run_slice(consistent=True)
     assert initialisation._due == len(young.windows)  # a search is due with the next window
     displaced = [initialisation._displaced]
     taken_over(initialisation, filtered, young.point, 3.0 * covariance)

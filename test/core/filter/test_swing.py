@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from benchmarks.appendages import PANELS, SLOSH, with_fuel, with_panel_on_the_target, with_panels
 from mbaid_ros.core.filter import swing
 from mbaid_ros.core.filter.averaging import KnotAveraging
-from mbaid_ros.core.filter.exponential import steps_of
+from mbaid_ros.core.filter.exponential import transition_steps
 from mbaid_ros.core.filter.state import BODY, LINEAR, Layout, Point
 from mbaid_ros.core.filter.swing import BESIDE, SwingCourse
 from mbaid_ros.core.filter.window import in_stacks, stacked
@@ -18,7 +18,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Springs
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.model_errors import KnownErrors
-from mbaid_ros.core.trajectory.solution import soft_grasps
+from mbaid_ros.core.trajectory.solution import soft_grasp_warnings
 from mbaid_ros.core.unknowns.bodies import known_bodies
 from mbaid_ros.core.unknowns.flexible import spring_errors, starting_swing, swing_noise
 from mbaid_ros.simulation.dynamics import State
@@ -70,8 +70,8 @@ class Case:
                 swing_noise(joints, [1e-3] * len(places), rates, [0.01] * len(places)),
             ),
         )
-        self.layout = Layout.of(kernel, unknowns)
-        averaged = KnotAveraging(MID, 0.5).take(windows(samples))
+        self.layout = Layout.from_unknowns(kernel, unknowns)
+        averaged = KnotAveraging(MID, 0.5).average(windows(samples))
         self.windows = [each.ready for each in averaged if each.ready is not None]
         self.still_open = [each.still_open for each in averaged if each.still_open is not None]
         self.state: Array = np.zeros(self.layout.size)
@@ -155,7 +155,7 @@ def test_a_stiff_joint_that_is_pushed_slowly_stays_in_equilibrium() -> None:
     by_state[:, 0, 1], by_state[:, 1, 0] = 1.0, -stiffness
     force = np.zeros((len(time), 2, 1))
     force[:, 1, 0] = stiffness * (1.0 + time / 60.0)
-    onward, gain = steps_of(by_state.mean(axis=0), by_state, force, 0.02)
+    onward, gain = transition_steps(by_state.mean(axis=0), by_state, force, 0.02)
     deflections = np.column_stack((1.0 + time / 60.0, np.full(len(time), 1.0 / 60.0)))
     found = (onward @ deflections[:-1, :, None] + gain)[..., 0]
     assert found == pytest.approx(deflections[1:], abs=1e-8)
@@ -167,5 +167,5 @@ def test_only_a_grasp_that_gives_keeps_its_declaration() -> None:
         places = tuple(model.joint_names.index(joint) for joint in joints)
         rates = 2.0 * np.pi * np.array(frequencies)
         springs = Springs(places, rates, np.full(len(places), 0.01), np.zeros((2, len(places))))
-        warnings = soft_grasps(MomentumKernel(model, 'link7').with_springs(springs))
+        warnings = soft_grasp_warnings(MomentumKernel(model, 'link7').with_springs(springs))
         assert [text.split()[0] for text in warnings] == (['joint7'] if name == 'grasp' else [])

@@ -28,7 +28,7 @@ def test_a_constant_force_moves_the_momentum() -> None:
     model = replace(window(rng), rotation=np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     white = prepare(model, space)
     state, wrench = rng.normal(size=STATE), rng.normal(size=6)
-    known = np.concatenate((space.gather @ state, np.linalg.solve(space.force, wrench)))
+    known = np.concatenate((space.from_state @ state, np.linalg.solve(space.force, wrench)))
     known_force = np.column_stack((np.eye(6), np.zeros(6), known[STATE:]))
     force, torque = wrench[:3], wrench[3:]
     turned = model.rotation @ force
@@ -38,13 +38,15 @@ def test_a_constant_force_moves_the_momentum() -> None:
         'body': (turned, model.rotation @ torque + np.cross(model.position, turned)),
     }
     for axes, (linear, angular) in acting.items():
-        prior = SquareRootInformation.of(np.eye(STATE), known[:STATE], (axes,), space)[0]
+        prior = SquareRootInformation.from_root(np.eye(STATE), known[:STATE], (axes,), space)[0]
         gaussian = replace(prior, force=known_force)
-        after = MeanAndCovariance.of(advance(gaussian, white, space, Hypothesis('', force=axes)), space)
+        after = MeanAndCovariance.from_gaussian(advance(gaussian, white, space, Hypothesis('', force=axes)), space)
         assert after.mean[LINEAR] == pytest.approx(state[LINEAR] + 0.5 * linear)
         assert after.mean[ANGULAR] == pytest.approx(state[ANGULAR] + 0.5 * angular)
         assert after.force == pytest.approx(wrench)
-    acts, none = (MeanAndCovariance.of(each, space) for each in SquareRootInformation.priors(space, ('body', 'none')))
+    acts, none = (
+        MeanAndCovariance.from_gaussian(each, space) for each in SquareRootInformation.priors(space, ('body', 'none'))
+    )
     assert acts.force_factor @ acts.force_factor.T == pytest.approx(space.force @ space.force.T)
     assert np.all(none.force == 0.0)
     assert np.all(none.force_factor == 0.0)
@@ -70,7 +72,7 @@ def test_a_broken_chain_keeps_momentum_and_body() -> None:
     gaussian = update(SquareRootInformation.prior(space), prepare(window(rng), space))
     broken = pose_reset(gaussian, space)
     before, after, prior = (
-        MeanAndCovariance.of(each, space) for each in (gaussian, broken, SquareRootInformation.prior(space))
+        MeanAndCovariance.from_gaussian(each, space) for each in (gaussian, broken, SquareRootInformation.prior(space))
     )
     assert np.array_equal(after.mean[6:], before.mean[6:])
     covariance = covariance_of(broken, space)
@@ -101,7 +103,7 @@ def test_the_momentum_changes_over_a_gap() -> None:
 def test_a_process_pushes_over_a_gap_as_its_course_does(seconds: float) -> None:
     rng = np.random.default_rng(5)
     time = 20.0  # s, of the last of the unknowns
-    space = replace(variables(rng), times=np.append(np.full(UNKNOWNS - 1, np.inf), time))
+    space = replace(variables(rng), time_constants=np.append(np.full(UNKNOWNS - 1, np.inf), time))
     white = prepare(window(rng), space)
     gaussian = update(SquareRootInformation.prior(space), white)
     brought = np.zeros((space.poses, len(space.scale)))
@@ -114,7 +116,7 @@ def test_a_process_pushes_over_a_gap_as_its_course_does(seconds: float) -> None:
     through = np.eye(len(space.scale))
     through[own : space.head, -1] = step * brought[:, -1]
     through[-1, -1] = kept
-    still = pose_reset(gaussian, replace(space, times=np.zeros(0))).factor
+    still = pose_reset(gaussian, replace(space, time_constants=np.zeros(0))).factor
     still = still @ still.T
     covariance = still
     for _ in range(count):
@@ -132,8 +134,8 @@ def test_a_jump_loosens_the_momentum_and_the_pose_it_moved() -> None:
     sizes = np.arange(1.0, 7.0)
     loose = momentum_inflation(gaussian, prepare(model, space), space, sizes)
     added = covariance_of(loose, space) - covariance_of(gaussian, space)
-    assert MeanAndCovariance.of(loose, space).mean == pytest.approx(
-        MeanAndCovariance.of(gaussian, space).mean, abs=1e-9
+    assert MeanAndCovariance.from_gaussian(loose, space).mean == pytest.approx(
+        MeanAndCovariance.from_gaussian(gaussian, space).mean, abs=1e-9
     )
     assert added[6:12, 6:12] == pytest.approx(np.diag(sizes**2), abs=1e-9)
     # It may have come at any time of the window: uniform, with a mean of a half and a mean square of a third.
@@ -147,11 +149,11 @@ def test_what_walks_is_less_certain_after_a_window_and_nothing_else_is() -> None
     rng = np.random.default_rng(4)
     walks = np.zeros((UNKNOWNS, 2))
     walks[:2] = rng.normal(size=(2, 2))
-    space = replace(variables(rng), walks=walks)
+    space = replace(variables(rng), random_walk=walks)
     white = prepare(window(rng), space)
     before = update(SquareRootInformation.prior(space), white)
     still, after = (
-        advance(before, white, each, UNDISTURBED) for each in (replace(space, walks=np.zeros((0, 0))), space)
+        advance(before, white, each, UNDISTURBED) for each in (replace(space, random_walk=np.zeros((0, 0))), space)
     )
     more: Array = np.zeros((STATE, STATE))
     more[-UNKNOWNS:, -UNKNOWNS:] = 0.5 * walks @ walks.T  # in half a second

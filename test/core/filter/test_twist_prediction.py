@@ -46,7 +46,7 @@ class Case:
         uncertain = tuple(int(index) for index in np.flatnonzero(self.kernel.known[:, 0] > 0.0))[:2]
         errors = KnownErrors(uncertain, np.eye(10 * len(uncertain)))
         wheels = spin_inertias(self.kernel, [0.1] * self.kernel.storage.count)
-        self.layout = Layout.of(self.kernel, (known_bodies(model, errors), wheels))
+        self.layout = Layout.from_unknowns(self.kernel, (known_bodies(model, errors), wheels))
         changes = 0.01 * rng.normal(size=errors.count + wheels.count)
         self.point = np.concatenate((rng.normal(size=6), self.kernel.target.parameters, changes))
 
@@ -91,7 +91,7 @@ def test_the_predicted_twist_has_the_momentum(seed: int) -> None:
     assert model.joints > 0
     for index, momentum in enumerate(total):
         point = np.concatenate((momentum, case.kernel.target.parameters))
-        found = predicted(Layout.of(case.kernel, ()), middle[index : index + 1], point)[0].twist[0]
+        found = predicted(Layout.from_unknowns(case.kernel, ()), middle[index : index + 1], point)[0].twist[0]
         assert found == pytest.approx(middle.base_twist[index], abs=1e-10)
 
 
@@ -139,7 +139,7 @@ def test_derivatives_by_errors_of_the_pose(seed: int) -> None:
 @pytest.mark.parametrize('seed', SEEDS)
 def test_derivatives_by_joints(seed: int) -> None:
     case = Case(seed)
-    count, layout = case.kernel.model.joints, Layout.of(case.kernel, ())
+    count, layout = case.kernel.model.joints, Layout.from_unknowns(case.kernel, ())
 
     def twist(error: Array) -> Array:
         middle = replace(

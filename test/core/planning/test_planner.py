@@ -59,7 +59,7 @@ def test_what_is_predicted_to_be_known_is_known_after_the_motion(executed: tuple
 def test_a_motion_is_planned_with_the_noise_that_was_found(identified: Begun) -> None:
     found = np.array([[3.0 * MID.joint_position, MID.joint_velocity, 0.0]])
     for samples, joints in ((identified.samples, 1.0), (replace(identified.samples, noise=found), 3.0)):
-        noise = End.of(samples, MID, 0.5, np.zeros(3), np.zeros(6)).noise
+        noise = End.from_window(samples, MID, 0.5, np.zeros(3), np.zeros(6)).noise
         assert noise.joint_position == joints * MID.joint_position
 
 

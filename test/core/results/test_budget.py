@@ -44,8 +44,8 @@ def known_budget() -> ErrorBudget:
 
 
 def test_the_shares_of_a_parameter_come_the_largest_first_without_the_least() -> None:
-    assert known_budget().of('mass') == {'link:base_link': 0.9, SENSOR_NOISE: 0.0996}
-    assert list(known_budget().of('com_y')) == ['zero:joint6', SENSOR_NOISE, 'link:base_link']
+    assert known_budget().shares_of('mass') == {'link:base_link': 0.9, SENSOR_NOISE: 0.0996}
+    assert list(known_budget().shares_of('com_y')) == ['zero:joint6', SENSOR_NOISE, 'link:base_link']
 
 
 def test_a_deferred_budget_is_computed_once_when_it_is_read_and_leaves_its_process_as_numbers() -> None:
@@ -57,8 +57,8 @@ def test_a_deferred_budget_is_computed_once_when_it_is_read_and_leaves_its_proce
 
     deferred = DeferredBudget(CAUSES, compute)
     assert (deferred.causes, calls) == (CAUSES, [])
-    assert deferred.of('mass') == known_budget().of('mass')
-    assert deferred.unchecked.all()
+    assert deferred.shares_of('mass') == known_budget().shares_of('mass')
+    assert deferred.unobserved.all()
     sent = pickle.loads(pickle.dumps(deferred))
     assert type(sent) is ErrorBudget
     np.testing.assert_array_equal(sent.shares, deferred.shares)
@@ -77,7 +77,7 @@ def test_what_is_not_determined_counts_nowhere() -> None:
     shares, std = known_budget().shares.copy(), np.where(known, STD, np.nan)
     shares[~known] = np.nan
     planar = ErrorBudget(CAUSES, shares)
-    assert planar.of('com_y') == {}
+    assert planar.shares_of('com_y') == {}
     assert planar.grouped(std)['centre of mass'] == pytest.approx(
         {SENSOR_NOISE: 0.6, 'link:base_link': 0.3, 'zero:joint6': 0.1}
     )
@@ -157,7 +157,7 @@ def curvature(shift: float, place: int) -> Curvature:
 def test_numbers_that_mix_parameters_are_judged_by_their_own_deviation() -> None:
     mixed = np.eye(10)
     mixed[IXX, MASS] = 100.0  # I_xx about a distant point: its deviation is the mass's
-    assert curvature(-3.0, IXX).straight(mixed).all()
+    assert curvature(-3.0, IXX).is_linear(mixed).all()
 
 
 def test_a_moment_about_the_centre_of_mass_is_near_linear_wherever_that_is() -> None:
@@ -218,7 +218,7 @@ def test_a_robot_known_as_well_as_by_default_is_limited_by_that_and_no_warning_s
     np.testing.assert_allclose(last.budget.shares.sum(axis=1), 1.0)
     assert last.budget.shares.min() > -1e-9
     # A satellite of half a tonne that is known to 1 %: worth more than a minute of sensor noise.
-    shares = last.budget.of('mass')
+    shares = last.budget.shares_of('mass')
     assert max(shares, key=lambda cause: shares[cause]) == 'link:base_link'
     assert shares[SENSOR_NOISE] < 0.2 * shares['link:base_link']
     assert 'All of the variance' not in html([made])

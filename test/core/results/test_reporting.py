@@ -99,7 +99,7 @@ def test_a_mass_observed_at_first_order_is_published_with_the_remainder(
     made = solution(0.01)
     own, along = made.covariance[:10, :10], np.linalg.inv(physical_jacobian(standard(BODY)))[:, 0]
     std = 0.01 * BODY[0]
-    bent = Curvature(shift * std * along[None], own, elsewhere=alike * own[None])
+    bent = Curvature(shift * std * along[None], own, covariances=alike * own[None])
     estimate, before = report(replace(made, curvatures=(bent,))), report(made)
     assert bool(estimate.identifiable[0]) is published
     assert estimate.std[1:] == pytest.approx(before.std[1:])
@@ -109,7 +109,7 @@ def test_a_mass_observed_at_first_order_is_published_with_the_remainder(
         assert (
             'observable only at second order: mass; known_links.total_mass helps: weigh the robot' in estimate.warnings
         )
-    assert report(replace(made, curvatures=(replace(bent, elsewhere=bent.elsewhere[:0]),))).identifiable[0] == (
+    assert report(replace(made, curvatures=(replace(bent, covariances=bent.covariances[:0]),))).identifiable[0] == (
         shift < 0.5
     )
 
@@ -209,14 +209,14 @@ CONTRADICTED = estimate(status='inconsistent')
 @pytest.mark.parametrize('useless', [NEGATIVE, NOTHING, CONTRADICTED], ids=['negative', 'nothing', 'contradicted'])
 def test_the_loss_of_usable_numbers_is_published_once(useless: Estimate) -> None:
     course = InertiaPublication()
-    assert course.follow(useless) is None
+    assert course.next_published(useless) is None
     for usable in (estimate(), planar()):
         assert is_usable(usable)
-        assert course.follow(usable) is usable
-        lost = some(course.follow(useless))
+        assert course.next_published(usable) is usable
+        lost = some(course.next_published(useless))
         assert np.all(np.isnan(lost.parameters))
         assert (lost.status, lost.stamp) == (useless.status, useless.stamp)
-        assert course.follow(useless) is None
+        assert course.next_published(useless) is None
 
 
 def test_a_link_is_complete_with_all_ten_numbers_alone() -> None:

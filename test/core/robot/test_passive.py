@@ -42,7 +42,7 @@ class Case:
         self.joints = list(joints)
         self.position, self.rate = rng.uniform(-1.0, 1.0, count), rng.normal(size=count)
         self.twist = rng.normal(size=6)
-        self.layout = Layout.of(self.kernel, ())
+        self.layout = Layout.from_unknowns(self.kernel, ())
 
     def state(self) -> State:
         """Return the state, and so its momentum."""

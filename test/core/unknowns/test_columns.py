@@ -19,7 +19,7 @@ from mbaid_ros.core.robot.orbit import FallingFrame, Orbit, momentum_rates
 from mbaid_ros.core.samples import BaseStream
 from mbaid_ros.core.unknowns.bodies import known_bodies, spin_inertias
 from mbaid_ros.core.unknowns.declaration import Reading, Unknown
-from mbaid_ros.core.unknowns.environment import Circle, OrbitShape, gravity, orbit_shape, rate_of
+from mbaid_ros.core.unknowns.environment import Circle, OrbitShape, gravity, orbit_rate, orbit_shape
 from mbaid_ros.core.unknowns.joints import JointPlacements, joint_placements
 from observed import kernel
 from random_robots import random_state, random_storage, random_urdf
@@ -202,7 +202,7 @@ def test_it_changes_the_momentum_as_an_orbit_does(seed: int) -> None:
     size = np.abs(expected).max()
     assert np.all(np.abs(found - expected)[0] < 1e-9 * size)  # at the begin it is that of the random_orbit
     assert np.all(np.abs(found - expected) < 0.01 * size)  # then up to what turning is of second order
-    assert rate_of(numbers(around)) == pytest.approx(RATE, rel=1e-9)
+    assert orbit_rate(numbers(around)) == pytest.approx(RATE, rel=1e-9)
 
 
 def test_its_prior_is_that_of_orbits_in_all_planes() -> None:

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from checked import some
 from floating import float_freely, make, normalised
 from mbaid_ros.core.filter.state import BODY, Layout
-from mbaid_ros.core.filter.time_update import _wandered
+from mbaid_ros.core.filter.time_update import _gauss_markov_step
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
@@ -39,7 +39,7 @@ def test_joints_that_deviate_with_their_angle_leave_nothing_in_a_window(
     off = SIZE * np.sin(angle)
     window = window_of(observe(replace(tumbling, joint_position=tumbling.joint_position - off * own), MID), SPACING)
     unknown = geared_joints(servicer7.model.joint_names)
-    layout = Layout.of(servicer7, (unknown,))
+    layout = Layout.from_unknowns(servicer7, (unknown,))
     numbers = np.zeros((servicer7.model.joints, 2))
     nothing, numbers[JOINT] = numbers.ravel().copy(), (SIZE, 0.0)
     found = []
@@ -106,7 +106,7 @@ def test_what_wanders_takes_the_pose_along() -> None:
     noise[places] = np.diag(deviation)
     noise[:poses] = stepped * deviation
     back = np.linalg.inv(root[:, :-2])
-    after = _wandered(root, places, kept, stepped, gained)
+    after = _gauss_markov_step(root, places, kept, stepped, gained)
     factor = np.linalg.inv(after[:, :-2])
     assert factor @ factor.T == pytest.approx(mapped @ back @ back.T @ mapped.T + noise @ noise.T)
     assert factor @ after[:, -1] == pytest.approx(mapped @ back @ root[:, -1])
@@ -119,7 +119,7 @@ def test_what_is_left_of_a_run_that_a_force_acted_in() -> None:
     space = Variables(scale, np.ones(size), np.eye(6), np.eye(6), np.zeros(size), scale, np.zeros((0, 0)), np.ones(6))
     root = np.triu(rng.normal(size=(size + 3, size + 3)) + 5.0 * np.eye(size + 3))
     both = np.column_stack((root, np.zeros(size + 3), rng.normal(size=size + 3)))
-    left = some(space.going_on(both, np.ones(size), exchanged=False).left)
+    left = some(space.for_new_target(both, np.ones(size), exchanged=False).previous_information)
     factor, before = np.linalg.inv(left[:, :-1]), np.linalg.inv(root)
     assert factor @ factor.T == pytest.approx((before @ before.T)[:size, :size])
     assert factor @ left[:, -1] == pytest.approx((before @ both[:, -1])[:size])

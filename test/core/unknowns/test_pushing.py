@@ -22,7 +22,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.orbit import Orbit
-from mbaid_ros.core.unknowns.environment import Pushing, external
+from mbaid_ros.core.unknowns.environment import DisturbanceModel, disturbances
 from mbaid_ros.session.session import Session
 from simulated import robot
 
@@ -32,20 +32,20 @@ WHOLE = np.array([[10.0, 1.0, -2.0, 5.0, *np.zeros(6)]])  # centre of mass (0.1,
 
 @pytest.mark.parametrize(('axes', 'rotation'), [('body', TURNED[0]), ('inertial', np.eye(3))])
 def test_a_force_acts_through_the_common_centre_of_mass_in_the_declared_axes(axes: str, rotation: Array) -> None:
-    push = Pushing(0.5, 30.0, axes)  # type: ignore[arg-type]
-    torque, force = external(push, push)
+    push = DisturbanceModel(0.5, 30.0, axes)  # type: ignore[arg-type]
+    torque, force = disturbances(push, push)
     where = WHOLE, np.zeros(3), np.zeros(1), TURNED
     np.testing.assert_allclose(torque.momentum_rates(*where)[0], np.vstack((np.zeros((3, 3)), rotation)))
     rates = force.momentum_rates(*where)[0]
     np.testing.assert_allclose(rates[:3], rotation)
     np.testing.assert_allclose(rates[3:], np.cross([0.1, -0.2, 0.5], rotation, axisb=0, axisc=0))
-    np.testing.assert_array_equal(force.times, [30.0] * 3)
+    np.testing.assert_array_equal(force.time_constants, [30.0] * 3)
     np.testing.assert_array_equal(force.factor, 0.5 * np.eye(3))
 
 
 def test_axes_of_the_orbit_turn_with_it() -> None:
     orbit = Orbit.inertial(1e-3, np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0]))
-    push = Pushing(0.5, 30.0, 'orbit', orbit)
+    push = DisturbanceModel(0.5, 30.0, 'orbit', orbit)
     times = np.array([0.0, 0.5e3 * np.pi])
     first, later = push.rotation(times, np.tile(np.eye(3), (2, 1, 1)))
     np.testing.assert_allclose(first[:, 2], [0.0, 0.0, 1.0], atol=1e-12)  # z of LVLH is down

@@ -87,7 +87,7 @@ def test_readings_are_off_as_the_rows_say(
     size = 5e-3 if unknown is DELAY else 1e-3
     # A window's mean twist stands for that at each of its instants.
     tolerance = 1e-2 if unknown in {DRIFT, SCALE} else 1e-3 if unknown is DELAY else 1e-5
-    layout = Layout.of(servicer7, (unknown,))
+    layout = Layout.from_unknowns(servicer7, (unknown,))
     here = layout.point(state(servicer7, start, np.zeros(6), np.zeros(unknown.count)))
     begin, end = (ERROR[unknown](exact, time, component) for time in (FIRST, LAST))
     parts = []
@@ -137,7 +137,7 @@ def gyro_window(
     """Return a window's model where some of the errors are known, and the state."""
     link = kernel.model.link(name) if name != 'base_link' else None
     unknown = gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, link=link))
-    layout = replace(Layout.of(kernel, (unknown,)), imu=link)
+    layout = replace(Layout.from_unknowns(kernel, (unknown,)), imu=link)
     x = state(kernel, start, np.zeros(6), known)
     assert len(x) == BODY.stop + 13
     return window_model(layout, window_of(samples, SPACING), layout.point(x)), x
@@ -167,7 +167,7 @@ def test_an_orientation_of_its_own_is_turned_as_its_axes_are(
 ) -> None:
     value = np.zeros(13)
     value[component] = SIZES[component]
-    layout = Layout.of(servicer7, (gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, with_orientation=True)),))
+    layout = Layout.from_unknowns(servicer7, (gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, with_orientation=True)),))
     state = np.concatenate((np.zeros(6), start, servicer7.target.parameters, value))
     read = measured(servicer7, exact, value)
     read = replace(read, base_rotation=read.base_rotation @ exp(value[6:9]))

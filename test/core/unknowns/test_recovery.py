@@ -21,7 +21,7 @@ from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.base import OdometryMount
 from mbaid_ros.core.unknowns.bodies import TargetPrior
-from mbaid_ros.core.unknowns.catalogue import CalibratedSide, Uncertainty, catalogue
+from mbaid_ros.core.unknowns.catalogue import CalibratedModel, Uncertainty, catalogue
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 from mbaid_ros.core.unknowns.sensors import GyroErrors
 from mbaid_ros.simulation.motion import Sinusoids
@@ -155,8 +155,8 @@ LIMIT = float(chi2.isf(1e-3, 4))
 
 def prior(robot: MomentumKernel, target: TargetPrior) -> tuple[Array, Array]:
     """Return mean (10,) and covariance (10, 10) that the filter starts with."""
-    space = variables(Layout.of(robot, ()), PlaneDetector(robot.model), Uncertainty(target=target))
-    distribution = MeanAndCovariance.of(SquareRootInformation.prior(space), space)
+    space = variables(Layout.from_unknowns(robot, ()), PlaneDetector(robot.model), Uncertainty(target=target))
+    distribution = MeanAndCovariance.from_gaussian(SquareRootInformation.prior(space), space)
     factor = distribution.factor[BODY]
     return distribution.mean[BODY], factor @ factor.T
 
@@ -185,10 +185,10 @@ def test_a_mass_and_a_centre_of_mass_that_are_known(servicer7: MomentumKernel) -
 
 def test_a_mass_that_is_held_takes_the_centre_of_mass_along(servicer7: MomentumKernel) -> None:
     uncertainty = Uncertainty(target=TargetPrior(MASS, MASS_STD, COM, COM_STD))
-    space = variables(Layout.of(servicer7, ()), PlaneDetector(servicer7.model), uncertainty)
+    space = variables(Layout.from_unknowns(servicer7, ()), PlaneDetector(servicer7.model), uncertainty)
     held = 100.0
     gaussian = SquareRootInformation.prior(space, mass=held)
-    distribution = MeanAndCovariance.of(gaussian, space)
+    distribution = MeanAndCovariance.from_gaussian(gaussian, space)
     assert distribution.mean[BODY][:4] == pytest.approx([held, *(held * np.array(COM))])
     # Nearer than it would be held is what is known of it.
     assert distribution.deviation[BODY.start] == pytest.approx(MASS_STD)
@@ -217,13 +217,13 @@ def test_an_imu_alone_has_no_odometry_mount(alone: bool) -> None:
     robot = kernel('servicer7')
     joints, rng = robot.model.joints, np.random.default_rng(1)
     factor = 1e-3 * rng.normal(size=(16 + 6 * joints, 16 + 6 * joints))
-    side = CalibratedSide((robot.model.links[0],), np.full(joints, 1e-3), np.full(6, 0.01), factor @ factor.T)
-    known, uncertainty = side.known_to(robot, Uncertainty(gyro=GyroErrors(bias=1e-3, alone=alone)))
+    side = CalibratedModel((robot.model.links[0],), np.full(joints, 1e-3), np.full(6, 0.01), factor @ factor.T)
+    known, uncertainty = side.with_kernel(robot, Uncertainty(gyro=GyroErrors(bias=1e-3, alone=alone)))
     unknowns = catalogue(known, uncertainty)
     assert any(isinstance(unknown, OdometryMount) for unknown in unknowns) is not alone
-    assert uncertainty.carried is not None
-    assert len(uncertainty.carried.mean) == sum(unknown.count for unknown in unknowns)
-    kept = uncertainty.carried.factor[: 10 + 6 * joints]
+    assert uncertainty.joint_prior is not None
+    assert len(uncertainty.joint_prior.mean) == sum(unknown.count for unknown in unknowns)
+    kept = uncertainty.joint_prior.factor[: 10 + 6 * joints]
     scale = np.concatenate([np.linalg.norm(unknown.factor, axis=0) for unknown in unknowns])[: len(kept)]
     covariance = kept @ kept.T * scale * scale[:, None]
     assert np.diag(covariance)[10:] == pytest.approx(np.diag(factor @ factor.T)[10:-6], rel=1e-6)
