@@ -12,7 +12,8 @@ from pathlib import Path
 
 from mbaid_ros.config.calibration import CalibrationConfig
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import ParameterSpec, Value, named_specifications, specifications
+from mbaid_ros.config.parameter_spec import ParameterSpec, Value
+from mbaid_ros.config.parameters import named_specifications, specifications
 from mbaid_ros.config.recorder import RecorderConfig
 from mbaid_ros.config.simulator import SimulatorConfig
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio
 
 from mbaid_ros.core import geometry
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation
-from mbaid_ros.core.robot.model import RobotModel, parse
+from mbaid_ros.core.robot.model import RobotModel, load_model, parse
 from mbaid_ros.core.robot.momentum import Storage
 
 KINDS = ('revolute', 'continuous', 'prismatic', 'fixed')
+NORMAL = np.array([0.0, 0.0, 1.0])  # of the plane of planar robots
 
 
 def random_inertial(rng: np.random.Generator) -> str:
@@ -49,6 +50,29 @@ def random_urdf(rng: np.random.Generator, joints: int = 6, chain: bool = False) 
             f'<axis xyz="{_text(axis / np.linalg.norm(axis))}"/>{limit}</joint>',
         ]
     return '\n'.join([*parts, '</robot>'])
+
+
+def spatial(seed: int) -> RobotModel:
+    return load_model(random_urdf(np.random.default_rng(seed), joints=7))
+
+
+def planar(seed: int) -> RobotModel:
+    """Return a flat tree: joints turn about z, or slide across it, and every body is its own image in the plane."""
+    model, rng = spatial(seed), np.random.default_rng([seed, 1])
+    across = np.column_stack((rng.normal(size=(model.joints, 2)), np.zeros(model.joints)))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    flat = np.array([1.0, 1.0, 0.0])
+    symmetric = np.array([1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0, 1.0])
+    return replace(
+        model,
+        axes=np.where(np.array(model.prismatic)[:, None], across, NORMAL),
+        rotations=geometry.exp(rng.uniform(-2.0, 2.0, (model.joints, 1)) * NORMAL),
+        positions=flat * model.positions,
+        links=tuple(
+            replace(link, rotation=np.eye(3), position=flat * link.position, parameters=symmetric * link.parameters)
+            for link in model.links
+        ),
+    )
 
 
 def random_state(rng: np.random.Generator, joints: int, count: int) -> tuple[Array, Array, Array, Array]:

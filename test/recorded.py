@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,9 @@ from mbaid_ros.simulation.simulation import Simulation, Truth
 from simulated import table1
 
 JOINT_STATE, ODOMETRY = JOINT_STATE_TYPE, ODOMETRY_TYPE
+TOPICS = '/joint_states', '/odom'
 EPOCH = 1_700_000_000  # s, stamp of the first sample
+Change = Callable[[int, Any], Any]  # the n-th message of a topic, as it is written; None leaves it out
 
 
 def messages(model: RobotModel, truth: Truth) -> Iterator[tuple[str, Any, int]]:
@@ -126,3 +129,29 @@ def as_bytes(message: Any) -> bytes:
 def again(data: bytes, type_name: str) -> Any:
     """Return the object that bytes hold."""
     return deserialize(data, type_name)
+
+
+def same(_number: int, message: Any) -> Any:
+    return message
+
+
+def changed(bag: str, path: Path, joints: Change, base: Change = same) -> str:
+    """Write a bag anew, with changed messages."""
+    with BagReader(bag) as before, BagWriter(path) as after:
+        for topic, kind, change in zip(TOPICS, (JOINT_STATE, ODOMETRY), (joints, base), strict=True):
+            after.add_topic(topic, kind)
+            for number, (_, message, time) in enumerate(before.read([topic])):
+                if (made := change(number, message)) is not None:
+                    after.write(topic, made, time)
+    return str(path)
+
+
+def stamped(stamp: Callable[[int], int], change: Change = same) -> Change:
+    """Return a change with the n-th message stamped with a number of nanoseconds of n."""
+
+    def also(number: int, message: Any) -> Any:
+        seconds, nanoseconds = divmod(stamp(number), 1_000_000_000)
+        time = replace(message.header.stamp, sec=seconds, nanosec=nanoseconds)
+        return change(number, replace(message, header=replace(message.header, stamp=time)))
+
+    return also

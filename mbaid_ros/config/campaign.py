@@ -10,7 +10,8 @@ from pathlib import Path
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file, read_robot_description, read_yaml
-from mbaid_ros.config.parameters import build, dotted, shown
+from mbaid_ros.config.parameter_spec import shown
+from mbaid_ros.config.parameters import build, dotted
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import MbaidError, ParameterError, listing
 

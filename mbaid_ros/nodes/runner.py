@@ -29,7 +29,8 @@ from rclpy.time_source import TimeSource
 from rclpy.utilities import remove_ros_args
 
 from mbaid_ros.config.files import load_parameter_file, parse_assignment
-from mbaid_ros.config.parameters import ParameterSpec, build, specification, specifications, values_of
+from mbaid_ros.config.parameter_spec import ParameterSpec
+from mbaid_ros.config.parameters import build, specification, specifications, values_of
 from mbaid_ros.core.errors import ParameterError
 
 T = TypeVar('T')

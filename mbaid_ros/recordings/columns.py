@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.config.files import read_yaml
-from mbaid_ros.config.parameters import shown
+from mbaid_ros.config.parameter_spec import shown
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.recordings.recording import Recording, turned_about_z

@@ -9,7 +9,8 @@ import numpy as np
 
 from mbaid_ros import limits
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import shown, values_of
+from mbaid_ros.config.parameter_spec import shown
+from mbaid_ros.config.parameters import values_of
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.trajectory.posterior import Continuation
 from mbaid_ros.files import parse_json, read_text

@@ -42,7 +42,7 @@ def twin(flown: Recording, seed: int) -> tuple[Recording, Array]:
     assert flown.joints, _NEEDED
     assert flown.stored, _NEEDED
     rng = np.random.default_rng(seed)
-    told = yaml.safe_load(flown.parameters)['/**']['ros__parameters']
+    declared = yaml.safe_load(flown.parameters)['/**']['ros__parameters']
     bodies = _drawn(flown.robot, rng)
     stamps = flown.imu.time
     time = stamps[0] + _GRID * np.arange(round((stamps[-1] - stamps[0]) / _GRID) + 1)
@@ -51,16 +51,17 @@ def twin(flown: Recording, seed: int) -> tuple[Recording, Array]:
     rotation = [rotation_from_quaternion(flown.imu.orientation[0])]
     for step in exp(0.5 * (rate[1:] + rate[:-1]) * _GRID):
         rotation.append(rotation[-1] @ step)
-    turned, imu, noise = np.array(rotation), told['imu'], told['noise']
-    torque = rotate(turned, _varying(time, told['disturbance']['torque_std'], told['disturbance']['torque_time'], rng))
+    turned, imu, noise = np.array(rotation), declared['imu'], declared['noise']
+    drift = declared['disturbance']
+    torque = rotate(turned, _varying(time, drift['torque_std'], drift['torque_time'], rng))
     begin = rotate(turned[:1], flown.stored.momentum[:1])[0]
-    stored = _stored(flown.robot, bodies, (time, turned, rate, joints), _orbit(told['orbit']), torque, begin)[place]
+    stored = _stored(flown.robot, bodies, (time, turned, rate, joints), _orbit(declared['orbit']), torque, begin)[place]
     read = rate[place] + imu['bias_std'] * rng.normal(size=3) + imu['noise_density'] * rng.normal(size=(len(place), 3))
     error = _varying(stamps, noise['base_orientation'], noise['base_correlation_time'], rng)
     late = _LATE * rng.uniform(-1.0, 1.0)
     shown = np.column_stack([np.interp(stamps - late, time, each) for each in joints.T])
     shown += noise['joint_position'] * rng.normal(size=shown.shape)
-    stored += told['wheels']['momentum_std'] * rng.normal(size=stored.shape)
+    stored += declared['wheels']['momentum_std'] * rng.normal(size=stored.shape)
     orientation = quaternion_from_rotation(turned[place] @ exp(error))
     return replace(
         flown,
@@ -85,10 +86,10 @@ def _smooth(stamps: Array, values: Array, time: Array) -> Array:
     return np.asarray(gaussian_filter1d(each, _SMOOTH / _GRID, axis=0))
 
 
-def _orbit(told: dict[str, float]) -> Orbit:
-    """Return the orbit that `convert` has put into the parameters."""
-    circle = Orbit.inertial(told['mean_motion'], np.array(told['nadir']), np.array(told['normal']))
-    return circle.with_eccentricity(told['eccentricity'], told['true_anomaly'])
+def _orbit(parameters: dict[str, float]) -> Orbit:
+    """Return the orbit that `convert` has written into the parameters."""
+    circle = Orbit.inertial(parameters['mean_motion'], np.array(parameters['nadir']), np.array(parameters['normal']))
+    return circle.with_eccentricity(parameters['eccentricity'], parameters['true_anomaly'])
 
 
 def _varying(time: Array, std: float, constant: float, rng: np.random.Generator) -> Array:

@@ -127,42 +127,29 @@ def write(folder: Path, text: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    ('section', 'node'),
+    ('section', 'applies', 'does_not'),
     [
-        ('/**', 'estimator'),
-        ('/**', '/arm/estimator'),
-        ('estimator', 'estimator'),
-        ('/estimator', 'estimator'),
-        ('/arm/estimator', 'estimator'),
-        ('/arm/estimator', '/arm/estimator'),
-        ('/*/estimator', '/arm/estimator'),
-        ('/**/estimator', '/left/arm/estimator'),
-        ('/**/estimator', 'estimator'),
-        ('/arm/*', '/arm/estimator'),
-        ('/*', 'estimator'),
+        ('/**', ['estimator', '/arm/estimator'], []),
+        ('estimator', ['estimator'], ['/arm/estimator']),
+        ('/estimator', ['estimator'], []),
+        ('/arm/estimator', ['estimator', '/arm/estimator'], ['/estimator']),
+        ('/*/estimator', ['/arm/estimator'], []),
+        ('/**/estimator', ['/left/arm/estimator', 'estimator'], []),
+        ('/arm/*', ['/arm/estimator'], []),
+        ('/*', ['estimator'], ['/arm/estimator']),
+        ('/leg/estimator', [], ['/arm/estimator']),
+        ('estimato', [], ['estimator']),
+        ('simulator', [], ['estimator']),
     ],
 )
-def test_sections_that_apply(tmp_path: Path, section: str, node: str) -> None:
+def test_nodes_that_a_section_applies_to(tmp_path: Path, section: str, applies: list[str], does_not: list[str]) -> None:
     path = write(tmp_path, f'{section}:\n  ros__parameters:\n    window: 2.0\n')
-    assert load_parameter_file(path, node) == {'window': 2.0}
-
-
-@pytest.mark.parametrize(
-    ('section', 'node'),
-    [
-        ('simulator', 'estimator'),
-        ('/leg/estimator', '/arm/estimator'),
-        ('/*', '/arm/estimator'),
-        ('estimato', 'estimator'),
-        ('estimator', '/arm/estimator'),
-        ('/arm/estimator', '/estimator'),
-    ],
-)
-def test_sections_that_do_not_apply(tmp_path: Path, section: str, node: str) -> None:
-    path = write(tmp_path, f'{section}:\n  ros__parameters:\n    window: 2.0\n')
-    with pytest.raises(ParameterError, match='has no section for node') as caught:
-        load_parameter_file(path, node)
-    assert section.strip('/') in str(caught.value)
+    for node in applies:
+        assert load_parameter_file(path, node) == {'window': 2.0}
+    for node in does_not:
+        with pytest.raises(ParameterError, match='has no section for node') as caught:
+            load_parameter_file(path, node)
+        assert section.strip('/') in str(caught.value)
 
 
 def test_names_may_be_nested_or_dotted_and_a_later_section_wins(tmp_path: Path) -> None:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, Packets, packer
+from checked import some
+from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, Packer, Packets, packer
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.messages.fields import (
@@ -95,8 +96,7 @@ def odometries(seed: int) -> list[bytes]:
 
 def mixed(data: list[bytes], type_name: str, mixture: str) -> tuple[list[Any], list[Any]]:
     """Return messages as objects, and as a mixture."""
-    make = packer(type_name)
-    assert make is not None
+    make: Packer[Any] = some(packer(type_name))
     packets = [make(each) for each in data]
     assert None not in packets
     objects = [again(each, type_name) for each in data]
@@ -151,9 +151,7 @@ def test_odometry(seed: int, parameters: dict[str, object], mixture: str) -> Non
             expected.read(objects[part]),
             found.read(arranged(given[part], mixture)),
         )
-        assert stream is not None
-        assert other is not None
-        assert bits(stream) == bits(other)
+        assert bits(some(stream)) == bits(some(other))
         assert dropped == other_dropped
         for name in ('frame', 'other_child_frame', 'replaced'):
             assert getattr(expected, name) == getattr(found, name)
@@ -167,9 +165,8 @@ def test_the_numbers_are_those_of_the_messages() -> None:
     numbers = random.standard_normal((4, 13))
     numbers[:, 3:7] = [0.0, 0.0, 0.0, 1.0]
     position, velocity = random.standard_normal((2, 4, 4))
-    make_joints, make_odometry = packer(JOINT_STATE_TYPE), packer(ODOMETRY_TYPE)
-    assert make_joints is not None
-    assert make_odometry is not None
+    make_joints: Packer[Any] = some(packer(JOINT_STATE_TYPE))
+    make_odometry: Packer[Any] = some(packer(ODOMETRY_TYPE))
     names = ['joint3', 'joint1', 'joint4', 'joint2']
     run = session({})
     joints = [as_bytes(joint_state(names, *row, stamp=9)) for row in zip(position, velocity, strict=True)]
@@ -179,7 +176,7 @@ def test_the_numbers_are_those_of_the_messages() -> None:
     order = [1, 3, 0, 2]
     assert np.array_equal(streams[0, 1, 2, 3].position, position[:, order])
     assert np.array_equal(streams[0, 1, 2, 3].velocity, velocity[:, order])
-    assert base is not None
+    base = some(base)
     assert np.array_equal(base.position, numbers[:, :3])
     assert np.array_equal(base.linear_velocity, numbers[:, 7:10])
     assert np.array_equal(base.angular_velocity, numbers[:, 10:])

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from checked import some
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
@@ -65,20 +66,17 @@ def write(folder: Path, *, scale: float = 1.0, drift: float = 0.0) -> Array:
 def test_attitude_rates_and_momentum_are_those_that_were_flown(tmp_path: Path, drift: float) -> None:
     momentum = write(tmp_path, drift=drift)
     found = read_iss(tmp_path, FIRST - 0.01, FIRST + 1.0)
-    assert found.imu is not None
-    assert found.imu.orientation is not None
-    assert found.stored is not None
-    assert found.joints is not None
-    rotation = rotation_from_quaternion(found.imu.orientation)
-    turned = log(np.swapaxes(rotation[:-1], -1, -2) @ rotation[1:]) / np.diff(found.imu.time)[:, None]
+    imu, joints = some(found.imu), some(found.joints)
+    rotation = rotation_from_quaternion(some(imu.orientation))
+    turned = log(np.swapaxes(rotation[:-1], -1, -2) @ rotation[1:]) / np.diff(imu.time)[:, None]
     # What the orientation turns is what the gyro reads, in the plane of the orbit: nadir stays in it.
-    np.testing.assert_allclose(turned, found.imu.angular_velocity[1:], atol=2e-9)
+    np.testing.assert_allclose(turned, imu.angular_velocity[1:], atol=2e-9)
     np.testing.assert_allclose(rotation[:, [0, 2], 1], 0.0, atol=1e-5)  # the body's y is the plane's normal
-    np.testing.assert_allclose(found.stored.momentum, momentum, atol=0.5)
+    np.testing.assert_allclose(some(found.stored).momentum, momentum, atol=0.5)
     assert f'mean_motion: {MOTION:.3g}' in found.parameters
-    last = found.joints.position[-1] - found.joints.position[0]
+    last = joints.position[-1] - joints.position[0]
     np.testing.assert_allclose(np.degrees(last), [-36.0, 36.0], atol=0.1)
-    np.testing.assert_array_equal(found.joints.position[700], found.joints.position[-1])  # it stands
+    np.testing.assert_array_equal(joints.position[700], joints.position[-1])  # it stands
 
 
 def test_the_start_is_found_where_the_magnitude_has_other_minima() -> None:

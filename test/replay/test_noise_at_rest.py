@@ -21,11 +21,10 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.replay.at_rest import measure
 from mbaid_ros.replay.start import noise_at_rest as main
 from mbaid_ros.replay.start import simulate
-from recorded import JOINT_STATE, ODOMETRY
+from recorded import JOINT_STATE, TOPICS, Change, changed, same, stamped
 from simulated import CONFIG, assigned
 
 refused = partial(answer, main, code=2)
-TOPICS = '/joint_states', '/odom'
 RATE = 100.0  # Hz, of both topics
 NOISE = {
     'joint_position': 2e-4,
@@ -37,7 +36,6 @@ NOISE = {
 }
 BRAKED, JOINTS = 'accepted: 5 s with the joints braked', "'/joint_states' of bag '"
 Course = Callable[[float], float]  # of a joint over time, s
-Change = Callable[[int, Any], Any]  # the n-th message of a topic, as it is written; None leaves it out
 
 
 @pytest.fixture(scope='module', name='bag')
@@ -52,21 +50,6 @@ def bag_at_rest(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
-def same(_number: int, message: Any) -> Any:
-    return message
-
-
-def changed(bag: str, path: Path, joints: Change, base: Change = same) -> str:
-    """Write a bag anew, with changed messages."""
-    with BagReader(bag) as before, BagWriter(path) as after:
-        for topic, kind, change in zip(TOPICS, (JOINT_STATE, ODOMETRY), (joints, base), strict=True):
-            after.add_topic(topic, kind)
-            for number, (_, message, time) in enumerate(before.read([topic])):
-                if (made := change(number, message)) is not None:
-                    after.write(topic, made, time)
-    return str(path)
-
-
 def turned(path: Course, joint: int = 2) -> Change:
     """Return what turns a joint along a path over time (s)."""
 
@@ -76,17 +59,6 @@ def turned(path: Course, joint: int = 2) -> Change:
         return replace(message, position=position)
 
     return change
-
-
-def stamped(stamp: Callable[[int], int], change: Change = same) -> Change:
-    """Return a change with the n-th message stamped with a number of nanoseconds of n."""
-
-    def also(number: int, message: Any) -> Any:
-        seconds, nanoseconds = divmod(stamp(number), 1_000_000_000)
-        time = replace(message.header.stamp, sec=seconds, nanosec=nanoseconds)
-        return change(number, replace(message, header=replace(message.header, stamp=time)))
-
-    return also
 
 
 def until(end: float, change: Change) -> Change:
@@ -121,10 +93,7 @@ def test_it_finds_the_noise_that_was_added_and_prints_a_parameter_file(
     assert found.warnings == ()
     # Of several hundred samples, and the noisiest of up to seven channels.
     assert found.stds == pytest.approx(NOISE, rel=0.15)
-    assert main([bag]) == 0
-    captured = capsys.readouterr()
-    assert captured.err == ''
-    given = declared_by(captured.out, tmp_path)
+    given = declared_by(answer(main, capsys, bag), tmp_path)
     assert {name: getattr(given, name) for name in NOISE} == pytest.approx(dict(NOISE), rel=0.3)
 
 
@@ -269,13 +238,11 @@ def test_poses_without_a_twist_are_measured(bag: str, tmp_path: Path, capsys: py
                 after.write('/mocap', message_class(kind)(header=message.header, pose=message.pose.pose), time)
             else:
                 after.write(topic, message, time)
-    assert main([str(path), '--pose', '/mocap']) == 0
-    captured = capsys.readouterr()
-    assert captured.err == ''
-    given = declared_by(captured.out, tmp_path)
+    text = answer(main, capsys, str(path), '--pose', '/mocap')
+    given = declared_by(text, tmp_path)
     measured = [name for name in NOISE if 'velocity' not in name]
     assert [getattr(given, name) for name in measured] == pytest.approx([NOISE[name] for name in measured], rel=0.15)
-    assert '# base_linear_velocity: not measured' in captured.out
+    assert '# base_linear_velocity: not measured' in text
 
 
 def with_wheel(angle: Course, speed: float = 400.0) -> Change:

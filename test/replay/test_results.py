@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from checked import some
 from documents import ROOT
 from made_runs import BODY, STD, estimate, run
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -154,8 +155,7 @@ def history(late: float, seconds: int = 60) -> list[Estimate]:
 
 @pytest.mark.parametrize('late', [0.1, 1.0, 3.0])
 def test_the_ratio_is_that_of_the_last_part_under_the_hypothesis_that_predicts_it_best(late: float) -> None:
-    found = holdout_of(history(late), 0.2)
-    assert found is not None
+    found = some(holdout_of(history(late), 0.2))
     assert found.ratio == pytest.approx(late)
     assert found.begin == 48.0
     words = 'does not predict' if late > 1.0 else 'smaller than declared' if late < 1.0 else 'the model predicts'
@@ -167,8 +167,7 @@ def test_no_ratio_is_given_where_no_one_solution_covers_both_parts() -> None:
     moved = Event(50.0, 'target_changed', np.zeros(3), np.zeros(3), 'the body moved')
     started_late = [replace(each, innovations=np.zeros((0, 2))) if each.time < 50 else each for each in made]
     for each in ([*made[:-1], replace(made[-1], events=(moved,))], started_late):
-        found = holdout_of(each, 0.2)
-        assert found is not None
+        found = some(holdout_of(each, 0.2))
         assert np.isnan(found.ratio)
         assert 'no one solution' in found.sentence
         assert as_json(replace(run(), holdout=found))['holdout'] == {'fraction': 0.2, 'ratio': None}
@@ -178,15 +177,13 @@ def test_no_ratio_is_given_where_no_one_solution_covers_both_parts() -> None:
 @pytest.mark.parametrize('late', [1.0, 3.0])
 def test_a_contradicted_run_that_has_adapted_to_a_wrong_model_is_not_judged(late: float) -> None:
     last = [replace(each, status='inconsistent') for each in history(late)]
-    found = holdout_of(last, 0.2)
-    assert found is not None
+    found = some(holdout_of(last, 0.2))
     assert np.isnan(found.ratio) == (late == 1.0)
     assert ('contradicted' if late == 1.0 else 'does not predict') in found.sentence
 
 
 def test_json_text_and_report_have_it() -> None:
-    found = holdout_of(history(1.0), 0.2)
-    assert found is not None
+    found = some(holdout_of(history(1.0), 0.2))
     asked = replace(run(), holdout=found)
     assert as_json(run())['holdout'] is None
     assert as_json(asked)['holdout'] == {'fraction': 0.2, 'ratio': pytest.approx(1.0)}
@@ -209,6 +206,5 @@ def test_a_right_model_predicts_a_recorded_run_and_one_without_the_debris_does_n
     urdf = robot('servicer7').urdf.replace('<mass value="162"/>', f'<mass value="{mass}"/>')
     config = build(EstimatorConfig, {'target_link': 'link7' if mass == '162' else 'link6'})
     made = replay_bag(str(ROOT / 'bags' / 'servicer7_mid'), config, urdf, Inputs())
-    found = holdout_of(made.history, 0.2)
-    assert found is not None
+    found = some(holdout_of(made.history, 0.2))
     assert least < found.ratio < most

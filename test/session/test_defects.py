@@ -11,6 +11,7 @@ import pytest
 
 import defects
 from benchmarks.honesty import readings
+from checked import some
 from defects import JOINTS, ODOMETRY, Arrival, Defect, arrivals, changed, estimates, shifted
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
@@ -19,9 +20,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.sensors.outliers import OUTLIER, REPEATED_POSE
 from mbaid_ros.core.two_stage import FIRST_ESTIMATE
-from mbaid_ros.messages.fields import (
-    stamp_of,
-)
+from mbaid_ros.messages.fields import stamp_of
 from mbaid_ros.session.explanation import intake_warnings
 from mbaid_ros.session.session import Session
 from recorded import of
@@ -128,9 +127,9 @@ def test_odometry_of_a_navigation_filter_is_as_uncertain_as_reported(constant: f
         messages = arrivals(ROBOT, 20.0, seed, read=defects.navigation(constant, declared))
         last = estimates(ROBOT, messages)[0][-1]
         assert last.status in {'estimating', 'converged'}
-        assert last.noise is not None
-        assert last.noise.correlation_time > 0.7 * constant
-        assert last.noise.twist_correlation_time > 0.7 * constant
+        noise = some(last.noise)
+        assert noise.correlation_time > 0.7 * constant
+        assert noise.twist_correlation_time > 0.7 * constant
         wrong = any('the declared noise of the odometry is wrong: base position' in text for text in last.warnings)
         assert wrong or 0.5 < declared < 2.0
         within.append(np.abs(last.parameters - truth) / last.std)
@@ -159,8 +158,7 @@ def test_noise_that_is_declared_wrong_makes_no_difference_where_it_is_found(fact
     wrong = {f'noise.{name}': factor * value for name, value in zip(names, (1e-4, 1e-3, 1e-3, 1e-4), strict=True)}
     last = estimates(ROBOT, clean(), {**wrong, 'noise.estimate': True})[0][-1]
     assert last.status == undisturbed().status
-    assert last.noise is not None
-    assert last.noise.estimated == pytest.approx([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4], rel=0.12)
+    assert some(last.noise).estimated == pytest.approx([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4], rel=0.12)
     assert np.all(np.abs(last.std / undisturbed().std - 1.0) < 0.15)
 
 
@@ -187,16 +185,15 @@ def test_undeclared_noise_is_estimated() -> None:
     silent = changed(ODOMETRY, defects.no_covariance)(clean())
     last = estimates(ROBOT, silent)[0][-1]
     assert last.status == undisturbed().status
-    assert last.noise is not None
-    assert last.noise.used.all()
-    assert np.isnan(last.noise.declared).all()
-    assert last.noise.estimated == pytest.approx([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4], rel=0.12)
-    assert last.noise.differences()[-1].startswith('no noise is declared for joint position (')
+    noise = some(last.noise)
+    assert noise.used.all()
+    assert np.isnan(noise.declared).all()
+    assert noise.estimated == pytest.approx([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4], rel=0.12)
+    assert noise.differences()[-1].startswith('no noise is declared for joint position (')
     assert np.all(np.abs(last.std / undisturbed().std - 1.0) < 0.15)
     # Of one sensor it is declared, five times too large: that one counts as declared.
     declared = estimates(ROBOT, silent, {'noise.base_position': 5e-3, 'noise.trust_declared': True})[0][-1]
-    assert declared.noise is not None
-    assert declared.noise.used.tolist() == [True, True, False, True, True, True]
+    assert some(declared.noise).used.tolist() == [True, True, False, True, True, True]
     assert declared.std[1:4].mean() > 1.1 * last.std[1:4].mean()
 
 
@@ -214,8 +211,7 @@ def test_slow_poses_of_undeclared_noise_contradict_nothing() -> None:
     last = estimates(ROBOT, messages)[0][-1]
     assert last.status != 'inconsistent'
     assert last.residual < 1.3
-    assert last.noise is not None
-    assert last.noise.estimated[2] == pytest.approx(0.02, rel=0.2)
+    assert some(last.noise).estimated[2] == pytest.approx(0.02, rel=0.2)
 
 
 def test_slow_odometry_that_is_declared_ten_times_too_precise_contradicts_nothing() -> None:

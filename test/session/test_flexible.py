@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -17,16 +16,11 @@ from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
+from sessions import NOISE, feed
 from simulated import CONFIG
 
-NOISE = {
-    **dict(zip(('noise.joint_position', 'noise.joint_velocity'), (1e-4, 1e-3), strict=True)),
-    **{f'noise.base_{part}': 1e-3 for part in ('position', 'linear_velocity')},
-    **{f'noise.base_{part}': 1e-4 for part in ('orientation', 'angular_velocity')},
-}
 FAR = 4.0  # standard deviations of a frequency: one in 16 000
 # Of each robot: URDF, passive joints, frequencies (Hz), deflections at the start (rad or m).
 ROBOTS = {
@@ -64,12 +58,6 @@ def declared(name: str, wrong: float, **more: object) -> dict[str, object]:
     return {'flexible.joints': list(joints), **each, **more}
 
 
-def feed(messages: Sequence[TimedMessage], into: Session) -> Estimate:
-    for each in messages:
-        (into.add_joint_state if each.topic == 'joint_states' else into.add_odometry)(each.message)
-    return into.process()[-1]
-
-
 @pytest.mark.parametrize(
     ('name', 'seeds'),
     [
@@ -85,7 +73,7 @@ def test_what_swings_is_found_along(name: str, seeds: int) -> None:
     surprises = []
     for seed in range(1, 1 + seeds):
         run, messages = simulated(name, seed, 25.0)
-        last = feed(messages, session(urdf, **declared(name, 0.04 * (-1.0) ** seed)))
+        last = feed(messages, session(urdf, **declared(name, 0.04 * (-1.0) ** seed)))[-1]
         assert last.status in {'estimating', 'converged'}, last.warnings
         assert last.identifiable.all()
         error = last.parameters - run.target_inertia
@@ -102,7 +90,7 @@ def test_what_swings_is_found_along(name: str, seeds: int) -> None:
 
 def test_joints_that_messages_hold_all_the_same_are_not_read() -> None:
     _, messages = simulated('panels', 1, 8.0)
-    alone = feed(messages, session(ROBOTS['panels'][0], **declared('panels', 0.02)))
+    alone = feed(messages, session(ROBOTS['panels'][0], **declared('panels', 0.02)))[-1]
     beside = session(ROBOTS['panels'][0], **declared('panels', 0.02))
     for each in messages:
         if each.topic == 'odom':
@@ -134,7 +122,7 @@ def test_a_compliant_grasp_is_identified_with_windows_of_its_period() -> None:
     assert session(with_grasp(), **parameters, window=1.0).config.window == 1.0
     own = session(with_grasp(), **parameters)
     assert own.config.window == 1.0  # by default 0.5 s, half a period
-    last = feed(messages, own)
+    last = feed(messages, own)[-1]
     assert last.status in {'estimating', 'converged'}, last.warnings
     error = last.parameters - run.target_inertia
     assert error @ np.linalg.solve(last.covariance, error) < chi2.isf(1e-3, 10)
@@ -144,7 +132,7 @@ def test_a_compliant_grasp_is_identified_with_windows_of_its_period() -> None:
 def test_a_frequency_far_from_its_declaration_contradicts() -> None:
     _, messages = simulated('panels', 1, 25.0)
     exact = {f'flexible.{joint}.frequency_relative_std': 0.01 for joint in PANELS}
-    last = feed(messages, session(ROBOTS['panels'][0], **declared('panels', 0.06, **exact)))
+    last = feed(messages, session(ROBOTS['panels'][0], **declared('panels', 0.06, **exact)))[-1]
     assert last.contradicted
     assert any('flexible.panel' in text for text in last.warnings)
 

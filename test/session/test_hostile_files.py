@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,8 +75,10 @@ PARAMETERS = {
 }
 
 
-def refused_by(error: MbaidError, text: str) -> None:
-    line = str(error)
+def is_refused(reader: Callable[[Any], object], path: object, text: str) -> None:
+    with pytest.raises(MbaidError) as caught:
+        reader(path)
+    line = str(caught.value)
     assert text in line
     assert '\n' not in line
     assert len(line) < 3_000
@@ -97,9 +100,7 @@ def parameters_in(path: Path) -> object:
 def test_robots_and_parameters(reader: Callable[[Path], object], content: str, text: str, tmp_path: Path) -> None:
     path = tmp_path / 'file'
     path.write_text(content)
-    with pytest.raises(MbaidError) as caught:
-        reader(path)
-    refused_by(caught.value, text)
+    is_refused(reader, path, text)
 
 
 @pytest.mark.parametrize(
@@ -109,9 +110,7 @@ def test_pipes_and_folders(reader: Callable[[Path], object], tmp_path: Path) -> 
     pipe = tmp_path / 'pipe'
     os.mkfifo(pipe)
     for path, kind in ((pipe, 'a pipe'), (tmp_path, 'a folder'), (Path('/dev/zero'), 'a device')):
-        with pytest.raises(MbaidError) as caught:
-            reader(path)
-        refused_by(caught.value, f'it is {kind}; accepted: a regular file')
+        is_refused(reader, path, f'it is {kind}; accepted: a regular file')
 
 
 TRUTH = {
@@ -145,9 +144,7 @@ def test_truths(name: str, tmp_path: Path) -> None:
     content, text = TRUTHS[name]
     path = tmp_path / 'truth.json'
     path.write_text(content)
-    with pytest.raises(MbaidError) as caught:
-        read_truth(path)
-    refused_by(caught.value, text)
+    is_refused(read_truth, path, text)
     beside = truth_beside(str(tmp_path))
     assert beside is not None
     assert text in beside.problem
@@ -157,9 +154,7 @@ def test_results_and_calibrations_of_many_values(tmp_path: Path) -> None:
     path = tmp_path / 'results.json'
     path.write_text('[' + '[],' * 7_000_000 + '[]]')
     for read in (read_identified, read_calibration):
-        with pytest.raises(MbaidError) as caught:
-            read(str(path))
-        refused_by(caught.value, 'more than 6000000 values')
+        is_refused(read, str(path), 'more than 6000000 values')
 
 
 # -- The robot of a run: its survey, and its collision meshes.

@@ -156,10 +156,7 @@ def moved_joint(distance: float = 1e-4) -> dict[str, Any]:
         ({'links': {}, 'joints': {}, 'covariance': None}, 'is no calibration: '),
         ({**content(), 'joints': moved_joint()}, "joint 'joint4' is elsewhere in the robot description than in"),
         ({**content(), 'joints': {f'{x}_': y for x, y in joints().items()}}, 'has the joints joint1_, '),
-        (
-            {**content(), 'status': 'inconsistent'},
-            'must not be trusted, for its data contradict the model; accepted',
-        ),
+        ({**content(), 'status': 'inconsistent'}, 'must not be trusted, for its data contradict the model; accepted'),
         (
             content(matrix=[[1.0]]),
             'is no calibration: values and covariance of 8 links and 7 joints have the shapes (128,), (1, 1)',

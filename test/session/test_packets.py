@@ -34,32 +34,24 @@ ROBOT, SECONDS = 'servicer7', 2.6
 INPUTS = Inputs(JOINTS, ODOMETRY)
 
 
-def jump_back(messages: list[Arrival]) -> list[Arrival]:
-    return [*messages, *messages]
+def restamped(places: Sequence[int], seconds: Callable[[Arrival], float]) -> Callable[[list[Arrival]], list[Arrival]]:
+    """Return a defect that shifts the stamps of some messages."""
 
+    def defect(messages: list[Arrival]) -> list[Arrival]:
+        messages = list(messages)
+        for place in places:
+            change = defects.shifted(seconds(messages[place]))
+            (messages[place],) = defects.changed(messages[place].topic, change)([messages[place]])
+        return messages
 
-def stray(messages: list[Arrival]) -> list[Arrival]:
-    messages = list(messages)
-    for place in (40, 141, 142, 260):
-        (late,) = defects.changed(messages[place].topic, defects.shifted(100.0))([messages[place]])
-        messages[place] = late
-    return messages
-
-
-def unset(messages: list[Arrival]) -> list[Arrival]:
-    messages = list(messages)
-    for place in (0, 77, 200):
-        stamp = defects.stamp_of(messages[place])
-        (zero,) = defects.changed(messages[place].topic, defects.shifted(-stamp * 1e-9))([messages[place]])
-        messages[place] = zero
-    return messages
+    return defect
 
 
 STREAMS: dict[str, Callable[[list[Arrival]], list[Arrival]]] = {
     'as they come': lambda messages: messages,
-    'jump back': jump_back,
-    'stray stamps': stray,
-    'stamps not set': unset,
+    'jump back': lambda messages: [*messages, *messages],
+    'stray stamps': restamped((40, 141, 142, 260), lambda _: 100.0),
+    'stamps not set': restamped((0, 77, 200), lambda message: -1e-9 * defects.stamp_of(message)),
     'halves': defects.in_halves,
     'without rates': defects.changed(JOINTS, defects.no_rates),
     'in another order': lambda messages: [messages[k ^ 1] for k in range(len(messages))],

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from checked import some
 from mbaid_ros.bags import BAG_TYPES, BagWriter
 from mbaid_ros.calibration import iteration
 from mbaid_ros.config.parameters import build
@@ -51,6 +52,8 @@ _SIMULATOR: dict[str, object] = {
     'noise.joint_position': 1e-3,
 }
 
+BELIEVED = [2.4e-4, 3e-4, 3.7e-4, 0.0, -2e-5, 1.5e-5]  # kg m^2
+FAST_IMU: dict[str, object] = {'imu.rate': 2000.0, 'imu.bias': [2e-3, -1e-3, 2e-3], 'imu.scale': [1e-3, -2e-3, 1e-3]}
 AT_REST: dict[str, object] = {'motion.amplitudes': [0.0], 'initial.joint_positions': [0.0]}  # the wheel
 
 
@@ -103,15 +106,8 @@ def calibrated(
 
 
 def test_a_thrown_body_with_a_flywheel_is_calibrated(tmp_path: Path) -> None:
-    values: dict[str, object] = {
-        'imu.rate': 2000.0,
-        'imu.bias': [2e-3, -1e-3, 2e-3],
-        'imu.scale': [1e-3, -2e-3, 1e-3],
-        'initial.base_angular_velocity': [1.8, -2.0, 14.7],
-    }
-    record(tmp_path, values, 0.5)
-    found = calibrated(tmp_path, [2.4e-4, 3e-4, 3.7e-4, 0.0, -2e-5, 1.5e-5])
-    assert found is not None
+    record(tmp_path, {**FAST_IMU, 'initial.base_angular_velocity': [1.8, -2.0, 14.7]}, 0.5)
+    found = some(calibrated(tmp_path, BELIEVED))
     inertia, std = found['links']['base_link']['estimate']['inertia'], found['links']['base_link']['std']['inertia']
     assert 0.7 < found['residual'] < 1.3
     for name, value in INERTIA.items():
@@ -123,17 +119,9 @@ def test_a_thrown_body_with_a_flywheel_is_calibrated(tmp_path: Path) -> None:
 def test_a_tumbling_body_with_joints_at_rest_determines_the_ratios_of_its_moments(
     tmp_path: Path, seed: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    values: dict[str, object] = {
-        'seed': seed,
-        'imu.rate': 2000.0,
-        'imu.bias': [2e-3, -1e-3, 2e-3],
-        'imu.scale': [1e-3, -2e-3, 1e-3],
-        'initial.base_angular_velocity': [5.8, -6.0, 11.7],
-        **AT_REST,
-    }
+    values = {**FAST_IMU, **AT_REST, 'seed': seed, 'initial.base_angular_velocity': [5.8, -6.0, 11.7]}
     record(tmp_path, values, 0.5)
-    found = calibrated(tmp_path, [2.4e-4, 3e-4, 3.7e-4, 0.0, -2e-5, 1.5e-5])
-    assert found is not None
+    found = some(calibrated(tmp_path, BELIEVED))
     link = found['links']['base_link']
     ratios, trace = link['inertia_ratios'], sum(INERTIA[name] for name in ('ixx', 'iyy', 'izz'))
     for name, value in INERTIA.items():
@@ -172,7 +160,6 @@ def test_first_windows_that_lead_astray_do_not_keep_a_throw_from_its_solution(
 
 # -- A torque from outside on a thrown body: declared, it is estimated along, in every throw another one.
 
-BELIEVED = [2.4e-4, 3e-4, 3.7e-4, 0.0, -2e-5, 1.5e-5]  # kg m^2
 DECLARED = 'disturbance: {torque_std: 5.0e-4}\n    window: 0.005'
 
 
@@ -191,8 +178,7 @@ def throw(folder: Path, seed: int, torque: list[float], name: str = 'throw') -> 
 
 def off(found: dict[str, Any] | None) -> Array:
     """Return by how many of its standard deviations each element of the body's inertia is off, (6,)."""
-    assert found is not None
-    link = found['links']['base_link']
+    link = some(found)['links']['base_link']
     pairs = [
         (link['estimate']['inertia'][name] - value, link['std']['inertia'][name]) for name, value in INERTIA.items()
     ]

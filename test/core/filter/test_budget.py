@@ -146,11 +146,7 @@ SEED = 2  # of a robot whose odometry is mounted two standard deviations off
 MASS, MASS_STD = 180.0, 1.8  # kg
 MOUNT = 2e-3  # m
 # As the estimator's defaults have it.
-UNCERTAIN = {
-    **DECLARED,
-    'odometry_mount__position_std': MOUNT,
-    'odometry_mount__orientation_std': 2e-3,
-}
+UNCERTAIN = {**DECLARED, 'odometry_mount__position_std': MOUNT, 'odometry_mount__orientation_std': 2e-3}
 # A base that one flywheel turns, which moves no mass: of the base's mass nothing is seen, and of its CoM only where it
 # is in the frame that the odometry locates.
 URDF = f"""\

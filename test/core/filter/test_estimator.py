@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from checked import some
 from floating import errors, follow, normalised, true_momentum
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
@@ -120,8 +121,7 @@ def halves(seed: int) -> tuple[list[Samples], list[Samples]]:
 
 
 def left_by(method: Estimator) -> Continuation:
-    known = posterior_of(method)
-    assert known is not None
+    known = some(posterior_of(method))
     return known.continuation
 
 
@@ -158,8 +158,7 @@ def test_the_file_of_a_run_holds_it_and_is_of_that_robot(
         path.write_text(json.dumps(content), encoding='utf-8')
 
     written()
-    found = read_continuation(config, URDF)
-    assert found is not None
+    found = some(read_continuation(config, URDF))
     assert not found.planar
     np.testing.assert_array_equal(found.root, left.root)
     np.testing.assert_array_equal(found.bias, left.bias)

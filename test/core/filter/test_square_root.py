@@ -12,10 +12,7 @@ from mbaid_ros.core.filter.chain import WindowModel
 from mbaid_ros.core.filter.measured_window import IntegratedTwist, Measurement
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY
-from mbaid_ros.core.filter.time_update import (
-    UNDISTURBED,
-    advance,
-)
+from mbaid_ros.core.filter.time_update import UNDISTURBED, advance
 from mbaid_ros.core.filter.variables import OPEN_LENGTH, Variables
 from mbaid_ros.core.filter.whitened import Axes
 from mbaid_ros.core.geometry import Array

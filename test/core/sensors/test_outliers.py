@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from checked import some
 from mbaid_ros.core.geometry import Array, Flags, exp
 from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 from mbaid_ros.core.sensors.joints import JointMerge
@@ -194,8 +195,7 @@ def test_clean_readings_pass_as_they_are(noise: float) -> None:
     for seed in range(5):
         stream = motion(seed, noise)
         outliers = Outliers[JointStream](200_000_000, joint_channels(1e-4), JOINT_OUTLIER)
-        kept = outliers.push(held().push(stream))
-        assert kept is not None
+        kept = some(outliers.push(held().push(stream)))
         assert not +outliers.dropped
         assert len(kept.stamp) >= COUNT - 4
         assert np.array_equal(kept.position, stream.position[: len(kept.stamp)])
@@ -248,6 +248,5 @@ def test_a_slow_part_serves_often_only_while_it_rests() -> None:
     resting = with_positions(stream, np.where(np.arange(JOINTS) == 3, 0.3, stream.position))
     for given, every_one in ((resting, True), (stream, False)):
         merge = JointMerge(np.ones(JOINTS, dtype=bool), 100_000_000, 0, noise=1e-4)
-        merged = merge.push(parts(given, (0, 1, 2)) | parts(given[::10], (3,)))
-        assert merged is not None
+        merged = some(merge.push(parts(given, (0, 1, 2)) | parts(given[::10], (3,))))
         assert (len(merged.stamp) > COUNT - 11) is every_one

@@ -12,7 +12,7 @@ from checked import central_difference, some
 from mbaid_ros.core.geometry import Array, exp, log, rotate
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.robot.model import RobotModel, displaced, express, load_model
+from mbaid_ros.core.robot.model import RobotModel, displaced, express
 from mbaid_ros.core.robot.model_errors import independent_errors
 from mbaid_ros.core.robot.momentum import summed_over_bodies
 from mbaid_ros.core.robot.orbit import FallingFrame, Orbit, momentum_rates
@@ -22,38 +22,14 @@ from mbaid_ros.core.unknowns.declaration import Reading, Unknown
 from mbaid_ros.core.unknowns.environment import Circle, OrbitShape, gravity, orbit_rate, orbit_shape
 from mbaid_ros.core.unknowns.joints import JointPlacements, joint_placements
 from observed import kernel
-from random_robots import random_state, random_storage, random_urdf
+from random_robots import NORMAL, planar, random_state, random_storage, spatial
 from sessions import orbit
 
 SEEDS = range(6)
 STEP = 1e-5
 COUNT = 3  # states of a robot
 Robots = Callable[[int], RobotModel]
-NORMAL = np.array([0.0, 0.0, 1.0])
 IN_PLANE = [0, 1, 5]  # of (P, L)
-
-
-def spatial(seed: int) -> RobotModel:
-    return load_model(random_urdf(np.random.default_rng(seed), joints=7))
-
-
-def planar(seed: int) -> RobotModel:
-    """Return a flat tree: joints turn about z, or slide across it, and every body is its own image in the plane."""
-    model, rng = spatial(seed), np.random.default_rng([seed, 1])
-    across = np.column_stack((rng.normal(size=(model.joints, 2)), np.zeros(model.joints)))
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    flat = np.array([1.0, 1.0, 0.0])
-    symmetric = np.array([1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0, 1.0])
-    return replace(
-        model,
-        axes=np.where(np.array(model.prismatic)[:, None], across, NORMAL),
-        rotations=exp(rng.uniform(-2.0, 2.0, (model.joints, 1)) * NORMAL),
-        positions=flat * model.positions,
-        links=tuple(
-            replace(link, rotation=np.eye(3), position=flat * link.position, parameters=symmetric * link.parameters)
-            for link in model.links
-        ),
-    )
 
 
 class Case:
