@@ -60,9 +60,9 @@ class Outcome(Runs):
     status: Array
 
 
-def run(work: tuple[int, int]) -> Outcome:
-    """Return the end of one run: number of the bench, seed."""
-    bench, seed = BENCHES[work[0]], work[1]
+def run(number: int, seed: int) -> Outcome:
+    """Return the end of one run, by the number of its bench."""
+    bench = BENCHES[number]
     with TemporaryDirectory() as folder:
         twin, bag = bench.twin(Path(folder), seed), Path(folder) / 'bag'
         recording = bench.read(twin.log)
@@ -96,8 +96,8 @@ def main() -> None:
     """Run the benchmark."""
     frame = Frame(__doc__, 'measured/hardware.md', seeds=16)
     chosen = frame.chosen(range(len(BENCHES)), lambda number: BENCHES[number].name)
-    work = {number: (f'bench{number}', [(number, seed) for seed in frame.seeds]) for number in chosen}
-    rows = [row(BENCHES[number], outcome) for number, outcome in frame.outcomes(Outcome, run, work)]
+    outcomes = frame.outcomes(Outcome, run, {number: f'bench{number}' for number in chosen})
+    rows = [row(BENCHES[number], outcome) for number, outcome in outcomes]
     text = table(HEADER, rows, words=True)
     print(text)
     frame.write(twins=text)

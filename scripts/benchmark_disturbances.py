@@ -160,9 +160,9 @@ def motion(case: str) -> tuple[RobotModel, Truth, Array, Pulse | None]:
     return robot, truth, sought, simulation.pulse if isinstance(simulation, ThrustSimulation) else None
 
 
-def run(work: tuple[Row, str, int]) -> Outcome:
-    """Return the end of one run: row, method, seed."""
-    row, method, seed = work
+def run(work: tuple[Row, str], seed: int) -> Outcome:
+    """Return the end of one run: row, method."""
+    row, method = work
     values = {'method': method, **EXACT, **declared(NOISE), **dict(row.settings)}
     session = Session(build(EstimatorConfig, values), CASES[row.case].believed())
     estimates = history(session, _messages(row, seed, session))
@@ -201,15 +201,10 @@ def main() -> None:
     rows = dict.fromkeys([PLAIN, *frame.chosen(ROWS, lambda row: f'{row.case}: {row.option}')])
     for case in {row.case for row in rows}:
         motion(case)  # simulated here once; the workers inherit it
-    work = {
-        (row, method): (f'{method}-{row.case}-{row.option}', [(row, method, seed) for seed in frame.seeds])
-        for row in rows
-        for method in row.methods
-    }
+    files = {(row, method): f'{method}-{row.case}-{row.option}' for row in rows for method in row.methods}
     plain: dict[str, Outcome] = {}
-    frame.tabulate(
-        _HEADER, Outcome, run, work, lambda at, outcome: _line(*at, outcome, plain.setdefault(at[1], outcome))
-    )
+    outcomes = frame.outcomes(Outcome, run, files)
+    frame.tabulate(_HEADER, outcomes, lambda at, outcome: _line(*at, outcome, plain.setdefault(at[1], outcome)))
 
 
 def _line(row: Row, method: str, outcome: Outcome, plain: Outcome) -> list[str]:

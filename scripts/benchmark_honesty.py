@@ -20,12 +20,10 @@ def main() -> None:
     frame = Frame(__doc__, 'measured/honesty.md', seeds=6, method='trajectory')
     method = frame.arguments.method
     chosen = frame.chosen(CONDITIONS, lambda each: f'{each.group}: {each.name}')
-    work = {
-        each.name: (f'{method}-{each.name}', [(each.name, method, seed) for seed in frame.seeds]) for each in chosen
-    }
+    files = {(each.name, method): f'{method}-{each.name}' for each in chosen}
     verdicts: dict[Condition, Verdict] = {}
-    for condition, (name, outcome) in zip(chosen, frame.outcomes(Outcome, run, work), strict=True):
-        verdicts[condition] = judged(outcome, name)
+    for condition, (_, outcome) in zip(chosen, frame.outcomes(Outcome, run, files), strict=True):
+        verdicts[condition] = judged(outcome, condition.name)
         print(' | '.join(_line(condition, verdicts[condition])), flush=True)
     summary = _summary(verdicts, method)
     print(summary)
@@ -35,8 +33,9 @@ def main() -> None:
         for group in dict.fromkeys(condition.group for condition in chosen)
     ]
     frame.write(summary=summary, conditions='\n\n'.join([*sections, provenance()]))
-    if set(WRONG_FILES) <= set(work):
-        frame.write(files=_wrong_files({condition.name: verdict for condition, verdict in verdicts.items()}))
+    by_name = {condition.name: verdict for condition, verdict in verdicts.items()}
+    if set(WRONG_FILES) <= set(by_name):
+        frame.write(files=_wrong_files(by_name))
 
 
 def _statuses(verdict: Verdict) -> str:

@@ -96,9 +96,8 @@ def _parameters(row: Row) -> dict[str, object]:
     return {'target_link': 'link7', **declared(NOISE), **exact, **({} if undeclared else _declared(row.frame))}
 
 
-def run(work: tuple[Row, int]) -> Outcome:
-    """Return the estimates of one run: row, seed."""
-    row, seed = work
+def run(row: Row, seed: int) -> Outcome:
+    """Return the estimates of one run."""
     session = Session(build(EstimatorConfig, _parameters(row)), model(ROBOT).urdf)
     truth = moved(row.pace, row.frame, row.place)
     found, ends = history(session, messages(session, read(truth, NOISE, seed), model(ROBOT), NOISE)), []
@@ -133,12 +132,9 @@ def main() -> None:
     """Run the benchmark."""
     frame = Frame(__doc__, 'measured/orbit.md', seeds=20)
     for part in frame.chosen(PARTS, str):
-        work = {
-            row: (f'orbit-{"-".join(map(str, vars(row).values()))}', [(row, seed) for seed in frame.seeds])
-            for row in _rows(part)
-        }
-        found = dict(frame.outcomes(Outcome, run, work))
-        text = f'{_table(part, found)}\n\n{provenance(f"{len(frame.seeds)} seeds")}'
+        files = {row: f'orbit-{"-".join(map(str, vars(row).values()))}' for row in _rows(part)}
+        found = dict(frame.outcomes(Outcome, run, files))
+        text = f'{_table(part, found)}\n\n{provenance(f"{frame.arguments.seeds} seeds")}'
         print(f'{text}\n', flush=True)
         frame.write(**{part: text})
 

@@ -75,9 +75,8 @@ class Outcome(Runs):
     normalised: Array  # (..., 10) errors in the estimator's standard deviations; NaN for none
 
 
-def run(work: tuple[Case, int]) -> Outcome:
-    """Identify for some seconds, plan, compare with sinusoids, and make the motion: case, seed."""
-    case, seed = work
+def run(case: Case, seed: int) -> Outcome:
+    """Identify for some seconds, plan, compare with sinusoids, and make the motion."""
     generator = np.random.default_rng([seed, 11])
     own = kernel(case.robot)
     model = own.model
@@ -226,8 +225,7 @@ def main() -> None:
     """Run the benchmark."""
     frame = Frame(__doc__, 'measured/planning.md', seeds=20)
     cases = frame.chosen((Case(*each) for each in product(ROBOTS, SPEEDS, (True, False))), lambda case: case.name)
-    work = {case: (case.name, [(case, seed) for seed in frame.seeds]) for case in cases}
-    frame.tabulate(_HEADER, Outcome, run, work, _row)
+    frame.tabulate(_HEADER, frame.outcomes(Outcome, run, {case: case.name for case in cases}), _row)
 
 
 def _row(case: Case, found: Outcome) -> list[str]:

@@ -272,7 +272,7 @@ def test_errors_together_are_measured_by_what_a_single_one_would_be_off_by() -> 
 
 
 def test_a_run_of_a_condition_says_what_it_ends_with() -> None:
-    reported = run(('5 s of data', 'difference', 0))
+    reported = run(('5 s of data', 'difference'), 0)
     assert reported.error.shape == reported.std.shape == (10,)
     assert reported.status in {'estimating', 'not_identifiable'}
     assert 0.0 <= max(reported.worst, reported.young) < 5.0

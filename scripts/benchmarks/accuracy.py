@@ -101,9 +101,9 @@ class Outcome(Runs):
         return Outcome.of(lambda name: getattr(self, name)[:, time])
 
 
-def run(work: tuple[Case, str, int, Times]) -> Outcome:
-    """Return the last estimates before some times: case, method, seed, times."""
-    case, method, seed, times = work
+def run(row: tuple[Case, str, Times], seed: int) -> Outcome:
+    """Return the last estimates of a case and a method before some times."""
+    case, method, times = row
     truth = motion(case.robot)
     truth = truth[: int(np.searchsorted(truth.time, max(times) + 1e-9))]
     task = Identification(kernel(case.robot), case.noise, momentum_of(case.robot, truth))
@@ -127,17 +127,15 @@ def monte_carlo(frame: Frame, plan: dict[Case, tuple[Times, int]]) -> dict[Case,
     """Return the outcomes by case and method; the plan has times and number of seeds of each case."""
     for case in plan:
         motion(case.robot)  # simulated here once; the workers inherit it
-    work = {
-        (case, method): (
-            f'{case.name}-{method}',
-            [(case, method, seed, times) for seed in range(METHODS[method].runs(seeds, plain=case.plain))],
-        )
+    counts = {
+        (case, name, times): method.runs(seeds, plain=case.plain)
         for case, (times, seeds) in plan.items()
-        for method in METHODS
-        if METHODS[method].takes(case)
+        for name, method in METHODS.items()
+        if method.takes(case)
     }
+    files = {row: f'{row[0].name}-{row[1]}' for row in counts}
     results: dict[Case, dict[str, Outcome]] = {case: {} for case in plan}
-    for (case, method), outcome in frame.outcomes(Outcome, run, work):
+    for (case, method, _), outcome in frame.outcomes(Outcome, run, files, counts):
         results[case][method] = outcome
     return results
 

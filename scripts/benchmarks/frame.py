@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass, fields
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
@@ -28,7 +29,6 @@ _SAVED_EVERY = 10  # runs
 _NOT_STATED = ('--output', '--processes', '--store')  # arguments on which no number depends
 
 Outcome = TypeVar('Outcome', bound='Runs')
-Work = TypeVar('Work')
 Row = TypeVar('Row')
 
 
@@ -49,31 +49,26 @@ class Runs(ArrayRecord):
 
 
 def completed(
-    kind: type[Outcome],
-    file: Path | None,
-    work: Sequence[Work],
-    run: Callable[[Work], object],
-    pool: Executor,
-    bar: Any,
+    kind: type[Outcome], file: Path | None, seeds: range, run: Callable[[int], object], pool: Executor, bar: Any
 ) -> Outcome:
-    """Return the results of all work: the first ones from an .npz file if it holds any, the others made and added.
+    """Return the results of all seeds: the first ones from an .npz file if it holds any, the others made and added.
 
-    `run` returns an object with the fields of `kind` for one piece of work; `bar` is of tqdm.
+    `run` returns an object with the fields of `kind` for a seed; `bar` is of tqdm.
     """
     parts = []
     if file is not None and file.is_file():
         with np.load(file) as arrays:
             parts.append(kind.of(arrays.__getitem__))
-    done = min(len(parts[0]), len(work)) if parts else 0
+    done = min(len(parts[0]), len(seeds)) if parts else 0
     bar.update(done)
-    missing = pool.map(run, work[done:])
+    missing = pool.map(run, seeds[done:])
     while made := list(islice(missing, _SAVED_EVERY)):
         bar.update(len(made))
         parts.append(kind.stack(made))
         if file is not None:
             file.parent.mkdir(parents=True, exist_ok=True)
             np.savez(file, **vars(kind.concatenate(parts)))
-    return kind.concatenate(parts)[: len(work)]
+    return kind.concatenate(parts)[: len(seeds)]
 
 
 class Frame:
@@ -104,11 +99,6 @@ class Frame:
         self.arguments = self._parser.parse_args()
         self._page = page
 
-    @property
-    def seeds(self) -> range:
-        """Seeds of each row."""
-        return range(self.arguments.seeds)
-
     def chosen(self, rows: Iterable[Row], name: Callable[[Row], str]) -> list[Row]:
         """Return the rows whose names match --rows."""
         found = [row for row in rows if re.search(self.arguments.rows, name(row))]
@@ -117,30 +107,35 @@ class Frame:
         return found
 
     def outcomes(
-        self, kind: type[Outcome], run: Callable[[Any], object], work: Mapping[Row, tuple[str, Sequence[Any]]]
+        self,
+        kind: type[Outcome],
+        run: Callable[[Row, int], object],
+        files: Mapping[Row, str],
+        seeds: Mapping[Row, int] | None = None,
     ) -> Iterator[tuple[Row, Outcome]]:
-        """Yield the results of each row as soon as they are complete; `work` has its file name and runs' arguments."""
-        total = sum(len(each) for _, each in work.values())
+        """Yield the results of each row as soon as they are complete.
+
+        `files` has the rows with the names of their files in --store; `seeds` their numbers of seeds if not --seeds.
+        """
+        counts = seeds or dict.fromkeys(files, self.arguments.seeds)
         store: Path | None = self.arguments.store
         with (
-            tqdm(total=total, unit=' runs', disable=None, leave=False) as bar,
+            tqdm(total=sum(counts.values()), unit=' runs', disable=None, leave=False) as bar,
             ProcessPoolExecutor(self.arguments.processes) as pool,
         ):
-            for row, (name, each) in work.items():
+            for row, name in files.items():
                 file = store and store / f'{re.sub(r"[^0-9A-Za-z+-]+", "_", name)}.npz'
-                yield row, completed(kind, file, each, run, pool, bar)
+                yield row, completed(kind, file, range(counts[row]), partial(run, row), pool, bar)
 
     def tabulate(
         self,
         header: Sequence[str],
-        kind: type[Outcome],
-        run: Callable[[Any], object],
-        work: Mapping[Row, tuple[str, Sequence[Any]]],
-        line: Callable[[Row, Outcome], list[str]],
+        outcomes: Iterable[tuple[Row, Outcome]],
+        line: Callable[[Row, Outcome], Sequence[str]],
     ) -> None:
         """Print a line of each result as soon as it is complete, and write them as `table`."""
         lines = []
-        for row, outcome in self.outcomes(kind, run, work):
+        for row, outcome in outcomes:
             lines.append(line(row, outcome))
             print(' | '.join(lines[-1]), flush=True)
         self.write(table=f'{table(header, lines)}\n\n{provenance()}')

@@ -181,9 +181,8 @@ class Outcome(Runs):
         return float(size[seed, place]), PARAMETERS[int(place)], int(seed)
 
 
-def run(work: tuple[Variant, int]) -> Outcome:
-    """Draw a robot, move it, and identify its target: variant, seed."""
-    variant, seed = work
+def run(variant: Variant, seed: int) -> Outcome:
+    """Draw a robot, move it, and identify its target."""
     errors = variant.errors(seed)
     moved = motion(variant.robot, RATE, errors)
     config = build(EstimatorConfig, settings(variant.believed))

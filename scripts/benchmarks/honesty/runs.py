@@ -63,9 +63,9 @@ def _moved(name: str, seed: int) -> tuple[World, Truth]:
     return world, swing(world) if world.springs else float_freely(world)
 
 
-def run(work: tuple[str, str, int]) -> Outcome:
-    """Return the outcome of one run: name of a condition, method, seed."""
-    name, method, seed = work
+def run(row: tuple[str, str], seed: int) -> Outcome:
+    """Return the outcome of one run of a row: name of a condition, method."""
+    name, method = row
     condition = CATALOGUE[name]
     world, truth = _moved(name, seed if condition.varies else 0)
     robot = load_model(world.urdf)
