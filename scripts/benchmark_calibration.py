@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.data import NOISE, drawn, exact_samples, model, target
+from benchmarks.data import NOISE, drawn, exact_samples, model, motion_of, target, true_model
 from benchmarks.data import motion as robot_motion
 from benchmarks.frame import Frame, Runs, declared
 from benchmarks.precapture import GENERAL, WEIGHED, cad_model, factors, free_model, motion, windows
@@ -68,7 +68,7 @@ def run(_row: str, seed: int) -> Outcome:
     errors = drawn('servicer7', SIZES, seed)
     fresh = exact_samples(motion(2, 60.0, 10.0, errors), NOISE, errors)
     before = windows(motion(1, SECONDS, model_errors=errors), seed, model_errors=errors)
-    after = windows(robot_motion('servicer7', model_errors=errors), 1000 + seed, model_errors=errors)
+    after = windows(motion_of('servicer7', true_model('servicer7', errors)), 1000 + seed, model_errors=errors)
     cad = cad_model(seed, WEIGHED)
     found = _calibrated(cad, before, PRIORS)
     loose = _calibrated(cad_model(seed, GENERAL), before, (GENERAL,) * 8)

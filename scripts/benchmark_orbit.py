@@ -17,7 +17,7 @@ from benchmarks.data import NOISE, history, model, simulator_config, target
 from benchmarks.frame import PUBLISHED, Frame, Runs, declared, provenance, statuses, table
 from benchmarks.honesty.paths import servicer
 from benchmarks.honesty.readings import read
-from benchmarks.honesty.runs import messages
+from benchmarks.honesty.runs import published
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
@@ -100,7 +100,7 @@ def run(row: Row, seed: int) -> Outcome:
     """Return the estimates of one run."""
     session = Session(build(EstimatorConfig, _parameters(row)), model(ROBOT).urdf)
     truth = moved(row.pace, row.frame, row.place)
-    found, ends = history(session, messages(session, read(truth, NOISE, seed), model(ROBOT), NOISE)), []
+    found, ends = history(session, published(read(truth, NOISE, seed), model(ROBOT), NOISE)), []
     for seconds in DURATIONS:
         last = [each for each in found if each.time < seconds + 1e-6][-1]
         error = last.parameters - target(ROBOT)

@@ -136,7 +136,7 @@ def test_the_score_knows_right_wrong_and_doubtful_answers() -> None:
 
     def outcome(error: float, std: float, doubt: str = '') -> Outcome:
         off = np.where(np.arange(10) < 9, error, 1e9)  # the last one is open: it does not count
-        return Outcome((truth.parameters + off).tolist(), [std] * 10, doubt, '', 1.0, 1.0, 1.0)
+        return Outcome((truth.parameters + off).tolist(), [std] * 10, doubt, '', 1.0, 1.0)
 
     found = score(
         [outcome(0.1, 0.1), outcome(0.6, 0.1), outcome(0.6, 0.1, 'inconsistent'), outcome(0.05, np.nan)], [truth] * 4

@@ -132,13 +132,15 @@ class Frame:
         header: Sequence[str],
         outcomes: Iterable[tuple[Row, Outcome]],
         line: Callable[[Row, Outcome], Sequence[str]],
+        name: str = 'table',
+        note: str = '',
     ) -> None:
-        """Print a line of each result as soon as it is complete, and write them as `table`."""
+        """Print a line of each result as soon as it is complete, and write them as a table with a note."""
         lines = []
         for row, outcome in outcomes:
             lines.append(line(row, outcome))
             print(' | '.join(lines[-1]), flush=True)
-        self.write(table=f'{table(header, lines)}\n\n{provenance()}')
+        self.write(**{name: f'{table(header, lines)}\n\n{provenance(note)}'})
 
     def write(self, **texts: str) -> None:
         """Replace the texts between the marks that the page has for their names, long tables by pictures."""

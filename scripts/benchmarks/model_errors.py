@@ -15,15 +15,14 @@ import numpy as np
 from benchmarks.data import (
     MAXIMUM_GAP,
     NOISE,
-    RATE,
     Case,
     drawn,
     exact_samples,
     kernel,
-    momentum_of,
-    motion,
+    motion_of,
     observed,
     target,
+    true_model,
 )
 from benchmarks.frame import Runs, declared
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -51,7 +50,7 @@ from mbaid_ros.replay.campaigns.statistics import coverage, mean, nees, nees_ban
 from mbaid_ros.session.known_robot import declared_errors
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.session.settings import declared_uncertainty
-from mbaid_ros.simulation.simulation import Truth
+from mbaid_ros.simulation.simulation import Truth, total_momentum
 from mbaid_ros.simulation.true_robot import ErrorSizes
 
 # The defaults of the estimator's parameters.
@@ -184,7 +183,7 @@ class Outcome(Runs):
 def run(variant: Variant, seed: int) -> Outcome:
     """Draw a robot, move it, and identify its target."""
     errors = variant.errors(seed)
-    moved = motion(variant.robot, RATE, errors)
+    moved = motion_of(variant.robot, true_model(variant.robot, errors))
     config = build(EstimatorConfig, settings(variant.believed))
     identifier = Identifier(make_estimator(config, kernel(variant.robot)), config.window, MAXIMUM_GAP)
     last = identifier.push(*observed(moved, Case(variant.robot, 'mid'), seed, errors))[-1]
@@ -204,7 +203,7 @@ def attainable(robot: str, truth: Truth, errors: ModelErrors, sizes: ErrorSizes)
     layout = layout_of(own, uncertainty, detector)
     own_variables = variables(layout, detector, uncertainty)
     state = np.zeros(layout.size)
-    momentum = momentum_of(robot, truth, errors)
+    momentum = total_momentum(true_model(robot, errors), truth[:1])[0]
     momentum[3:] -= cross(origin, momentum[:3])
     state[MOMENTUM], state[BODY] = momentum, own.target.parameters
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):

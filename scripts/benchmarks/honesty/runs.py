@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc, ndtri
 
-from benchmarks.data import NOISE, START, history
+from benchmarks.data import NOISE, history
 from benchmarks.frame import PUBLISHED, Runs, declared
 from benchmarks.honesty.disturbed import CATALOGUE
 from benchmarks.honesty.readings import Readings, read
 from benchmarks.honesty.worlds import World, float_freely, swing
-from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import MbaidError
@@ -28,7 +27,7 @@ from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.two_stage import YOUNG
 from mbaid_ros.replay.campaigns.statistics import QUANTILE, nees
-from mbaid_ros.sensor_messages import joints_of, poses_of
+from mbaid_ros.sensor_messages import Joints, Poses, joints_of, poses_of
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.simulation import Truth
 
@@ -80,28 +79,16 @@ def run(row: tuple[str, str], seed: int) -> Outcome:
     values = {'method': method, 'target_link': condition.target, **declared(noise)}
     try:
         session = Session(build(EstimatorConfig, values), condition.believed(world.urdf))
-        return _outcome(history(session, messages(session, readings, read_robot, noise)), sought, world.since)
+        return _outcome(history(session, published(readings, read_robot, noise)), sought, world.since)
     except MbaidError as error:
         return _silent(REFUSED, str(error)[:_WORDS])
 
 
-def messages(
-    session: Session, readings: Readings, robot: RobotModel, noise: SensorNoise
-) -> Iterator[tuple[Callable[[Any], Any], Any]]:
-    """Yield the messages of a run in the order of their stamps, each with the method that takes it."""
+def published(readings: Readings, robot: RobotModel, noise: SensorNoise) -> list[Poses | Joints]:
+    """Return the readings as they are published, with a declared noise."""
     covariances = {'pose_covariance': noise.pose_covariance(), 'twist_covariance': noise.twist_covariance()}
-    joints = joints_of(readings.joints, robot.joint_names)
     base = poses_of(replace(readings.base, **covariances), robot.base_link)
-    stamps = [np.round(part.time * 1e9).astype(np.int64) for part in (base, joints)]
-    kind = np.repeat([0, 1], [len(part) for part in stamps])
-    row = np.concatenate([np.arange(len(part)) for part in stamps])
-    stamp = np.concatenate(stamps)
-    for place in np.argsort(stamp, kind='stable'):
-        index, at = int(row[place]), START + int(stamp[place])
-        if kind[place]:
-            yield session.add_joint_state, joints.message(BAG_TYPES, index, at)
-        else:
-            yield session.add_odometry, base.message(BAG_TYPES, index, at)
+    return [base, joints_of(readings.joints, robot.joint_names)]
 
 
 def _outcome(history: list[Estimate], sought: Array, since: float) -> Outcome:

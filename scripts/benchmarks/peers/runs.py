@@ -38,24 +38,14 @@ _MANY = 100  # intervals: of fewer, all may hold the truth by chance
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of a method on a run.
+    """The outcome of a method on a run."""
 
-    Attributes
-    ----------
-    parameters, std : (10,) NaN where there is none
-    doubt : why the method does not trust its numbers
-    failure : why there are none
-    wall, processor : s, without the start of Python
-    memory : MB beyond what the loaded package takes
-    """
-
-    parameters: list[float]
-    std: list[float]
-    doubt: str
-    failure: str
-    wall: float
-    processor: float
-    memory: float
+    parameters: list[float]  # (10,) NaN where there is none
+    std: list[float]  # (10,) NaN where there is none
+    doubt: str  # why the method does not trust its numbers
+    failure: str  # why there are none
+    processor: float  # s, without the start of Python
+    memory: float  # MB beyond what the loaded package takes
 
 
 def outcomes(
@@ -94,6 +84,7 @@ def _kept_in(name: str, folder: Path, files: dict[str, str]) -> tuple[Path, str]
 def _finished(file: Path, made_of: str) -> Outcome | None:
     """Return the outcome in a file; None where there is none, or one of something else."""
     values = json.loads(file.read_text(encoding='utf-8')) if file.is_file() else {}
+    values.pop('wall', None)  # of an older version
     return Outcome(**values) if values.pop('made_of', '') == made_of else None
 
 
@@ -110,7 +101,7 @@ def _outcome(name: str, folder: Path, files: dict[str, str], context: Any) -> Ou
     try:
         outcome = Outcome(**ours.recv())
     except EOFError:
-        outcome = Outcome([np.nan] * 10, [np.nan] * 10, '', 'the process ended', np.nan, np.nan, np.nan)
+        outcome = Outcome([np.nan] * 10, [np.nan] * 10, '', 'the process ended', np.nan, np.nan)
     process.join()
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(json.dumps({'made_of': made_of, **asdict(outcome)}, indent=1) + '\n', encoding='utf-8')
@@ -131,7 +122,7 @@ def outcome_of(name: str, folder: Path) -> Outcome:
     parameters: Array = np.full(10, np.nan)
     std: Array = np.full(10, np.nan)
     doubt, failure = '', ''
-    wall, processor = time.perf_counter(), time.process_time()
+    processor = time.process_time()
     try:
         with contextlib.redirect_stdout(io.StringIO()):
             answer = method.identify(folder / BAG, urdf, known)
@@ -140,9 +131,8 @@ def outcome_of(name: str, folder: Path) -> Outcome:
             std = np.sqrt(np.diag(answer.covariance))
     except Exception as error:  # noqa: BLE001 - one method must not stop the others
         failure = ' '.join(f'{type(error).__name__}: {error}'.split())[:200]
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
-    times = (time.perf_counter() - wall, time.process_time() - processor)
-    return Outcome(parameters.tolist(), std.tolist(), doubt, failure, *times, max(peak - before, 0.0))
+    peak, taken = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3, time.process_time() - processor
+    return Outcome(parameters.tolist(), std.tolist(), doubt, failure, taken, max(peak - before, 0.0))
 
 
 def _late(*_: object) -> None:
@@ -181,7 +171,6 @@ class Score:
     wrong: int  # answers that are wrong with a small interval
     failures: tuple[str, ...]  # why there was no answer
     processor: float  # s, median
-    wall: float
     memory: float  # MB, largest
 
     @property
@@ -226,6 +215,5 @@ def score(outcomes: Sequence[Outcome], truths: Sequence[Truth]) -> Score:
         wrong=wrong,
         failures=tuple(failures),
         processor=float(np.median([each.processor for each in outcomes])),
-        wall=float(np.median([each.wall for each in outcomes])),
         memory=float(np.max([each.memory for each in outcomes])),
     )

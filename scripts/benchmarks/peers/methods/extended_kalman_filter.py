@@ -73,7 +73,7 @@ class _State:
 
     @staticmethod
     def first(recording: Recording, motion: _Motion) -> _State:
-        samples, body = recording.samples, recording.start
+        samples, body = recording.samples, recording.kernel.target.parameters
         moving = np.concatenate((motion.start, motion.rate[0]))
         own = (motion.known[0] + np.einsum('kip,p->ik', motion.target[0], body)) @ moving
         position, rotation = samples.base_position[0], samples.base_rotation[0]
