@@ -23,7 +23,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, displaced
-from mbaid_ros.core.robot.model_errors import BodyDeviations, ModelErrors
+from mbaid_ros.core.robot.model_errors import BodyDeviations
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.catalogue import CalibratedSide, Uncertainty
 from mbaid_ros.core.unknowns.declaration import NominalModel
@@ -72,8 +72,10 @@ def run(_row: str, seed: int) -> Outcome:
     cad = cad_model(seed, WEIGHED)
     found = _calibrated(cad, before, PRIORS)
     loose = _calibrated(cad_model(seed, GENERAL), before, (GENERAL,) * 8)
-    mass = _theta(free_model())[::10].sum()
-    error = found.values - np.concatenate((_theta(free_model()), _placed(cad, errors)))
+    theta = np.concatenate([free_model().link(name).parameters for name in LINKS])
+    tilts = (np.swapaxes(Kinematics(cad).across, -1, -2) @ errors.tilts[..., None])[..., 0]
+    placed = np.column_stack((errors.zeros, errors.origins, tilts)).ravel()
+    error = found.values - np.concatenate((theta, placed, errors.mount))
     own = MomentumKernel(cad, 'link7')
     calibrated = NominalModel(MomentumKernel(_with(cad, found), 'link7'), found.joints[:, 0], found.mount, 0.0)
     ours = _target(after, *_continued(cad, found))
@@ -85,7 +87,7 @@ def run(_row: str, seed: int) -> Outcome:
         cad=_momentum(NominalModel.nominal(own), fresh),
         calibrated=_momentum(calibrated, fresh),
         error=np.asarray(error @ np.linalg.solve(found.block_covariance, error)),
-        factor=np.array(loose.theta[::10].sum() / mass - 1.0),
+        factor=np.array(loose.theta[::10].sum() / theta[::10].sum() - 1.0),
         factor_std=np.array(loose.scale_std),
         residual=np.array(found.residual),
         capture=np.array([_compared(each) for each in (_target(after, own), ours, exact)]),
@@ -96,17 +98,6 @@ def run(_row: str, seed: int) -> Outcome:
 def _calibrated(cad: RobotModel, before: list[Samples], priors: tuple[BodyDeviations, ...]) -> Calibration:
     unknown = MomentumKernel(cad, *LINKS)
     return calibrate(unknown, [before], CalibrationSettings(NOISE, factors(unknown, priors), UNCERTAIN))
-
-
-def _theta(robot: RobotModel) -> Array:
-    return np.concatenate([robot.link(name).parameters for name in LINKS])
-
-
-def _placed(cad: RobotModel, errors: ModelErrors) -> Array:
-    """Return the true errors of joints and mount in the order of a calibration."""
-    across = Kinematics(cad).across
-    tilts = (np.swapaxes(across, -1, -2) @ errors.tilts[..., None])[..., 0]
-    return np.concatenate((np.column_stack((errors.zeros, errors.origins, tilts)).ravel(), errors.mount))
 
 
 def _with(robot: RobotModel, found: Calibration) -> RobotModel:

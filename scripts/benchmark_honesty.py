@@ -6,13 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from benchmarks.frame import Frame, number, percent, provenance, table
+from benchmarks.frame import Frame, number, percent, provenance, statuses, table
 from benchmarks.honesty.conditions import Condition
 from benchmarks.honesty.disturbed import CONDITIONS, WRONG_FILES
 from benchmarks.honesty.runs import FAR, REFUSED, Outcome, Verdict, judged, run
 
 _SHOWN = 3  # causes that a reader looks at
-Verdicts = Mapping[Condition, Verdict]
 
 
 def main() -> None:
@@ -38,10 +37,6 @@ def main() -> None:
         frame.write(files=_wrong_files(by_name))
 
 
-def _statuses(verdict: Verdict) -> str:
-    return ', '.join(f'{count} {status.replace("_", " ")}' for status, count in verdict.statuses.most_common())
-
-
 def _named(verdict: Verdict) -> str:
     return verdict.named.replace('|', '/') or '-'
 
@@ -50,7 +45,7 @@ def _line(condition: Condition, verdict: Verdict) -> list[str]:
     return [
         condition.name,
         str(verdict.statuses.total()),
-        _statuses(verdict),
+        statuses(verdict.statuses.elements()),
         percent(verdict.covered),
         number(verdict.largest, 1),
         number(verdict.jointly, 1),
@@ -62,7 +57,7 @@ def _line(condition: Condition, verdict: Verdict) -> list[str]:
     ]
 
 
-def _summary(verdicts: Verdicts, method: str) -> str:
+def _summary(verdicts: Mapping[Condition, Verdict], method: str) -> str:
     every = verdicts.values()
     wrong = sum(verdict.silently_wrong for verdict in every)
     places = [place for verdict in every for place in verdict.places]

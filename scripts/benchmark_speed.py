@@ -11,7 +11,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +30,7 @@ from mbaid_ros.cli import EXIT_NOT_DETERMINED
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build, values_of
+from mbaid_ros.messages.fields import stamp_of
 from mbaid_ros.nodes.subscriptions import qos
 
 HERE = Path(__file__).parent / 'benchmarks'
@@ -39,10 +40,7 @@ _RATE, _SHORT = 1000.0, 10.0  # Hz, of each topic of the live runs; s
 _DEFAULTS = values_of(build(EstimatorConfig, {}))
 VARIANTS: dict[str, Mapping[str, object]] = {
     **{method: {'method': method} for method in METHODS},
-    'trajectory, every model error among the unknowns': {
-        'method': 'trajectory',
-        **{name: _DEFAULTS[name] for name in EXACT},
-    },
+    'trajectory, every model error among the unknowns': {name: _DEFAULTS[name] for name in ('method', *EXACT)},
 }
 # Wrongly declared noise contradicts the data: the filter searches for a start and for causes, again and again.
 _CONTRADICTED = {'method': 'trajectory', 'noise.joint_position': 1e-5, 'noise.base_position': 3e-4}
@@ -72,23 +70,8 @@ class Live:
     lost: int  # messages published and not received by the node
 
 
-def live_runs(
-    variants: Mapping[str, Mapping[str, object]], folder: Path, rate: float, seconds: float, repeats: int
-) -> dict[str, list[tuple[Live, Live]]]:
-    """Return runs by variant, whose parameters are given, each with that of the bare node; rate in Hz, of a topic."""
-    bag = folder / 'live'
-    make_bag(bag, seconds / 60.0, rate)
-    found: dict[str, list[tuple[Live, Live]]] = {name: [] for name in variants}
-    for turn in range(repeats):
-        bare = _run(None, folder / f'bare{turn}', (str(bag), str(rate)), seconds)
-        for place, (name, parameters) in enumerate(variants.items()):
-            live = _run(parameters, folder / f'{turn}-{place}', (str(bag), str(rate)), seconds)
-            found[name].append((live, bare))
-    return found
-
-
-def _run(parameters: Mapping[str, object] | None, folder: Path, published: tuple[str, str], seconds: float) -> Live:
-    """Return a run of the estimator, or of the bare node without parameters, with a bag published at a rate."""
+def _run(parameters: Mapping[str, object] | None, folder: Path, bag: Path, seconds: float) -> Live:
+    """Return a run of the estimator, or of the bare node without parameters, with a published bag."""
     folder.mkdir()
     with graph(folder) as made, ExitStack() as stack:
         if parameters is None:
@@ -101,12 +84,11 @@ def _run(parameters: Mapping[str, object] | None, folder: Path, published: tuple
 
         def arrived(message: InertiaEstimate) -> None:
             if message.samples and message.status != 'waiting':
-                stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-                latencies.append(1e-9 * (time.time_ns() - stamp))
+                latencies.append(1e-9 * (time.time_ns() - stamp_of(message)))
 
         made.node.create_subscription(InertiaEstimate, '/estimator/estimate', arrived, qos(1000))
         reports = made.collect('/diagnostics', DiagnosticArray, qos(1000))
-        source = stack.enter_context(node_beside(made, *published))
+        source = stack.enter_context(node_beside(made, str(bag), str(_RATE)))
         gc.freeze()  # as in the publisher
         before, end = processor_time(pid), time.monotonic() + seconds
         print(file=source.stdin, flush=True)
@@ -121,14 +103,8 @@ def _run(parameters: Mapping[str, object] | None, folder: Path, published: tuple
 
 def received(reports: list[Any]) -> list[int]:
     """Return the numbers of received messages in the latest diagnostics."""
-    counts = {
-        status.name: int(item.value)
-        for report in reports
-        for status in report.status
-        if status.name.endswith(_INPUTS)
-        for item in status.values
-        if item.key == 'received'
-    }
+    inputs = [status for report in reports for status in report.status if status.name.endswith(_INPUTS)]
+    counts = {status.name: int(item.value) for status in inputs for item in status.values if item.key == 'received'}
     return list(counts.values())
 
 
@@ -149,15 +125,11 @@ def main() -> None:
     """Measure the chosen parts."""
     frame = Frame(__doc__, 'measured/speed.md', minutes=60.0, seconds=30.0, repeats=5, parts='replay, live, start')
     arguments = frame.arguments
-    parts: dict[str, Callable[[Path], str]] = {
-        'replay': lambda folder: _replays(folder, arguments.minutes, arguments.repeats),
-        'live': lambda folder: _live(folder, arguments.seconds, arguments.repeats),
-        'start': lambda folder: _starts(folder, arguments.repeats),
-    }
-    for name, part in parts.items():
+    parts = {'replay': (_replays, arguments.minutes), 'live': (_live, arguments.seconds), 'start': (_starts, _SHORT)}
+    for name, (part, length) in parts.items():
         if name in arguments.parts:
             with TemporaryDirectory() as folder:
-                text = part(Path(folder))
+                text = part(Path(folder), length, arguments.repeats)
             note = f'medians of {arguments.repeats}, load average {os.getloadavg()[2]:.0f} at the end'
             print(text, flush=True)
             frame.write(**{name: f'{text}\n\n{provenance(note)}'})
@@ -183,8 +155,15 @@ def _replays(folder: Path, minutes: float, repeats: int) -> str:
 
 def _live(folder: Path, seconds: float, repeats: int) -> str:
     variants = {**VARIANTS, 'trajectory, contradicted: searches for start and causes': _CONTRADICTED}
+    bag = folder / 'live'
+    make_bag(bag, seconds / 60.0, _RATE)
+    found: dict[str, list[tuple[Live, Live]]] = {name: [] for name in variants}
+    for turn in range(repeats):
+        bare = _run(None, folder / f'bare{turn}', bag, seconds)
+        for place, (name, parameters) in enumerate(variants.items()):
+            found[name].append((_run(parameters, folder / f'{turn}-{place}', bag, seconds), bare))
     rows = []
-    for name, pairs in live_runs(variants, folder, _RATE, seconds, repeats).items():
+    for name, pairs in found.items():
         shares = [
             [1e3 * float(np.percentile(run.latencies, share)) for run, _ in pairs] for share in (50.0, 99.0, 100.0)
         ]
@@ -194,11 +173,11 @@ def _live(folder: Path, seconds: float, repeats: int) -> str:
     return f'Two topics at {_RATE:g} Hz each for {seconds:g} s:\n\n{table(header, rows)}'
 
 
-def _starts(folder: Path, repeats: int) -> str:
+def _starts(folder: Path, seconds: float, repeats: int) -> str:
     bag = folder / 'short'
-    make_bag(bag, _SHORT / 60.0)
+    make_bag(bag, seconds / 60.0)
     commands = {'`replay --help`': [*_PROGRAM, '--help']}
-    commands |= {f'replay of 10 s, {method}': _replay(bag, VARIANTS[method]) for method in METHODS}
+    commands |= {f'replay of {seconds:g} s, {method}': _replay(bag, VARIANTS[method]) for method in METHODS}
     rows = []
     for name, command in commands.items():
         cost = _median([_measured(command) for _ in range(repeats)])

@@ -32,15 +32,11 @@ class Method:
     papers: bool = False  # a method of the paper takes all velocities, and reports no uncertainty
     finds_noise: bool = False  # the noise is estimated, not declared
 
-    def runs(self, seeds: int, *, plain: bool) -> int:
-        """Return for how many seeds it runs; cases that are not plain have few, and run all."""
-        if not plain:
-            return seeds
-        return max(round(self.share * seeds), min(self.fewest, seeds))
-
-    def takes(self, case: Case) -> bool:
-        """Return whether it runs for a case."""
-        return case.plain or not (self.finds_noise or self.papers)
+    def runs(self, case: Case, seeds: int) -> int:
+        """Return for how many of a case's seeds it runs; cases that are not plain have few, and run all or none."""
+        if case.plain:
+            return max(round(self.share * seeds), min(self.fewest, seeds))
+        return 0 if self.finds_noise or self.papers else seeds
 
 
 METHODS = {
@@ -128,10 +124,10 @@ def monte_carlo(frame: Frame, plan: dict[Case, tuple[Times, int]]) -> dict[Case,
     for case in plan:
         motion(case.robot)  # simulated here once; the workers inherit it
     counts = {
-        (case, name, times): method.runs(seeds, plain=case.plain)
+        (case, name, times): method.runs(case, seeds)
         for case, (times, seeds) in plan.items()
         for name, method in METHODS.items()
-        if method.takes(case)
+        if method.runs(case, seeds)
     }
     files = {row: f'{row[0].name}-{row[1]}' for row in counts}
     results: dict[Case, dict[str, Outcome]] = {case: {} for case in plan}
@@ -156,27 +152,13 @@ class Summary:
     noise: Array  # (runs, 6)
 
     @property
-    def median(self) -> float:
-        """Median over the parameters of RMSE over bound."""
-        return float(np.nanmedian(self.ratio)) if np.any(np.isfinite(self.ratio)) else np.nan
-
-    @property
-    def worst(self) -> float:
-        """Largest RMSE over bound."""
-        return float(np.nanmax(self.ratio)) if np.any(np.isfinite(self.ratio)) else np.nan
-
-    @property
     def reports_std(self) -> bool:
         """Whether the method reports its uncertainty."""
         return bool(np.any(np.isfinite(self.coverage)))
 
 
-def summarise(outcome: Outcome, truth: Array, bounds: Array) -> list[Summary]:
-    """Return the statistics at each time; truth (10,), bounds (T, 10)."""
-    return [_summary(outcome.at(time), truth, bound) for time, bound in enumerate(bounds)]
-
-
-def _summary(found: Outcome, truth: Array, bound: Array) -> Summary:
+def summarise(found: Outcome, truth: Array, bound: Array) -> Summary:
+    """Return the statistics at one time; truth and bound (10,)."""
     error, free = found.parameters - truth, np.isfinite(bound)
     size = np.where(free, rmse(error), np.nan)
     runs = int(np.sum(np.isfinite(found.error_norm)))

@@ -87,12 +87,9 @@ def bound(case: Case, truth: Truth, times: tuple[float, ...]) -> Array:
 def trajectory_bound(case: Case, truth: Truth, times: tuple[float, ...]) -> Array:
     """Return the (len(times), 10) bounds of the whole trajectory; NaN for what the motion leaves open."""
     problem = _Problem.of(case, truth)
-    result = np.full((len(times), 10), np.nan)
-    for row, time in enumerate(times):
-        end = int(np.searchsorted(problem.samples.time, time - 1e-9))
-        information = _information(case, problem.samples[:end], problem.momentum, problem.space.basis)
-        result[row] = problem.deviations(information)
-    return result
+    ends = np.searchsorted(problem.samples.time, np.array(times) - 1e-9).tolist()
+    parts = [_information(case, problem.samples[:end], problem.momentum, problem.space.basis) for end in ends]
+    return np.array([problem.deviations(information) for information in parts])
 
 
 def _information(case: Case, samples: Samples, momentum: Array, basis: Array) -> Array:
@@ -121,7 +118,10 @@ def _information(case: Case, samples: Samples, momentum: Array, basis: Array) ->
         right = (np.eye(6) + half) @ xi[k] + step * forced[k, ANGULAR_FIRST]
         xi[k + 1] = np.linalg.solve(np.eye(6) - half, right)
     pose = np.repeat([noise.base_orientation, noise.base_position], 3)
-    rows = [part.reshape(-1, xi.shape[-1]) for part in _poses(xi / pose[:, None], case, step)]
+    # Rows of poses at knots, relative to the noise of one: independent, or an autoregression of them.
+    poses, keep = xi / pose[:, None], np.exp(-step / case.correlated) if case.correlated else 0.0
+    parts = [poses[:1], (poses[1:] - keep * poses[:-1]) / np.sqrt(1.0 - keep**2)]
+    rows = [part.reshape(-1, xi.shape[-1]) for part in (parts if keep else [poses * np.sqrt(_STRIDE / case.every)])]
     if case.sensors == 'all':
         seldom = np.sqrt(case.every / _STRIDE)
         twist = np.repeat([noise.base_angular_velocity, noise.base_linear_velocity], 3) * seldom
@@ -135,14 +135,6 @@ def _information(case: Case, samples: Samples, momentum: Array, basis: Array) ->
     joints = path.shape[-1]
     information[:joints, :joints] += np.kron(seen, np.eye(robot.model.joints))
     return np.asarray(information)
-
-
-def _poses(xi: Array, case: Case, step: float) -> list[Array]:
-    """Return the rows of poses at knots, relative to the noise of one: independent, or an autoregression of them."""
-    if not case.correlated:
-        return [xi * np.sqrt(_STRIDE / case.every)]
-    keep = np.exp(-step / case.correlated)
-    return [xi[:1], (xi[1:] - keep * xi[:-1]) / np.sqrt(1.0 - keep**2)]
 
 
 def _midpoints(samples: Samples, step: float) -> Midpoints:

@@ -165,13 +165,6 @@ def integrated(rate: Callable[[int, Array], Array], state: Array, steps: int, pa
     return states
 
 
-def _pose_rate(state: Array, rotation: Array, twist: Array) -> Array:
-    """Return the rate of (quaternion, position), (7,), by the base's twist in its axes."""
-    (x, y, z, w), (a, b, c) = state[:4].tolist(), (0.5 * twist[3:]).tolist()
-    turning = [w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c]
-    return np.concatenate((turning, rotation @ twist[:3]))
-
-
 def _rotation(state: Array) -> Array:
     """Return the rotation matrix of a state, whose quaternion is of about unit length."""
     x, y, z, w = state[:4].tolist()
@@ -223,8 +216,10 @@ class Flow:
     def rate(self, node: int, state: Array) -> Array:
         """Return the rate of a state (13,) at a node."""
         rotation, twist = self.twist(node, state)
+        (x, y, z, w), (a, b, c) = state[:4].tolist(), (0.5 * twist[3:]).tolist()
         result = np.zeros(13)
-        result[:7] = _pose_rate(state, rotation, twist)
+        result[:4] = w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c
+        result[4:7] = rotation @ twist[:3]
         if self.world.wrench is not None:
             time = node / (2.0 * self.world.rate)
             result[7:] = self.world.wrench(time, rotation, state[4:7], self.whole[node])
