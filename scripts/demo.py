@@ -45,13 +45,6 @@ def errors(inertia: Any, truth: Any) -> list[float]:
     return [100.0 * (value(inertia) / value(truth) - 1.0) for _, _, _, value in PARAMETERS]
 
 
-def heading(truth: Any) -> str:
-    """Return the head of the table: names with units, and the truth."""
-    names = ''.join(f'{f"{name} ({unit})":>{COLUMN}}' for name, unit, _, _ in PARAMETERS)
-    values = ''.join(f'{value(truth):>{COLUMN - 11}.{digits}f}{"":11}' for _, _, digits, value in PARAMETERS)
-    return f'{"time":>8}  {"status":<16}{names}\n{"":8}  {"truth":<16}{values}'.rstrip()
-
-
 def row(estimate: Any, truth: Any) -> str:
     """Return a line of the table: the estimate with its errors."""
     cells = ''
@@ -77,7 +70,9 @@ def watch(demo: Demo, bag: Path, duration: float, speed: float) -> tuple[Any, An
     simulator = demo.start('simulator', '--params-file', CONFIG / 'table1_simulator.yaml', *assigned(given))
     demo.wait(lambda: demo.truths, 'the simulator')
     truth = demo.truths[0].inertia
-    print(heading(truth), flush=True)
+    names = ''.join(f'{f"{name} ({unit})":>{COLUMN}}' for name, unit, _, _ in PARAMETERS)
+    values = ''.join(f'{value(truth):>{COLUMN - 11}.{digits}f}{"":11}' for _, _, digits, value in PARAMETERS)
+    print(f'{"time":>8}  {"status":<16}{names}\n{"":8}  {"truth":<16}{values}'.rstrip(), flush=True)
     due, last, printed = ROW_PERIOD, None, None
     while simulator.running or demo.estimates:
         demo.wait(lambda: demo.estimates or not simulator.running, 'an estimate')
