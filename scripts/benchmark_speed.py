@@ -24,7 +24,7 @@ from mbaid_msgs.msg import InertiaEstimate
 
 from benchmarks.bags import ROBOT, make_bag
 from benchmarks.data import CONFIG
-from benchmarks.frame import Frame, number, processor_time, provenance, table
+from benchmarks.frame import Frame, number, provenance, table
 from demo_graph import Graph, assigned, graph
 from mbaid_ros.cli import EXIT_NOT_DETERMINED
 from mbaid_ros.config.estimator import EstimatorConfig
@@ -99,6 +99,12 @@ def _run(parameters: Mapping[str, object] | None, folder: Path, bag: Path, secon
         cpu = processor_time(pid) - before
         print(file=source.stdin, flush=True)
         return Live(cpu, latencies, sum(count - each for each in received(reports)))
+
+
+def processor_time(pid: int) -> float:
+    """Return the processor time of a running process, s."""
+    values = Path(f'/proc/{pid}/stat').read_text(encoding='ascii').rpartition(')')[2].split()
+    return (int(values[11]) + int(values[12])) / os.sysconf('SC_CLK_TCK')
 
 
 def received(reports: list[Any]) -> list[int]:

@@ -153,19 +153,13 @@ class Frame:
 
 
 def replace_marked(page: Path, name: str, text: str) -> None:
-    """Replace the text between the marks of a page for a name, which also has the name of this script.
-
-    Raises
-    ------
-    ValueError
-        The page has no such marks.
-    """
+    """Replace the text between the marks of a page for a name, which also has the name of this script."""
     writer = f'scripts/{Path(sys.argv[0]).name}'
     head, tail = f'<!-- {name}: written by {writer} -->\n', f'\n<!-- end of {name} -->'
     before, there, rest = page.read_text(encoding='utf-8').partition(head)
     _, closed, after = rest.partition(tail)
-    if not there or not closed:
-        raise ValueError(f"{page} has no marks for '{name}' by {writer}")
+    assert there, f"{page} has marks for '{name}' by {writer}"
+    assert closed, f"{page} has an end of '{name}'"
     page.write_text(before + head + text + tail + after, encoding='utf-8')
 
 
@@ -229,15 +223,3 @@ def machine() -> str:
     names = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
     processor = names[0] if names else platform.machine()
     return f'{processor}, one core a run, Python {platform.python_version()}, NumPy {np.__version__}'
-
-
-def resident(pid: int | str = 'self') -> float:
-    """Return the resident memory of a process, MB."""
-    pages = int(Path(f'/proc/{pid}/statm').read_text(encoding='ascii').split()[1])
-    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
-
-
-def processor_time(pid: int | str = 'self') -> float:
-    """Return the processor time of a running process, s."""
-    values = Path(f'/proc/{pid}/stat').read_text(encoding='ascii').rpartition(')')[2].split()
-    return (int(values[11]) + int(values[12])) / os.sysconf('SC_CLK_TCK')

@@ -128,8 +128,12 @@ class InMuJoCo:
         self, start: State, instants: Array, row: Callable[[], Sequence[Array]], drive: object | None = None
     ) -> Array:
         """Return rows of numbers at instants; `drive` sets the torques of the joints."""
-        self._begin(start)
         model, data, rows = self.model, self.data, []
+        data.qpos[:3], data.qpos[3:7] = start.base_position, np.roll(start.base_orientation, 1)
+        data.qpos[self.place] = start.joint_position
+        # A free joint: linear velocity in world axes, angular velocity in the body's.
+        data.qvel[:3] = rotation_from_quaternion(start.base_orientation) @ start.velocity[:3]
+        data.qvel[3:6], data.qvel[self.rate] = start.velocity[3:6], start.joint_velocity
         mujoco.set_mjcb_control(drive)
         mujoco.set_mjcb_passive(self._pull if self.around else None)
         try:
@@ -141,12 +145,3 @@ class InMuJoCo:
             mujoco.set_mjcb_control(None)
             mujoco.set_mjcb_passive(None)
         return np.array(rows)
-
-    def _begin(self, start: State) -> None:
-        """Set the state at time 0."""
-        data = self.data
-        data.qpos[:3], data.qpos[3:7] = start.base_position, np.roll(start.base_orientation, 1)
-        data.qpos[self.place] = start.joint_position
-        # A free joint: linear velocity in world axes, angular velocity in the body's.
-        data.qvel[:3] = rotation_from_quaternion(start.base_orientation) @ start.velocity[:3]
-        data.qvel[3:6], data.qvel[self.rate] = start.velocity[3:6], start.joint_velocity

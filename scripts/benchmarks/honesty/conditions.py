@@ -54,18 +54,15 @@ def _of_weight(name: str, link: str, factor: float) -> Condition:
     return Condition('undisturbed', name, lambda _: World(robots.scaled(robots.servicer(), link, factor), sinusoids()))
 
 
-def drawn_start(joints: int, slides: tuple[int, ...] = ()) -> Array:
-    """Return where so many joints begin, some of which slide."""
+def _start(joints: int, slides: tuple[int, ...]) -> Array:
     return np.where(np.isin(np.arange(joints), slides), 0.1, 0.3 * np.cos(np.arange(joints)))
 
 
 def _shaped(
     name: str, axes: tuple[tuple[int, int, int], ...], slides: tuple[int, ...] = (), *, folded: bool = False
 ) -> Condition:
-    def world(_seed: int) -> World:
-        return World(robots.chain(axes, slides, folded=folded), paths.drawn(drawn_start(len(axes), slides), 1))
-
-    return Condition('undisturbed', name, world)
+    urdf, path = robots.chain(axes, slides, folded=folded), paths.drawn(_start(len(axes), slides), 1)
+    return Condition('undisturbed', name, lambda _: World(urdf, path))
 
 
 UNDISTURBED = (
@@ -109,7 +106,7 @@ def _starting(name: str, path: Callable[[int], Path], seconds: float) -> tuple[C
 
 def _other(name: str, urdf: Callable[[], str], joints: int, slides: tuple[int, ...] = ()) -> Condition:
     """Return another robot with slow sinusoids."""
-    start = drawn_start(joints, slides)
+    start = _start(joints, slides)
     return Condition('starts', f'start: {name}', lambda seed: World(urdf(), paths.drawn(start, seed)), varies=True)
 
 

@@ -8,7 +8,6 @@ import io
 import json
 import multiprocessing
 import os
-import resource
 import signal
 import sys
 import time
@@ -21,15 +20,14 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.frame import resident
 from benchmarks.peers.dataset import BAG, KNOWN, TRUTH, URDF
 from benchmarks.peers.recording import Known
 from benchmarks.peers.registry import load
+from fuzzing.trial import memory_of
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.replay.campaigns.statistics import QUANTILE
 
 LIMIT = 300  # s of processor time, of a run
-_PRELOADED = 'benchmarks.peers.registry'
 FAR = 5.0  # standard deviations: an error beyond is wrong
 FAR_ALONE = 0.1  # the same without standard deviations: of mass, radius of gyration or mean moment
 COVERED = (0.9, 0.98)  # share of 95 % intervals that hold the truth, where they are right
@@ -63,7 +61,7 @@ def outcomes(
         return
     os.environ['PYTHONPATH'] = os.pathsep.join(filter(None, sys.path))  # for the server, which gets it in no other way
     context = multiprocessing.get_context('forkserver')
-    context.set_forkserver_preload([_PRELOADED])
+    context.set_forkserver_preload(['benchmarks.peers.registry'])
 
     def one(task: tuple[str, Path]) -> tuple[str, str, Outcome]:
         name, folder = task
@@ -117,7 +115,7 @@ def _work(name: str, folder: str, pipe: Any) -> None:
 
 def outcome_of(name: str, folder: Path) -> Outcome:
     """Return the outcome of a method on a run, in this process."""
-    method, before = load(name), resident()
+    method, before = load(name), memory_of('VmRSS')
     urdf, known = (folder / URDF).read_text(encoding='utf-8'), Known.read(folder / KNOWN)
     parameters: Array = np.full(10, np.nan)
     std: Array = np.full(10, np.nan)
@@ -131,8 +129,8 @@ def outcome_of(name: str, folder: Path) -> Outcome:
             std = np.sqrt(np.diag(answer.covariance))
     except Exception as error:  # noqa: BLE001 - one method must not stop the others
         failure = ' '.join(f'{type(error).__name__}: {error}'.split())[:200]
-    peak, taken = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3, time.process_time() - processor
-    return Outcome(parameters.tolist(), std.tolist(), doubt, failure, taken, max(peak - before, 0.0))
+    taken, memory = time.process_time() - processor, 1e-6 * max(memory_of('VmHWM') - before, 0)
+    return Outcome(parameters.tolist(), std.tolist(), doubt, failure, taken, memory)
 
 
 def _late(*_: object) -> None:
