@@ -81,10 +81,6 @@ def _ratio(summary: Summary) -> str:
     return f'{median_and_most(summary.ratio)}{few}'
 
 
-def _band(summary: Summary) -> str:
-    return f'{number(summary.nees_band[0])} to {number(summary.nees_band[1])}'
-
-
 def _errors(report: Report, robot: str) -> Iterator[list[str]]:
     for case in report.plain(robot):
         for index, time in enumerate(report.plan[case][0]):
@@ -104,7 +100,7 @@ def _intervals(report: Report) -> Iterator[list[str]]:
                         percent(covered[0]),
                         f'{percent(covered[1])} to {percent(covered[2])}',
                         number(summary.nees),
-                        _band(summary),
+                        ' to '.join(map(number, summary.nees_band)),
                         percent(summary.determined),
                         percent(summary.converged),
                         f'{summary.alarms} of {summary.estimates}',
@@ -141,14 +137,22 @@ def _sensors(report: Report) -> Iterator[list[str]]:
                 against = ['-'] * 4
                 if summary.reports_std:
                     ratio, covered = float(np.nanmedian(summary.rmse / limit)), float(np.nanmean(summary.coverage))
-                    against = [number(ratio), percent(covered), number(summary.nees), _band(summary)]
+                    against = [
+                        number(ratio),
+                        percent(covered),
+                        number(summary.nees),
+                        ' to '.join(map(number, summary.nees_band)),
+                    ]
                 yield [case.name, method, f'{time:.0f} s', _ratio(summary), *against]
 
 
 def main() -> None:
     """Run the benchmark."""
     frame = Frame(__doc__, 'measured/accuracy.md', seeds=0)
-    plan = {case: _job(case, frame.arguments.seeds) for case in frame.chosen(_cases(), lambda case: case.name)}
+    plan: dict[Case, tuple[Times, int]] = {}
+    for case in frame.chosen(_cases(), lambda case: case.name):
+        count, most = frame.arguments.seeds or _SEEDS[case.robot], _SLOW_SEEDS if case.every > 1 else _OTHER_SEEDS
+        plan[case] = _TIMES.get(case.robot, _TIMES_IN_SPACE), count if case.plain else min(count, most)
     outcomes = monte_carlo(frame, plan)
     motions = {case: motion(case.robot) for case in plan}
     # All sensors and white noise: the bound that every case is compared with.
@@ -172,14 +176,6 @@ def _cases() -> Iterator[Case]:
     for level in LEVELS:
         odd = [*_SENSORS, *([_SENSORS[0] | _SENSORS[2], *_SENSORS_MID] if level == 'mid' else ())]
         yield from (replace(Case(_EXAMPLE, level), **each) for each in odd)
-
-
-def _job(case: Case, seeds: int) -> tuple[Times, int]:
-    """Return the times of a case and its number of seeds."""
-    count = seeds or _SEEDS[case.robot]
-    if not case.plain:
-        count = min(count, _SLOW_SEEDS if case.every > 1 else _OTHER_SEEDS)
-    return _TIMES.get(case.robot, _TIMES_IN_SPACE), count
 
 
 if __name__ == '__main__':

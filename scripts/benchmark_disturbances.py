@@ -11,6 +11,7 @@ import numpy as np
 
 from benchmarks.data import CONFIG, NOISE, RATE, history, model, simulator_config
 from benchmarks.frame import Frame, Runs, declared, number, percent
+from benchmarks.honesty.paths import servicer
 from benchmarks.precapture import free_urdf
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
@@ -21,10 +22,9 @@ from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.replay.campaigns.statistics import coverage
 from mbaid_ros.sensor_messages import Joints, Poses, Thrust, joints_of, poses_of
 from mbaid_ros.session.session import Session
-from mbaid_ros.simulated_robot import make_motion, make_simulation
+from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import commands
 from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, ThrustSimulation
-from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Truth
 
@@ -42,31 +42,22 @@ def _thrust(force: float, torque: float, begin: float, length: float, link: str 
     return {**times, 'thrust.force': (force * _FORCE).tolist(), 'thrust.torque': (torque * _TORQUE).tolist()}
 
 
-def _spinning() -> dict[str, object]:
-    """Return the motion of arm and wheels as parameters."""
-    arm = make_motion(simulator_config(ROBOT), model(ROBOT))
-    assert isinstance(arm, Sinusoids), 'the servicer moves by sinusoids'
-    motion = servicers.spinning(arm)
-    return {
-        'initial.joint_positions': motion.start.tolist(),
-        'motion.amplitudes': motion.amplitude.ravel().tolist(),
-        'motion.frequencies': motion.frequency.ravel().tolist(),
-        'motion.phases': motion.phase.ravel().tolist(),
-    }
-
-
-def _capture() -> dict[str, object]:
-    body = physical(servicers.alone())
-    return {
-        'capture.time': _CAPTURED,
-        'capture.mass': float(body[0]),
-        'capture.com': body[1:4].tolist(),
-        'capture.inertia': body[4:].tolist(),
-        'capture.linear_velocity': [0.004, -0.006, 0.003],
-        'capture.angular_velocity': [0.02, -0.03, 0.015],
-    }
-
-
+_WHEELS = servicers.spinning(servicer())
+_SPINNING = {  # arm and wheels
+    'initial.joint_positions': _WHEELS.start.tolist(),
+    'motion.amplitudes': _WHEELS.amplitude.ravel().tolist(),
+    'motion.frequencies': _WHEELS.frequency.ravel().tolist(),
+    'motion.phases': _WHEELS.phase.ravel().tolist(),
+}
+_BODY = physical(servicers.alone())
+_CAPTURE = {
+    'capture.time': _CAPTURED,
+    'capture.mass': float(_BODY[0]),
+    'capture.com': _BODY[1:4].tolist(),
+    'capture.inertia': _BODY[4:].tolist(),
+    'capture.linear_velocity': [0.004, -0.006, 0.003],
+    'capture.angular_velocity': [0.02, -0.03, 0.015],
+}
 SERVICER, WHEELED, FREE = model(ROBOT).urdf, servicers.wheeled_urdf(), free_urdf()
 
 
@@ -86,12 +77,12 @@ CASES = {
     'pulse': Case('pulse of 1 N s and 0.5 N m s at 30 s', _thrust(10.0, 5.0, 30.0, 0.1)),
     'inertial': Case('10 mN and 10 mN m, odometry axes', _thrust(0.01, 0.01, 0.0, SECONDS + 1.0, 'odom')),
     'body': Case('10 mN and 10 mN m, base axes', _thrust(0.01, 0.01, 0.0, SECONDS + 1.0)),
-    'wheels': Case('four wheels spin up', _spinning(), WHEELED, WHEELED),
+    'wheels': Case('four wheels spin up', _SPINNING, WHEELED, WHEELED),
     'wheels unread': Case(
-        'four wheels spin up, their speeds not in JointState', _spinning(), WHEELED, servicers.unaware()
+        'four wheels spin up, their speeds not in JointState', _SPINNING, WHEELED, servicers.unaware()
     ),
     'late': Case(f'joints stamped {1e3 * _LATE:g} ms late', {}, late=_LATE),
-    'capture': Case(f'a capture at {_CAPTURED:g} s', _capture(), FREE, FREE),
+    'capture': Case(f'a capture at {_CAPTURED:g} s', _CAPTURE, FREE, FREE),
 }
 
 
@@ -107,18 +98,18 @@ class Row:
 
 
 _TRAJECTORY = ('trajectory',)
-_INERTIAL, _BODY = ((('disturbance.constant', axes),) for axes in ('inertial', 'body'))
+_IN_ODOMETRY, _IN_BASE = ((('disturbance.constant', axes),) for axes in ('inertial', 'body'))
 PLAIN = Row('none', 'nothing')
 ROWS = (
     PLAIN,
-    Row('none', 'a force, odometry axes', _INERTIAL, _TRAJECTORY),
-    Row('none', 'a force, base axes', _BODY, _TRAJECTORY),
+    Row('none', 'a force, odometry axes', _IN_ODOMETRY, _TRAJECTORY),
+    Row('none', 'a force, base axes', _IN_BASE, _TRAJECTORY),
     Row('pulse', 'detected'),
     Row('pulse', 'commanded', commanded=True),
     Row('inertial', 'detected'),
-    Row('inertial', 'declared', _INERTIAL, _TRAJECTORY),
+    Row('inertial', 'declared', _IN_ODOMETRY, _TRAJECTORY),
     Row('body', 'detected'),
-    Row('body', 'declared', _BODY, _TRAJECTORY),
+    Row('body', 'declared', _IN_BASE, _TRAJECTORY),
     Row('wheels', 'speeds are read'),
     Row('wheels unread', 'detected'),
     Row('late', 'not modelled', (('time_offset.estimate', False),)),
@@ -146,7 +137,7 @@ def motion(case: str) -> tuple[RobotModel, Truth, Array, Pulse | None]:
     truth = simulation.advance(np.arange(round(SECONDS * RATE)) / RATE)
     sought = physical(robot.link(LINK).parameters)
     if isinstance(simulation, CaptureSimulation):
-        sought = np.concatenate((physical(servicers.alone()), simulation.brought))
+        sought = np.concatenate((_BODY, simulation.brought))
     return robot, truth, sought, simulation.pulse if isinstance(simulation, ThrustSimulation) else None
 
 

@@ -98,10 +98,21 @@ def _information(case: Case, samples: Samples, momentum: Array, basis: Array) ->
     at, between = slice(0, None, _STRIDE), slice(_STRIDE // 2, None, _STRIDE)
     step = float(samples.time[_STRIDE] - samples.time[0])
     count = len(samples.time[between])
-    middle = _midpoints(samples[between], step)
+    middle = samples[between]
+    twist = np.concatenate((middle.base_linear_velocity, middle.base_angular_velocity), axis=1)
+    midpoints = Midpoints(
+        joint_position=middle.joint_position,
+        joint_velocity=middle.joint_velocity,
+        base_rotation=middle.base_rotation,
+        base_position=middle.base_position - middle.base_position[0],
+        base_twist=twist,
+        turn=step * twist[:, 3:],
+        step=step * twist[:, :3],
+        impulse=middle.impulse,
+    )
     layout = Layout.of(robot, ())
     state = np.concatenate((np.zeros(POSE.stop), momentum, robot.target.parameters))
-    prediction, bodies = predict(layout, middle, layout.point(state))
+    prediction, bodies = predict(layout, midpoints, layout.point(state))
     by_rate, by_position = joint_gains(robot, bodies)
     value, rate = _splines(samples.time[between], float(samples.time[-1]))
     # A spline's own columns: the k-th spline of the j-th joint is column k n + j.
@@ -135,22 +146,6 @@ def _information(case: Case, samples: Samples, momentum: Array, basis: Array) ->
     joints = path.shape[-1]
     information[:joints, :joints] += np.kron(seen, np.eye(robot.model.joints))
     return np.asarray(information)
-
-
-def _midpoints(samples: Samples, step: float) -> Midpoints:
-    """Return exact samples as the motion midway between knots."""
-    origin = samples.base_position[0]
-    twist = np.concatenate((samples.base_linear_velocity, samples.base_angular_velocity), axis=1)
-    return Midpoints(
-        joint_position=samples.joint_position,
-        joint_velocity=samples.joint_velocity,
-        base_rotation=samples.base_rotation,
-        base_position=samples.base_position - origin,
-        base_twist=twist,
-        turn=step * twist[:, 3:],
-        step=step * twist[:, :3],
-        impulse=samples.impulse,
-    )
 
 
 def _splines(time: Array, end: float) -> tuple[Array, Array]:

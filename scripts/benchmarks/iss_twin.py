@@ -54,7 +54,10 @@ def twin(flown: Recording, seed: int) -> tuple[Recording, Array]:
     turned, imu, noise = np.array(rotation), told['imu'], told['noise']
     torque = rotate(turned, _varying(time, told['disturbance']['torque_std'], told['disturbance']['torque_time'], rng))
     begin = rotate(turned[:1], flown.stored.momentum[:1])[0]
-    stored = _stored(flown.robot, bodies, (time, turned, rate, joints), _orbit(told['orbit']), torque, begin)[place]
+    circle = told['orbit']
+    orbit = Orbit.inertial(circle['mean_motion'], np.array(circle['nadir']), np.array(circle['normal']))
+    orbit = orbit.eccentric(circle['eccentricity'], circle['true_anomaly'])
+    stored = _stored(flown.robot, bodies, (time, turned, rate, joints), orbit, torque, begin)[place]
     read = rate[place] + imu['bias_std'] * rng.normal(size=3) + imu['noise_density'] * rng.normal(size=(len(place), 3))
     error = _varying(stamps, noise['base_orientation'], noise['base_correlation_time'], rng)
     late = _LATE * rng.uniform(-1.0, 1.0)
@@ -83,12 +86,6 @@ def _drawn(urdf: str, rng: np.random.Generator) -> Array:
 def _smooth(stamps: Array, values: Array, time: Array) -> Array:
     each = np.column_stack([np.interp(time, stamps, column) for column in values.T])
     return np.asarray(gaussian_filter1d(each, _SMOOTH / _GRID, axis=0))
-
-
-def _orbit(told: dict[str, float]) -> Orbit:
-    """Return the orbit that `convert` has put into the parameters."""
-    circle = Orbit.inertial(told['mean_motion'], np.array(told['nadir']), np.array(told['normal']))
-    return circle.eccentric(told['eccentricity'], told['true_anomaly'])
 
 
 def _varying(time: Array, std: float, constant: float, rng: np.random.Generator) -> Array:

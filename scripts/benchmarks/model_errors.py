@@ -29,9 +29,9 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.filter.averaging import KnotAveraging
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
-from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, layout_of
+from mbaid_ros.core.filter.state import BODY, MOMENTUM, layout_of
 from mbaid_ros.core.filter.time_update import UNDISTURBED, advance
-from mbaid_ros.core.filter.variables import Variables, variables
+from mbaid_ros.core.filter.variables import variables
 from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.filter.window import Window, stacked
 from mbaid_ros.core.geometry import Array, cross
@@ -208,7 +208,11 @@ def attainable(robot: str, truth: Truth, errors: ModelErrors, sizes: ErrorSizes)
     state[MOMENTUM], state[BODY] = momentum, own.target.parameters
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         state[place] = np.linalg.lstsq(unknown.factor, _true(unknown, errors), rcond=None)[0]
-    gaussian = _followed(layout, own_variables, windows, state)
+    steps = LinearisationCache(layout, own_variables).all_whitened(stacked(windows), layout.point(state))
+    gaussian = SquareRootInformation.prior(own_variables)
+    for number, (_, step) in enumerate(steps):
+        before = gaussian if number == 0 else advance(gaussian, steps[number - 1][1], own_variables, UNDISTURBED)
+        gaussian = update(before, step)
     distribution = MeanAndCovariance.of(gaussian, own_variables)
     jacobian = physical_jacobian(own.target.parameters)
     deviation = np.sqrt(np.sum((jacobian @ distribution.factor[BODY]) ** 2, axis=1))
@@ -235,17 +239,7 @@ def _windows(robot: str, truth: Truth, errors: ModelErrors, length: float) -> tu
     return [window for window in both if window is not None], gathering.origin, detector
 
 
-def _followed(layout: Layout, own: Variables, windows: list[Window], state: Array) -> SquareRootInformation:
-    """Return the posterior after windows, all linearised at a state."""
-    steps = LinearisationCache(layout, own).all_whitened(stacked(windows), layout.point(state))
-    gaussian = SquareRootInformation.prior(own)
-    for place, (_, step) in enumerate(steps):
-        gaussian = update(gaussian if place == 0 else advance(gaussian, steps[place - 1][1], own, UNDISTURBED), step)
-    return gaussian
-
-
 def _true(unknown: Unknown, errors: ModelErrors) -> Array:
-    """Return the true (k,) values of an unknown."""
     if isinstance(unknown, KnownBodies):
         return errors.bodies[list(unknown.bodies)].ravel()
     if isinstance(unknown, JointPlacements):

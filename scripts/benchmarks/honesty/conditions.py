@@ -105,7 +105,6 @@ def _starting(name: str, path: Callable[[int], Path], seconds: float) -> tuple[C
 
 
 def _other(name: str, urdf: Callable[[], str], joints: int, slides: tuple[int, ...] = ()) -> Condition:
-    """Return another robot with slow sinusoids."""
     start = _start(joints, slides)
     return Condition('starts', f'start: {name}', lambda seed: World(urdf(), paths.drawn(start, seed)), varies=True)
 
@@ -119,10 +118,6 @@ def _single(seed: int) -> Path:
 
 def _slow(seed: int) -> Path:
     return paths.drawn(paths.servicer().start, seed)
-
-
-def _with_base(mass: float) -> str:
-    return robots.scaled(robots.servicer(), BASE, mass / 560.0)
 
 
 STARTS = (
@@ -141,5 +136,8 @@ STARTS = (
     _other('one prismatic joint', lambda: robots.chain(((1, 0, 0),), (0,)), 1, (0,)),
     _other('20 joints', lambda: robots.chain((AXES * 4)[:20]), 20),
     _other('40 joints', lambda: robots.chain((AXES * 7)[:40]), 40),
-    *(_other(f'a base of {mass:g} kg', partial(_with_base, mass), 7) for mass in (1e-6, 1.0, 1e6)),
+    *(
+        _other(f'a base of {mass:g} kg', partial(robots.scaled, robots.servicer(), BASE, mass / 560.0), 7)
+        for mass in (1e-6, 1.0, 1e6)
+    ),
 )

@@ -41,10 +41,6 @@ def _fast(_seed: int) -> World:
     return World(robots.servicer(), sinusoids(), seconds=30.0, rate=500.0)
 
 
-def _sliding(_seed: int) -> World:
-    return World(robots.chain(AXES, (2,)), paths.drawn(np.full(len(AXES), 0.2), 1))
-
-
 def _w_first(quaternion: Array) -> Array:
     return np.roll(quaternion, 1, axis=-1)
 
@@ -101,7 +97,7 @@ SENSORS = (
     Condition(
         'sensors',
         'a prismatic joint in millimetres',
-        _sliding,
+        lambda _: World(robots.chain(AXES, (2,)), paths.drawn(np.full(len(AXES), 0.2), 1)),
         view=partial(readings.misgeared, 2, 1e3),
         cause='prismatic joints are in millimetres|far beyond its limits.*encoder ticks, not m',
     ),
@@ -125,10 +121,6 @@ SENSORS = (
 _PLACE, _MOUNT = np.array([2e-3, -1e-3, 1.5e-3]), np.array([1.5e-3, -1e-3, 2e-3])  # m, rad, of the odometry's mount
 
 
-def _mounted(truth: Truth) -> Truth:
-    return readings.mounted(_PLACE, _MOUNT, readings.zero_off(JOINT, 1e-3, truth))
-
-
 def _bench(
     name: str,
     *defects: Defect,
@@ -146,9 +138,12 @@ def _bench(
             found = defect(found, rng)
         return found
 
+    def view(truth: Truth) -> Truth:
+        return readings.mounted(_PLACE, _MOUNT, readings.zero_off(JOINT, 1e-3, truth))
+
     channels = dict.fromkeys(vars(NOISE), declared)
     return Condition(
-        'benches', f'a bench: {name}', world, lambda _: robots.servicer(), _mounted, spoilt, channels, varies=True
+        'benches', f'a bench: {name}', world, lambda _: robots.servicer(), view, spoilt, channels, varies=True
     )
 
 

@@ -61,15 +61,18 @@ def make(runs: list[Run], folder: Path) -> dict[str, dict[str, str]]:
 
 def _make(run: Run, folder: Path) -> None:
     motion = moved(run.condition, run.seed, run.seconds)
-    noise, target = LEVELS[run.condition.level], model(run.condition.robot).last_link
+    own, target = LEVELS[run.condition.level], model(run.condition.robot).last_link
     # Robots and levels draw apart, and what differs does, too.
     seed = zlib.crc32(run.condition.name.encode()) << 32 | run.seed
     rng = np.random.default_rng([seed, 1])
     truth = motion.truth
     if run.condition.differs == OTHER_ENGINE:
-        truth = replace(truth, joint_effort=_with_torque_errors(truth.joint_effort, rng))
+        effort = truth.joint_effort
+        gain = 1.0 + _TORQUE * rng.normal(size=effort.shape[1])
+        noise = _TORQUE * np.sqrt(np.mean(effort**2, axis=0)) * rng.normal(size=effort.shape)
+        truth = replace(truth, joint_effort=gain * effort + noise)
     folder.mkdir(parents=True)
-    write_bag(folder / BAG, motion.nominal, Sensors(noise, seed, motion.errors), [(0.0, truth)])
+    write_bag(folder / BAG, motion.nominal, Sensors(own, seed, motion.errors), [(0.0, truth)])
     body = physical(motion.nominal.link(target).parameters)
     catalogued = _catalogued(body, rng)
     (folder / URDF).write_text(replace_inertial(motion.nominal.urdf, target, catalogued), encoding='utf-8')
@@ -79,7 +82,7 @@ def _make(run: Run, folder: Path) -> None:
     momentum = total_momentum(robot, motion.truth[:1])[0]
     known = {
         'target_link': target,
-        'noise': vars(noise),
+        'noise': vars(own),
         'declared': declared(run.condition, run.seed),
         'passive_urdf': replace_inertial(motion.moving.urdf, target, catalogued) if swings else '',
         'momentum': momentum.tolist(),
@@ -89,13 +92,6 @@ def _make(run: Run, folder: Path) -> None:
     bound = [float(value) if np.isfinite(value) else None for value in motion.bound]
     momenta = {'linear': momentum[:3].tolist(), 'angular': momentum[3:].tolist()}
     _write(folder / TRUTH, {**about, **shaped(body), 'parameters': body.tolist(), 'momentum': momenta, 'bound': bound})
-
-
-def _with_torque_errors(effort: Array, rng: np.random.Generator) -> Array:
-    """Return torques (N, n) with a gain error of each joint and noise."""
-    gain = 1.0 + _TORQUE * rng.normal(size=effort.shape[1])
-    noise = _TORQUE * np.sqrt(np.mean(effort**2, axis=0))
-    return np.asarray(gain * effort + noise * rng.normal(size=effort.shape))
 
 
 def _catalogued(body: Array, rng: np.random.Generator) -> Array:
