@@ -137,12 +137,8 @@ def _sensors(report: Report) -> Iterator[list[str]]:
                 against = ['-'] * 4
                 if summary.reports_std:
                     ratio, covered = float(np.nanmedian(summary.rmse / limit)), float(np.nanmean(summary.coverage))
-                    against = [
-                        number(ratio),
-                        percent(covered),
-                        number(summary.nees),
-                        ' to '.join(map(number, summary.nees_band)),
-                    ]
+                    band = ' to '.join(map(number, summary.nees_band))
+                    against = [number(ratio), percent(covered), number(summary.nees), band]
                 yield [case.name, method, f'{time:.0f} s', _ratio(summary), *against]
 
 

@@ -58,7 +58,7 @@ _CAPTURE = {
     'capture.linear_velocity': [0.004, -0.006, 0.003],
     'capture.angular_velocity': [0.02, -0.03, 0.015],
 }
-SERVICER, WHEELED, FREE = model(ROBOT).urdf, servicers.wheeled_urdf(), free_urdf()
+SERVICER, WHEELED, UNREAD, FREE = model(ROBOT).urdf, servicers.wheeled_urdf(), servicers.unaware(), free_urdf()
 
 
 @dataclass(frozen=True)
@@ -78,9 +78,7 @@ CASES = {
     'inertial': Case('10 mN and 10 mN m, odometry axes', _thrust(0.01, 0.01, 0.0, SECONDS + 1.0, 'odom')),
     'body': Case('10 mN and 10 mN m, base axes', _thrust(0.01, 0.01, 0.0, SECONDS + 1.0)),
     'wheels': Case('four wheels spin up', _SPINNING, WHEELED, WHEELED),
-    'wheels unread': Case(
-        'four wheels spin up, their speeds not in JointState', _SPINNING, WHEELED, servicers.unaware()
-    ),
+    'wheels unread': Case('four wheels spin up, their speeds not in JointState', _SPINNING, WHEELED, UNREAD),
     'late': Case(f'joints stamped {1e3 * _LATE:g} ms late', {}, late=_LATE),
     'capture': Case(f'a capture at {_CAPTURED:g} s', _CAPTURE, FREE, FREE),
 }

@@ -57,7 +57,6 @@ class Cost:
     memory: float  # MB, its peak
 
 
-NODES = HERE / 'speed_nodes.py'
 _INPUTS = (': joint_states', ': odom')  # of the estimator's diagnostics
 
 
@@ -117,7 +116,7 @@ def received(reports: list[Any]) -> list[int]:
 @contextmanager
 def node_beside(made: Graph, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Run one of the nodes beside the estimator, the publisher until it is ready; it ends with the block."""
-    command, pipe = [sys.executable, str(NODES), *arguments], subprocess.PIPE
+    command, pipe = [sys.executable, str(HERE / 'speed_nodes.py'), *arguments], subprocess.PIPE
     with subprocess.Popen(command, env=made.environment, stdin=pipe, stdout=pipe, text=True) as process:
         try:
             assert process.stdout is not None, 'it is a pipe'
@@ -149,12 +148,12 @@ def _replays(folder: Path, minutes: float, repeats: int) -> str:
         floor.append(_measured([sys.executable, str(HERE / 'speed_floor.py'), str(bag)]))
         for name, parameters in VARIANTS.items():
             costs[name].append(_measured(_replay(bag, parameters)))
-    rows = []
+    rows, least = [], _median(floor)
     for name, each in costs.items():
-        ratio = _middle([cost.cpu / least.cpu for cost, least in zip(each, floor, strict=True)])
-        cost, least = _median(each), _median(floor)
-        seconds = (number(cost.cpu, 1), number(least.cpu, 1))
-        rows.append([name, ratio, *seconds, number(cost.memory), number(least.memory)])
+        ratio = _middle([cost.cpu / bare.cpu for cost, bare in zip(each, floor, strict=True)])
+        cost = _median(each)
+        numbers = (number(cost.cpu, 1), number(least.cpu, 1), number(cost.memory), number(least.memory))
+        rows.append([name, ratio, *numbers])
     header = ['method', 'ratio', 'replay, s', 'floor, s', 'peak, MB', 'floor, MB']
     return f'A bag of {minutes:g} min at 100 Hz:\n\n{table(header, rows)}'
 

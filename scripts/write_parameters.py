@@ -24,9 +24,8 @@ DECLARED: dict[str, type] = {
     'simulator': SimulatorConfig,
     'recorder': RecorderConfig,
 }
-DOCUMENTS = tuple(
-    ROOT / 'docs' / name for name in ('reference/parameters.md', 'reference/simulator.md', 'how-to/calibrate.md')
-)
+REFERENCE = ROOT / 'docs' / 'reference'
+DOCUMENTS = (REFERENCE / 'parameters.md', REFERENCE / 'simulator.md', ROOT / 'docs' / 'how-to' / 'calibrate.md')
 PLACE = re.compile(r'(<!-- parameters of (\w+) -->\n).*?(<!-- end of parameters -->)', re.DOTALL)
 WIDTH = 120
 

@@ -74,12 +74,8 @@ def completed(
 class Frame:
     """The command line, the parallel runs and the page of one benchmark.
 
-    Parameters
-    ----------
-    documentation : of the script, whose first line is its help
-    page : name of the file in docs/ whose tables it writes
-    seeds : default number of runs of each row; None for a benchmark without seeds
-    options : defaults of further arguments, by name
+    The first line of the script's documentation is its help; `page` is the file in docs/ whose tables it writes;
+    `seeds` is the default number of runs of each row, if it has seeds; `options` are defaults of further arguments.
     """
 
     def __init__(self, documentation: str | None, page: str, seeds: int | None = None, **options: float | str) -> None:
@@ -216,10 +212,6 @@ def provenance(note: str = '') -> str:
 
 def machine() -> str:
     """Return processor, Python and NumPy."""
-    try:
-        lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
-    except OSError:
-        lines = []
-    names = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
-    processor = names[0] if names else platform.machine()
+    named = re.search(r'model name\s*: (.*)', Path('/proc/cpuinfo').read_text(encoding='utf-8'))
+    processor = named[1].strip() if named else platform.machine()
     return f'{processor}, one core a run, Python {platform.python_version()}, NumPy {np.__version__}'

@@ -18,24 +18,15 @@ from mbaid_ros.simulation.simulation import Truth
 
 
 class InMuJoCo:
-    """A robot in MuJoCo, with its errors and an orbit's pull in MuJoCo's own terms; a site stands for the odometry.
-
-    Parameters
-    ----------
-    robot : RobotModel, of its URDF
-    step : s, of a Runge-Kutta method of order 4
-    errors : deviations of the moving robot
-    around : orbit, the frame falls along
-    springs : stiffness (N m/rad) and damping (N m s/rad) of joints without a motor, by name
-    """
+    """A robot in MuJoCo, with its errors and an orbit's pull in MuJoCo's own terms; a site stands for the odometry."""
 
     def __init__(
         self,
-        robot: RobotModel,
-        step: float,
-        errors: ModelErrors | None = None,
-        around: Orbit | None = None,
-        springs: Mapping[str, tuple[float, float]] | None = None,
+        robot: RobotModel,  # of its URDF
+        step: float,  # s, of a Runge-Kutta method of order 4
+        errors: ModelErrors | None = None,  # deviations of the moving robot
+        around: Orbit | None = None,  # the frame falls along
+        springs: Mapping[str, tuple[float, float]] | None = None,  # stiffness (N m/rad) and damping (N m s/rad) by name
     ) -> None:
         self.errors = errors or ModelErrors.none(robot.joints)
         self.around = around

@@ -99,13 +99,9 @@ def _varying(time: Array, std: float, constant: float, rng: np.random.Generator)
 def _stored(
     urdf: str, bodies: Array, motion: tuple[Array, Array, Array, Array], orbit: Orbit, torque: Array, begin: Array
 ) -> Array:
-    """Return the momentum (N, 3) of the gyros, base axes.
+    """Return the momentum (N, 3) of the gyros, base axes, by (3, 10) true bodies and the momentum at the begin (3,).
 
-    Parameters
-    ----------
-    urdf, bodies : of the station, and its (3, 10) true bodies
-    motion : times, rotations, rates in base axes, joint angles
-    orbit, torque, begin : torque from outside (N, 3) in inertial axes, and the gyros' momentum at the begin (3,)
+    The motion has times, rotations, rates in base axes and joint angles; the torque from outside has inertial axes.
     """
     time, rotation, rate, joints = motion
     kinematics = MomentumKernel(load_model(urdf), NAMES[0]).kinematics

@@ -165,9 +165,8 @@ def judged(outcome: Outcome, condition: str = '') -> Verdict:
     given = good & np.isfinite(outcome.error) & (outcome.std > 0.0)
     deviation = np.abs(outcome.error[given] / outcome.std[given])
     covered = float(np.mean(deviation < QUANTILE)) if len(deviation) else np.nan
-    largest = float(np.max(deviation)) if len(deviation) else np.nan
     together = outcome.jointly[good[:, 0] & np.isfinite(outcome.jointly)]
-    joint = float(np.max(together)) if len(together) else np.nan
+    largest, joint = (float(np.max(values)) if len(values) else np.nan for values in (deviation, together))
     pairs = zip(outcome.status, outcome.causes, strict=True) if condition in _TRUE_CAUSES else ()
     return Verdict(
         statuses=Counter(outcome.status.tolist()),
