@@ -3,8 +3,6 @@
 Without --seeds, servicer7 has 200 seeds and the other robots 100. A method's `share` may make them fewer.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Write measured/appendages.md: robots with panels, propellant or a grasp that gives, beside the rigid robot."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 from functools import partial

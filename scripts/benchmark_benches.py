@@ -3,8 +3,6 @@
 Every seed draws its own robot, motion, delay or thrust, and noise; the log has the format of the bench.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

@@ -3,8 +3,6 @@
 Every seed draws its own robot, CAD errors and sensor noise.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Write measured/disturbances.md: thrust, forces, wheels, late joints, a capture."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Write measured/honesty.md: when the estimator is silently wrong, and the causes that it names."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -3,8 +3,6 @@
 Each kind of fault is put into a shipped bag, and the executables read it: the true mass, or the true cause first.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

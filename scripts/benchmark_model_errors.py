@@ -3,8 +3,6 @@
 --seeds is for rows with all errors; other rows have 0.4 times as many.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.frame import Frame, median_and_most, number, percent, statuses

@@ -4,8 +4,6 @@ Recordings and finished runs stay in --store (default: build/peers), from which 
 --processes 0 scores finished runs, and runs nothing.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """Write measured/planning.md: planned motions against random sinusoids within the same limits, and their outcome."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass, replace
 from itertools import product

@@ -3,8 +3,6 @@
 Measured pairs alternate on the same machine under the same load; medians are given.
 """
 
-from __future__ import annotations
-
 import gc
 import json
 import os

@@ -1,7 +1,5 @@
 """Write measured/starts.md: motions that are hard to start with, and whether an estimate is ever wrong."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.frame import PUBLISHED, Frame, number, percent, statuses

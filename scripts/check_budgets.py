@@ -4,8 +4,6 @@
 usage: check_budgets.py [--write]
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

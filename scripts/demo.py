@@ -4,8 +4,6 @@
 the recorded bag makes the report. Exit code 0: every parameter came within 1 % of the truth, else 1.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

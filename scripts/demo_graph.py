@@ -1,7 +1,5 @@
 """The graph of the demos: simulator, estimator and recorder as processes, and a node that listens."""
 
-from __future__ import annotations
-
 import signal
 import sys
 from collections.abc import Callable, Iterator

@@ -4,8 +4,6 @@ Each has to end with 0, 2, 3 or 4, with one line of error at most, within 10 s o
 in less than 1 GB. All run in this process.
 """
 
-from __future__ import annotations
-
 import argparse
 import shutil
 import sys

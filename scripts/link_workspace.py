@@ -4,8 +4,6 @@
 with these colcon chains them like any underlay. A start-up file lets the environment's Python find the workspace.
 """
 
-from __future__ import annotations
-
 import sys
 import sysconfig
 from pathlib import Path

@@ -4,8 +4,6 @@ A simulated bag holds the same messages, byte for byte, each time it is made on 
 with the time of its recording; it is kept only if a replay gives the very estimates recorded in it.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import shutil

@@ -4,8 +4,6 @@ Exit code 1: a settling time differs by more than 10 % from that of an independe
 a spatial servicer are not found.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator, Mapping
 

@@ -5,8 +5,6 @@ usage: pin_requirements.py [--keep] PYTHON3.10 PYTHON3.11 PYTHON3.12 PYTHON3.13 
 requirements.lock has the same with the SHA-256 of each file. With --keep the versions stay, and only that is written.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

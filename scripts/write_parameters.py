@@ -3,8 +3,6 @@
 In a document the table stands between `<!-- parameters of X -->` and `<!-- end of parameters -->`.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 import textwrap

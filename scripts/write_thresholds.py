@@ -1,7 +1,5 @@
 """Write thresholds.md: every number of the estimators that is no parameter, with the reason beside it."""
 
-from __future__ import annotations
-
 import ast
 import io
 import sys

@@ -1,7 +1,5 @@
 """Bags of simulated motions with fresh noise; of any length, of the endless motion of servicer7."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

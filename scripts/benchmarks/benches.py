@@ -1,7 +1,5 @@
 """Simulated twins of benches with published logs: their rates, noise, defects and formats."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Robots of config/ in motion, and the readings of sensors of three qualities."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Shared parts of the benchmarks: arguments, parallel runs that a folder keeps, tables, and the page in docs/."""
 
-from __future__ import annotations
-
 import argparse
 import datetime as dt
 import os

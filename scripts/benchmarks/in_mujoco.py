@@ -1,7 +1,5 @@
 """Robots in an independent engine, MuJoCo: a reference for the simulator, and a simulation of springs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 import mujoco

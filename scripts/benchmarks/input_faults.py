@@ -1,7 +1,5 @@
 """Faults of joint states and poses as robots really publish them, put into the messages of shipped bags."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from copy import deepcopy
 from pathlib import Path

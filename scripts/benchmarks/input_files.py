@@ -1,7 +1,5 @@
 """Faults of bags, tables and robot descriptions as robots really publish them, put into the shipped ones."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Twins of the space station's telemetry: its stamps, gaps, rates and joints, other bodies, and their true moments."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -5,8 +5,6 @@ the information filter at the true robot, momentum and body. Priors and noise th
 estimate to first order. The mean for data without noise has the error that the robot itself makes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Long tables as pictures: a table of more than 40 rows becomes an SVG with its rows as CSV beside it."""
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Sequence

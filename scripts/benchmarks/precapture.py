@@ -1,7 +1,5 @@
 """A servicer before its capture, and CAD descriptions of it, drawn from their priors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache

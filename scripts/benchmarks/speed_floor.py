@@ -1,7 +1,5 @@
 """The floor under a replay: read a bag, the only argument, and deserialise its messages with rosbags."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

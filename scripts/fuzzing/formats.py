@@ -1,7 +1,5 @@
 """The damaged files, each with its damage and the executable that reads it."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -1,7 +1,5 @@
 """A condition, those in which nothing is wrong, and hard starts without errors: a motion of its own for every seed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial

@@ -1,7 +1,5 @@
 """Conditions in which the robot is not as described, is pushed, or has undeclared parts; and the catalogue of all."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any

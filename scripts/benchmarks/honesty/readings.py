@@ -1,7 +1,5 @@
 """Readings of a motion: views are sensors in another place or convention, defects are errors of what they publish."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Robot descriptions: servicer7 with errors or more parts, and robots of other shapes."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence

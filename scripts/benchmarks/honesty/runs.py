@@ -1,7 +1,5 @@
 """Runs of a condition through a session in memory, and the verdict on them."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Sequence

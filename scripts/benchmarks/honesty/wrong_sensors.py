@@ -1,7 +1,5 @@
 """Conditions in which the sensors are not as declared; and benches, on which several small errors come together."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

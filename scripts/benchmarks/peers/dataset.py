@@ -1,7 +1,5 @@
 """The data set: for each run a bag, a URDF, declared knowledge and the truth; a manifest with their SHA-256."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -1,7 +1,5 @@
 """The methods: every module of the folder `methods` is one; those of this package are `replay` with parameters."""
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 from collections.abc import Callable

@@ -5,8 +5,6 @@ once; the inverse dynamics of the free-floating robot then are linear in the tar
 on the base, so that its six rows have the right side zero. Rows are weighted by their own residuals, as there.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

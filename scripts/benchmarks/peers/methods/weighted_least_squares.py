@@ -1,7 +1,5 @@
 """Weighted least squares on the momentum equations: rows weighted by the sensors' noise, propagated through them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
