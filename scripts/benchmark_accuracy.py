@@ -90,7 +90,7 @@ def _intervals(report: Report) -> Iterator[list[str]]:
     for case in report.chosen(plain=True):
         for method in METHODS:
             for time, summary in report.timed(case, method):
-                if summary.reports_std:
+                if np.any(np.isfinite(summary.coverage)):
                     covered = [float(of(summary.coverage)) for of in (np.nanmean, np.nanmin, np.nanmax)]
                     yield [
                         f'{case.robot}, {case.level}, {time:.0f} s',
@@ -133,7 +133,7 @@ def _sensors(report: Report) -> Iterator[list[str]]:
         for method in report.results[case]:
             for (time, summary), limit in zip(report.timed(case, method), report.linked[case], strict=True):
                 against = ['-'] * 4
-                if summary.reports_std:
+                if np.any(np.isfinite(summary.coverage)):
                     ratio, covered = float(np.nanmedian(summary.rmse / limit)), float(np.nanmean(summary.coverage))
                     band = ' to '.join(map(number, summary.nees_band))
                     against = [number(ratio), percent(covered), number(summary.nees), band]

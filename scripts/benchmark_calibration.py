@@ -99,7 +99,6 @@ def _calibrated(cad: RobotModel, before: list[Samples], priors: tuple[BodyDeviat
 
 
 def _with(robot: RobotModel, found: Calibration) -> RobotModel:
-    """Return the calibrated robot."""
     calibrated = dict(zip(LINKS, found.theta.reshape(-1, 10), strict=True))
     links = (replace(link, parameters=calibrated.get(link.name, link.parameters)) for link in robot.links)
     return displaced(replace(robot, links=tuple(links)), *found.displacements)

@@ -53,6 +53,7 @@ def made(make: Callable[..., Made], *values: Any, **named: Any) -> Make:
 
 joints, poses, both = (partial(made, changed, topics) for topics in ([JOINTS], [ODOM], [JOINTS, ODOM]))
 wheel, finger = (partial(made, faults.with_part, name) for name in ('wheel', 'finger'))
+turned = partial(Rotation.from_euler, degrees=True)
 second, parts = (partial(made, parted, each) for each in (faults.second_stream, faults.in_parts))
 
 KINDS = (
@@ -114,12 +115,12 @@ KINDS = (
     Kind('11 left-handed axes', poses(faults.axes, np.diag([1, -1, 1])), '(x, -y, z) in', TRAJECTORY, whole=True),
     Kind(
         '11 the frame turned by 90 degrees',
-        poses(faults.axes, turn=Rotation.from_euler('z', 90, degrees=True)),
+        poses(faults.axes, turn=turned('z', 90)),
         'turned by 90 degrees about (0, 0, 1)',
     ),
     Kind(
         '11 by -90 degrees about x',
-        poses(faults.axes, turn=Rotation.from_euler('x', -90, degrees=True)),
+        poses(faults.axes, turn=turned('x', -90)),
         'turned by 90 degrees about (-1, 0, 0)',
         source=ETS7,
     ),

@@ -231,7 +231,6 @@ def _row(case: Case, found: Outcome) -> list[str]:
 
 
 def _spread(ratio: Array) -> str:
-    """Return median and range of some ratios."""
     return f'{np.median(ratio):.2f} ({ratio.min():.2f} to {ratio.max():.2f})' if len(ratio) else '-'
 
 

@@ -90,13 +90,12 @@ def watch(demo: Demo, bag: Path, duration: float, speed: float) -> tuple[Any, An
 
 def judge(estimate: Any, truth: Any) -> str:
     """Return the faults of an estimate; empty if every parameter is close enough to the truth."""
-    wrong = []
-    for (name, _, _, _), error in zip(PARAMETERS, errors(estimate.inertia, truth), strict=True):
-        if math.isnan(error):
-            wrong.append(f'{name} is not determined')
-        elif abs(error) >= TOLERANCE:
-            wrong.append(f'{name} is off by {error:+.2f} %')
-    return ', '.join(wrong)
+    found = zip(PARAMETERS, errors(estimate.inertia, truth), strict=True)
+    return ', '.join(
+        f'{name} is not determined' if math.isnan(error) else f'{name} is off by {error:+.2f} %'
+        for (name, *_), error in found
+        if not abs(error) < TOLERANCE
+    )
 
 
 def replay(demo: Demo, bag: Path, truth: Any, report: Path) -> None:

@@ -87,7 +87,6 @@ def thresholds(file: Path) -> Iterator[Threshold]:
 
 
 def _comments(source: str) -> dict[int, str]:
-    """Return the comments of a module by their line."""
     tokens = tokenize.generate_tokens(io.StringIO(source).readline)
     return {token.start[0]: token.string.lstrip('# ') for token in tokens if token.type == tokenize.COMMENT}
 

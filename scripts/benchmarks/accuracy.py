@@ -151,11 +151,6 @@ class Summary:
     estimates: int
     noise: Array  # (runs, 6)
 
-    @property
-    def reports_std(self) -> bool:
-        """Whether the method reports its uncertainty."""
-        return bool(np.any(np.isfinite(self.coverage)))
-
 
 def summarise(found: Outcome, truth: Array, bound: Array) -> Summary:
     """Return the statistics at one time; truth and bound (10,)."""

@@ -76,7 +76,6 @@ def spot_2021(folder: Path, seed: int, duration: float = 32.0, tracking: float =
 
 
 def _arm(rng: np.random.Generator) -> Sinusoids:
-    """Return a motion of three joints that begins at rest."""
     amplitude = rng.uniform(0.5, 1.0, (3, 1)) * rng.choice((-1.0, 1.0), (3, 1)) * np.array([[0.4], [0.9], [0.6]])
     start = np.array([np.pi / 2.0, 0.0, 0.0]) - amplitude[:, 0]
     return Sinusoids(start, amplitude, 1.0 / rng.uniform(12.0, 25.0, (3, 1)), np.full((3, 1), -np.pi / 2.0))

@@ -97,7 +97,6 @@ class Variant:
         )
 
     def _bodies(self, drawn_ones: Array) -> Array:
-        """Return (n + 1, 10) errors of the bodies with another distribution."""
         if self.links == AS_DECLARED:
             return drawn_ones
         changed = np.zeros_like(drawn_ones)

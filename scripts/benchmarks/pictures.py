@@ -69,6 +69,5 @@ def _draw(header: Sequence[str], rows: Sequence[Sequence[str]], file: Path) -> N
 
 
 def _number(cell: str) -> float:
-    """Return the first number of a cell, NaN if there is none."""
     found = _NUMBER.match(cell)
     return float(found[0]) if found else np.nan

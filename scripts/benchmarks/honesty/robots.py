@@ -163,7 +163,6 @@ def _link(name: str, body: Array) -> str:
 
 
 def _jointed(name: str, kind: str, links: tuple[str, str], axis: Vector, place: Vector = (0.0, 0.0, 0.0)) -> str:
-    """Return a joint between parent and child."""
     limit = '' if kind == 'continuous' else '<limit lower="-3" upper="3" effort="100" velocity="10"/>'
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{links[0]}"/><child link="{links[1]}"/>'
@@ -178,7 +177,6 @@ def _part(element: ET.Element, name: str) -> ET.Element:
 
 
 def _joint_changed(urdf: str, joint: str, name: str, change: Callable[[Array], Array]) -> str:
-    """Return a robot with another axis or origin of a joint."""
     root = ET.fromstring(urdf)
     changed = _part(root, f"joint[@name='{joint}']/{name}")
     changed.set('xyz', _text(change(_numbers(changed.get('xyz', '1 0 0' if name == 'axis' else '0 0 0')))))

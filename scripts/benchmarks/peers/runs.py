@@ -55,7 +55,7 @@ def outcomes(
     """
     if processes == 0:
         for name, folder in work:
-            found = _finished(*_kept_in(name, folder, manifest[folder.name]))
+            *_, found = _finished(name, folder, manifest[folder.name])
             if found is not None:
                 yield name, folder.name, found
         return
@@ -73,23 +73,18 @@ def outcomes(
             yield result
 
 
-def _kept_in(name: str, folder: Path, files: dict[str, str]) -> tuple[Path, str]:
-    """Return the file of an outcome, and the digests it must have: of this bag and this method."""
+def _finished(name: str, folder: Path, files: dict[str, str]) -> tuple[Path, str, Outcome | None]:
+    """Return the file of an outcome, the digest of this bag and this method, and the outcome if it is of these."""
     made_of = hashlib.sha256(json.dumps(files, sort_keys=True).encode() + load(name).file.read_bytes()).hexdigest()
-    return folder.parent / 'results' / folder.name / f'{name}.json', made_of
-
-
-def _finished(file: Path, made_of: str) -> Outcome | None:
-    """Return the outcome in a file; None where there is none, or one of something else."""
+    file = folder.parent / 'results' / folder.name / f'{name}.json'
     values = json.loads(file.read_text(encoding='utf-8')) if file.is_file() else {}
     values.pop('wall', None)  # of an older version
-    return Outcome(**values) if values.pop('made_of', '') == made_of else None
+    return file, made_of, Outcome(**values) if values.pop('made_of', '') == made_of else None
 
 
 def _outcome(name: str, folder: Path, files: dict[str, str], context: Any) -> Outcome:
     """Return the finished outcome, or make it."""
-    file, made_of = _kept_in(name, folder, files)
-    found = _finished(file, made_of)
+    file, made_of, found = _finished(name, folder, files)
     if found is not None:
         return found
     ours, theirs = context.Pipe(duplex=False)
@@ -107,7 +102,6 @@ def _outcome(name: str, folder: Path, files: dict[str, str], context: Any) -> Ou
 
 
 def _work(name: str, folder: str, pipe: Any) -> None:
-    """Run a method in this process, and send its outcome."""
     signal.signal(signal.SIGPROF, _late)
     signal.setitimer(signal.ITIMER_PROF, LIMIT)
     pipe.send(asdict(outcome_of(name, Path(folder))))

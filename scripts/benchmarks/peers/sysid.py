@@ -138,7 +138,6 @@ def _control(path: BSpline, time: Array) -> Array:
 
 
 def _first(recording: Recording, model: mujoco.MjModel, path: BSpline) -> Array:
-    """Return the measured state at the begin."""
     samples, joints = recording.samples, recording.kernel.model.joint_names
     position, velocity = np.zeros(model.nq), np.zeros(model.nv)
     rotation = samples.base_rotation[0]
