@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from benchmarks.accuracy import Identification
+from benchmarks.accuracy import estimates
 from benchmarks.data import NOISE, ROBOTS, exact_samples, kernel, momentum_of, motion, readings, target
 from benchmarks.frame import Frame, provenance, table
 from mbaid_ros.core import paper
@@ -94,8 +94,7 @@ def all_bodies_rank(robot: str) -> tuple[int, int]:
 def difference_error(robot: str) -> float:
     """Return the largest relative error of method `difference` at the end of a noise-free run."""
     truth = motion(robot)
-    task = Identification(kernel(robot), NOISE, momentum_of(robot, truth))
-    last = task.estimates('difference', *readings(truth, NOISE, None))[-1]
+    last = estimates(robot, NOISE, momentum_of(robot, truth), 'difference', readings(truth, NOISE, None))[-1]
     chosen = PLANE if robot == 'table1' else list(range(10))
     return float(abs(last.parameters[chosen] / target(robot)[chosen] - 1.0).max())
 

@@ -1,7 +1,5 @@
 """The methods compared, their runs over cases and seeds, and their statistics beside the bounds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -15,7 +13,6 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Identifier
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
 from mbaid_ros.core.sensors.levels import CHANNELS, FoundNoise
 from mbaid_ros.replay.campaigns.statistics import coverage, mean, nees, nees_band, rmse
@@ -51,30 +48,14 @@ METHODS = {
 }
 
 
-@dataclass(frozen=True)
-class Identification:
-    """A robot that is exactly its URDF, ready to be identified by any method."""
-
-    kernel: MomentumKernel
-    noise: SensorNoise
-    momentum: Array  # (6,) true total, of which paper_main is given the angular part
-
-    def identifier(self, method: str, settings: Mapping[str, object] | None = None) -> Identifier:
-        """Return a method before its first measurement."""
-        values: dict[str, object] = {
-            **EXACT,
-            'paper.total_angular_momentum': [float(value) for value in self.momentum[3:]],
-            **declared(self.noise),
-            **METHODS[method].settings,
-            **(settings or {}),
-        }
-        config = build(EstimatorConfig, values)
-        found = FoundNoise(self.noise, self.kernel.model.joints, estimate=METHODS[method].finds_noise)
-        return Identifier(make_estimator(config, self.kernel), config.window, MAXIMUM_GAP, noise=found)
-
-    def estimates(self, method: str, joints: JointStream, base: BaseStream) -> list[Estimate]:
-        """Return all estimates of one run."""
-        return self.identifier(method).push(joints, base)
+def estimates(
+    robot: str, noise: SensorNoise, momentum: Array, method: str, read: tuple[JointStream, BaseStream]
+) -> list[Estimate]:
+    """Return all estimates of one run of a robot that is exactly its URDF; paper_main is given its momentum (6,)."""
+    given = {'paper.total_angular_momentum': momentum[3:].tolist(), **METHODS[method].settings}
+    config = build(EstimatorConfig, {**EXACT, **declared(noise), **given})
+    found = FoundNoise(noise, kernel(robot).model.joints, estimate=METHODS[method].finds_noise)
+    return Identifier(make_estimator(config, kernel(robot)), config.window, MAXIMUM_GAP, noise=found).push(*read)
 
 
 Times = tuple[float, ...]
@@ -92,7 +73,7 @@ class Outcome(Runs):
     estimates: Array  # (..., T) estimates until then
     noise: Array  # (..., T, 6) estimated over true, by sensor channel
 
-    def at(self, time: int) -> Outcome:
+    def at(self, time: int) -> 'Outcome':
         """Return the estimates at one of the times, whose axis is the second one."""
         return Outcome.of(lambda name: getattr(self, name)[:, time])
 
@@ -102,8 +83,7 @@ def run(row: tuple[Case, str, Times], seed: int) -> Outcome:
     case, method, times = row
     truth = motion(case.robot)
     truth = truth[: int(np.searchsorted(truth.time, max(times) + 1e-9))]
-    task = Identification(kernel(case.robot), case.noise, momentum_of(case.robot, truth))
-    history = task.estimates(method, *observed(truth, case, seed))
+    history = estimates(case.robot, case.noise, momentum_of(case.robot, truth), method, observed(truth, case, seed))
     places = np.searchsorted([estimate.time for estimate in history], np.array(times) - 1e-9) - 1
     chosen = [history[place] for place in places]
     alarms = np.cumsum([estimate.status == 'inconsistent' for estimate in history])

@@ -7,8 +7,6 @@ the path of every joint, a cubic spline with a knot each second. Errors propagat
     xi' = F xi + G dx + A dq' + C dq        xi = (theta, rho): of the pose, dx: of body and momentum, dq: of the path
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,7 +41,7 @@ class _Problem:
     known: Flags  # (10,) parameters in the span of the basis
 
     @staticmethod
-    def of(case: Case, truth: Truth) -> _Problem:
+    def of(case: Case, truth: Truth) -> '_Problem':
         robot = kernel(case.robot)
         samples = exact_samples(truth, case.noise)
         detector = PlaneDetector(robot.model)

@@ -1,7 +1,5 @@
 """Robots whose base floats by conservation of momentum while joints follow a path, or swing on springs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -93,7 +91,7 @@ class _Following(Driven):
         del position, velocity
         return self.reference(time)[2]
 
-    def later(self, time: float) -> _Following:
+    def later(self, time: float) -> '_Following':
         """Return the motion from a time on, s."""
         return _Following(lambda times: self.path(times + time), self.driven)
 
@@ -188,7 +186,7 @@ class Flow:
     world: World
 
     @staticmethod
-    def of(world: World, urdf: str, joints: Array, rates: Array) -> Flow:
+    def of(world: World, urdf: str, joints: Array, rates: Array) -> 'Flow':
         """Return that of a robot, of joints at K nodes."""
         model = load_model(urdf)
         kinematics = Kinematics(model)
@@ -198,7 +196,7 @@ class Flow:
         twists = kinematics.body_twists(configuration, rates, np.zeros((len(joints), 6)))
         return Flow(np.linalg.inv(inertia_matrix(whole)), np.sum(momentum(bodies, twists), axis=1), whole, world)
 
-    def moving_as(self, other: Flow, node: int, state: Array) -> Array:
+    def moving_as(self, other: 'Flow', node: int, state: Array) -> Array:
         """Return the state of this robot, at its first node, with the motion of another one at a node of its own."""
         rotation, twist = other.twist(node, state)
         own = np.linalg.solve(self.inverse[0], twist) + self.moving[0]

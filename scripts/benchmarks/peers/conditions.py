@@ -1,7 +1,5 @@
 """The rows of the benchmark: a robot, its sensors, and a difference; and the true motion of each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -166,6 +164,6 @@ class Stopping(Driven):
         position, velocity, acceleration = self.motion.reference(own)
         return position, pace * velocity, pace * pace * acceleration + change * velocity
 
-    def later(self, time: float) -> Stopping:
+    def later(self, time: float) -> 'Stopping':
         """Return the same motion, begun at a time (s) of this one."""
         return Stopping(self.motion, self.begin + time)

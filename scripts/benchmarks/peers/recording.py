@@ -1,7 +1,5 @@
 """Input and output of a method, and a recording as arrays."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +27,7 @@ class Known:
     passive_urdf: str  # robot description with joints that swing, which no message has and the URDF fixes; empty: none
 
     @staticmethod
-    def read(file: Path) -> Known:
+    def read(file: Path) -> 'Known':
         """Return the contents of known.json of a run."""
         values = json.loads(file.read_text(encoding='utf-8'))
         noise, momentum = SensorNoise(**values['noise']), np.array(values['momentum'])
@@ -48,7 +46,7 @@ class Answer:
     doubt: str = ''  # why the method itself does not trust them; empty if it does
 
     @staticmethod
-    def standard(parameters: Array, covariance: Array | None = None) -> Answer:
+    def standard(parameters: Array, covariance: Array | None = None) -> 'Answer':
         """Return it from (10,) standard parameters (m, m r_c, inertia about the link's origin) and their covariance."""
         jacobian = physical_jacobian(parameters)
         own = None if covariance is None else jacobian @ covariance @ jacobian.T

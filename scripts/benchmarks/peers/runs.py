@@ -1,7 +1,5 @@
 """Methods on runs, each in a process of its own, and their score; finished runs stay in the run's folder."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import io
@@ -139,7 +137,7 @@ class Truth:
     bound: Array  # NaN for what the motion leaves open
 
     @staticmethod
-    def read(run: Path) -> Truth:
+    def read(run: Path) -> 'Truth':
         """Return that in the folder of a run."""
         values = json.loads((run / TRUTH).read_text(encoding='utf-8'))
         return Truth(np.array(values['parameters']), np.array(values['bound'], dtype=float))

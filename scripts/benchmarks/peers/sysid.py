@@ -3,8 +3,6 @@
 Unknown are the target's ten parameters, as the toolbox parametrises them, and the base's first pose and twist.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -59,7 +57,7 @@ class _Problem:
     residual: Callable[..., Any]
 
     @staticmethod
-    def of(recording: Recording, urdf: str, known: Known, factor: float) -> _Problem:
+    def of(recording: Recording, urdf: str, known: Known, factor: float) -> '_Problem':
         model, samples, target = recording.kernel.model, recording.samples, known.target_link
         spec = mujoco.MjSpec.from_string(urdf)
         spec.body(model.base_link).add_freejoint()
