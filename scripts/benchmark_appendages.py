@@ -50,11 +50,8 @@ def _panels(name: str, frequency: float, swing: float, speed: float = 1.0, *, er
     return Row(text, with_panels(), PANELS, frequency, (swing, -0.5 * swing), speed=speed, errors=errors)
 
 
-SLOW, FAST, ERRORS = (
-    ', the arm at 1 deg/s',
-    ', the arm three times as fast',
-    ', links off by 1 %, joints by 1 mrad and 1 mm',
-)
+SLOW, FAST = ', the arm at 1 deg/s', ', the arm three times as fast'
+ERRORS = ', links off by 1 %, joints by 1 mrad and 1 mm'
 ROWS = (
     Row('none', servicer()),
     *(_panels('', each, swing) for each, swing in ((0.1, 0.02), (0.3, 0.02), (1.0, 0.006), (2.0, 0.003))),

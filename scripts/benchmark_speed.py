@@ -20,8 +20,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from mbaid_msgs.msg import InertiaEstimate
 
-from benchmarks.bags import ROBOT, make_bag
-from benchmarks.data import CONFIG
+from benchmarks.data import CONFIG, make_bag
 from benchmarks.frame import Frame, number, provenance, table
 from demo_graph import Graph, assigned, graph
 from mbaid_ros.cli import EXIT_NOT_DETERMINED
@@ -32,7 +31,7 @@ from mbaid_ros.messages.fields import stamp_of
 from mbaid_ros.nodes.subscriptions import qos
 
 HERE = Path(__file__).parent / 'benchmarks'
-METHODS = ('difference', 'trajectory')
+ROBOT, METHODS = 'servicer7', ('difference', 'trajectory')
 _RATE, _SHORT = 1000.0, 10.0  # Hz, of each topic of the live runs; s
 # Parameters beside those of servicer7_estimator.yaml, which declares a robot that is exactly its URDF.
 _DEFAULTS = values_of(build(EstimatorConfig, {}))
@@ -140,7 +139,7 @@ def main() -> None:
 
 def _replays(folder: Path, minutes: float, repeats: int) -> str:
     bag = folder / 'long'
-    make_bag(bag, minutes)
+    make_bag(bag, ROBOT, minutes)
     floor, costs = [], {name: list[Cost]() for name in VARIANTS}
     for _ in range(repeats):
         floor.append(_measured([sys.executable, str(HERE / 'speed_floor.py'), str(bag)]))
@@ -159,7 +158,7 @@ def _replays(folder: Path, minutes: float, repeats: int) -> str:
 def _live(folder: Path, seconds: float, repeats: int) -> str:
     variants = {**VARIANTS, 'trajectory, contradicted: searches for start and causes': _CONTRADICTED}
     bag = folder / 'live'
-    make_bag(bag, seconds / 60.0, _RATE)
+    make_bag(bag, ROBOT, seconds / 60.0, _RATE)
     found: dict[str, list[tuple[Live, Live]]] = {name: [] for name in variants}
     for turn in range(repeats):
         bare = _run(None, folder / f'bare{turn}', bag, seconds)
@@ -178,7 +177,7 @@ def _live(folder: Path, seconds: float, repeats: int) -> str:
 
 def _starts(folder: Path, seconds: float, repeats: int) -> str:
     bag = folder / 'short'
-    make_bag(bag, seconds / 60.0)
+    make_bag(bag, ROBOT, seconds / 60.0)
     commands = {'`replay --help`': [*_PROGRAM, '--help']}
     commands |= {f'replay of {seconds:g} s, {method}': _replay(bag, VARIANTS[method]) for method in METHODS}
     rows = []

@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from benchmarks.bags import write_bag
-from benchmarks.data import motion
+from benchmarks.data import motion, write_bag
 from benchmarks.honesty import readings, robots
 from benchmarks.honesty.disturbed import CATALOGUE
 from benchmarks.honesty.paths import sinusoids

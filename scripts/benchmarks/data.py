@@ -1,7 +1,7 @@
 """Robots of config/ in motion, and the readings of sensors of three qualities."""
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from benchmarks.honesty.readings import Defect, Readings, correlated, outliers, read_by, thinned, wandering
-from mbaid_ros.bags import BAG_TYPES
+from mbaid_ros.bags import BAG_TYPES, BagWriter
 from mbaid_ros.config.files import load_parameter_file, read_robot_description
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
@@ -22,7 +22,7 @@ from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
-from mbaid_ros.sensor_messages import Joints, Poses, Thrust, in_order
+from mbaid_ros.sensor_messages import Joints, Poses, Thrust, in_order, joints_of, poses_of
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulation import quaternions
@@ -42,6 +42,7 @@ RATE = 100.0  # Hz
 DURATION = 60.0  # s
 MAXIMUM_GAP = 0.1  # s
 START = 1_700_000_000_000_000_000  # ns, stamp at time 0
+JOINTS, ODOMETRY = '/joint_states', '/odom'
 _MESSAGES_AT_ONCE = 2_000  # as in `replay`
 
 
@@ -243,3 +244,25 @@ def history(session: Session, parts: Sequence[Joints | Poses | Thrust], late: fl
         if count % _MESSAGES_AT_ONCE == 0:
             found += session.process()
     return found + session.process()
+
+
+def write_bag(path: Path, robot: RobotModel, sensors: Sensors, parts: Iterable[tuple[float, Truth]]) -> None:
+    """Write a bag, a JointState and an Odometry a sample; parts of the motion with the times (s) when they begin."""
+    with BagWriter(path) as bag:
+        bag.add_topic(JOINTS, 'sensor_msgs/msg/JointState')
+        bag.add_topic(ODOMETRY, 'nav_msgs/msg/Odometry')
+        for begin, truth in parts:
+            joints = joints_of(sensors.joints(truth), robot.joint_names)
+            base = poses_of(sensors.base(truth), robot.base_link)
+            for index, time in enumerate(truth.time.tolist()):
+                stamp = START + round((begin + time) * 1e9)
+                bag.write(ODOMETRY, base.message(BAG_TYPES, index, stamp), stamp)
+                bag.write(JOINTS, joints.message(BAG_TYPES, index, stamp), stamp)
+
+
+def make_bag(path: Path, robot: str, minutes: float, rate: float = RATE) -> None:
+    """Write a bag of the endless motion of a robot."""
+    truth = endless_motion(robot, rate, min(60.0 * minutes, DURATION))
+    samples = round(minutes * 60.0 * rate)
+    parts = ((begin / rate, truth[: samples - begin]) for begin in range(0, samples, len(truth)))
+    write_bag(path, model(robot), Sensors(NOISE, seed=0), parts)

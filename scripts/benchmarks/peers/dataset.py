@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.bags import write_bag
-from benchmarks.data import LEVELS, model
+from benchmarks.data import LEVELS, model, write_bag
 from benchmarks.peers.conditions import KNOWN_PANEL, OTHER_ENGINE, Condition, declared, moved
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.momentum import physical

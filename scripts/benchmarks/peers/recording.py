@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.bags import JOINTS, ODOMETRY
+from benchmarks.data import JOINTS, ODOMETRY
 from mbaid_ros.bags import BagReader
 from mbaid_ros.core.geometry import Array, rotate, rotation_from_quaternion, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
