@@ -11,10 +11,9 @@ import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -45,8 +44,7 @@ _CONTRADICTED = {'method': 'trajectory', 'noise.joint_position': 1e-5, 'noise.ba
 _PROGRAM = [sys.executable, '-c', 'import sys; from mbaid_ros.replay.start import replay; sys.exit(replay())']
 
 
-@dataclass(frozen=True)
-class Cost:
+class Cost(NamedTuple):
     """Costs of a process."""
 
     wall: float  # s
@@ -57,8 +55,7 @@ class Cost:
 _INPUTS = (': joint_states', ': odom')  # of the estimator's diagnostics
 
 
-@dataclass(frozen=True)
-class Live:
+class Live(NamedTuple):
     """A live run."""
 
     cpu: float  # s, processor time of the node

@@ -6,14 +6,7 @@ from pathlib import Path
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-
-def main() -> None:
-    """Read the bag."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with Reader(Path(sys.argv[1])) as bag:
-        for connection, _, data in bag.messages():
-            store.deserialize_cdr(data, connection.msgtype)
-
-
-if __name__ == '__main__':
-    main()
+store = get_typestore(Stores.ROS2_JAZZY)
+with Reader(Path(sys.argv[1])) as bag:
+    for connection, _, data in bag.messages():
+        store.deserialize_cdr(data, connection.msgtype)
