@@ -3,8 +3,6 @@
 Without --seeds, servicer7 has 200 seeds and the other robots 100. A method's `share` may make them fewer.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -24,15 +22,11 @@ _TIMES = {'table1': (20.0, 60.0)}
 _TIMES_IN_SPACE = (2.0, 5.0, 10.0, 20.0, 60.0)
 _EXAMPLE = 'servicer7'  # the robot of all cases that are not plain
 _SENSORS: list[dict[str, Any]] = [{'sensors': 'poses'}, {'wander': 1e-3}, {'correlated': 0.3}]
-_SENSORS_MID: list[dict[str, Any]] = [
-    {'correlated': 0.3, 'sensors': 'poses'},
-    {'outliers': 0.01},
-    {'outliers': 0.05},
-    {'every': 10},
-]
-
-
+_SENSORS_MID: list[dict[str, Any]] = [{'outliers': 0.01}, {'outliers': 0.05}, {'every': 10}]
 _MOST = 0.5  # of the runs: if fewer publish, their errors are those of a selection
+_AFTER, _BANDS = 'robot, encoders', 'NEES | its 95 % band'
+_INTERVALS = f'{_AFTER}, after | method | coverage | by parameter | {_BANDS} | published | converged | false alarms'
+_POOR = f'{_AFTER}, difference | method | after | RMSE / bound | / limit of these sensors | coverage | {_BANDS}'
 Results = dict[Case, dict[str, list[Summary]]]  # by case and method, a Summary for each time
 
 
@@ -54,15 +48,9 @@ class Report:
         """Robots with plain cases."""
         return [robot for robot in ROBOTS if self.plain(robot)]
 
-    @property
-    def all_plain(self) -> list[Case]:
-        """Plain cases of all robots."""
-        return [case for robot in self.robots for case in self.plain(robot)]
-
-    @property
-    def poor(self) -> list[Case]:
-        """Cases with fewer or worse sensors."""
-        return [case for case in self.plan if not case.plain]
+    def chosen(self, *, plain: bool) -> list[Case]:
+        """Return the plain cases, or those with fewer or worse sensors."""
+        return [case for case in self.plan if case.plain == plain]
 
     def timed(self, case: Case, method: str) -> Iterator[tuple[float, Summary]]:
         """Yield times and statistics."""
@@ -71,30 +59,24 @@ class Report:
 
 def tables(report: Report) -> dict[str, str]:
     """Return the tables of the page by their names."""
-    errors = [
-        f'**{ROBOTS[robot]}**\n\n{table(["encoders, after", *METHODS], _errors(report, robot))}'
-        for robot in report.robots
-    ]
+    header = ['encoders, after', *METHODS]
+    errors = [f'**{ROBOTS[robot]}**\n\n{table(header, _errors(report, robot))}' for robot in report.robots]
+    seeds = ', '.join(f'{report.plan[report.plain(robot)[0]][1]} seeds for {robot}' for robot in report.robots)
     channels = [channel.replace('_', ' ') for channel in CHANNELS]
     texts = {
-        'errors': '\n\n'.join([provenance(_seeds(report)), *errors]),
-        'intervals': table(_INTERVALS, _intervals(report)),
+        'errors': '\n\n'.join([provenance(seeds), *errors]),
+        'intervals': table(_INTERVALS.split(' | '), _intervals(report)),
         'noise': table(['robot, encoders, after', *channels], _noise(report)),
         'linked': _linked(report),
     }
-    if report.poor:
-        texts['sensors'] = table(_SENSOR_COLUMNS, _sensors(report))
+    if report.chosen(plain=False):
+        texts['sensors'] = table(_POOR.split(' | '), _sensors(report))
     return texts
 
 
 def _ratio(summary: Summary) -> str:
-    if not np.isfinite(summary.median):
-        return '-'
-    return f'{number(summary.median)} ({number(summary.worst)}){"" if summary.determined > _MOST else " *"}'
-
-
-def _band(summary: Summary) -> str:
-    return f'{number(summary.nees_band[0])} to {number(summary.nees_band[1])}'
+    few = ' *' if np.any(np.isfinite(summary.ratio)) and not summary.determined > _MOST else ''
+    return f'{median_and_most(summary.ratio)}{few}'
 
 
 def _errors(report: Report, robot: str) -> Iterator[list[str]]:
@@ -105,10 +87,10 @@ def _errors(report: Report, robot: str) -> Iterator[list[str]]:
 
 
 def _intervals(report: Report) -> Iterator[list[str]]:
-    for case in report.all_plain:
+    for case in report.chosen(plain=True):
         for method in METHODS:
             for time, summary in report.timed(case, method):
-                if summary.reports_std:
+                if np.any(np.isfinite(summary.coverage)):
                     covered = [float(of(summary.coverage)) for of in (np.nanmean, np.nanmin, np.nanmax)]
                     yield [
                         f'{case.robot}, {case.level}, {time:.0f} s',
@@ -116,7 +98,7 @@ def _intervals(report: Report) -> Iterator[list[str]]:
                         percent(covered[0]),
                         f'{percent(covered[1])} to {percent(covered[2])}',
                         number(summary.nees),
-                        _band(summary),
+                        ' to '.join(map(number, summary.nees_band)),
                         percent(summary.determined),
                         percent(summary.converged),
                         f'{summary.alarms} of {summary.estimates}',
@@ -125,7 +107,7 @@ def _intervals(report: Report) -> Iterator[list[str]]:
 
 def _noise(report: Report) -> Iterator[list[str]]:
     for method in [method for method in METHODS if METHODS[method].finds_noise]:
-        for case in report.all_plain:
+        for case in report.chosen(plain=True):
             for time, summary in report.timed(case, method):
                 rms = np.sqrt(np.nanmean((summary.noise - 1.0) ** 2, axis=0))
                 yield [f'{case.name}, {time:.0f} s', *(percent(each) for each in rms)]
@@ -133,11 +115,9 @@ def _noise(report: Report) -> Iterator[list[str]]:
 
 def _linked(report: Report) -> str:
     groups: dict[Times, list[list[str]]] = {}
-    for case in [case for case in report.linked if case not in report.poor]:
+    for case in report.chosen(plain=True):
         limits = report.linked[case]
-        over = [
-            summary.rmse / limit for (_, summary), limit in zip(report.timed(case, 'trajectory'), limits, strict=True)
-        ]
+        over = [summary.rmse / limit for summary, limit in zip(report.results[case]['trajectory'], limits, strict=True)]
         row = [case.name, *map(median_and_most, over)]
         row += [number(float(np.nanmedian(x / y))) for x, y in zip(limits, report.bounds[case], strict=True)]
         groups.setdefault(report.plan[case][0], []).append(row)
@@ -149,41 +129,34 @@ def _linked(report: Report) -> str:
 
 
 def _sensors(report: Report) -> Iterator[list[str]]:
-    for case in report.poor:
+    for case in report.chosen(plain=False):
         for method in report.results[case]:
             for (time, summary), limit in zip(report.timed(case, method), report.linked[case], strict=True):
                 against = ['-'] * 4
-                if summary.reports_std:
+                if np.any(np.isfinite(summary.coverage)):
                     ratio, covered = float(np.nanmedian(summary.rmse / limit)), float(np.nanmean(summary.coverage))
-                    against = [number(ratio), percent(covered), number(summary.nees), _band(summary)]
+                    band = ' to '.join(map(number, summary.nees_band))
+                    against = [number(ratio), percent(covered), number(summary.nees), band]
                 yield [case.name, method, f'{time:.0f} s', _ratio(summary), *against]
-
-
-def _seeds(report: Report) -> str:
-    return ', '.join(f'{report.plan[report.plain(robot)[0]][1]} seeds for {robot}' for robot in report.robots)
-
-
-_INTERVALS = (
-    *('robot, encoders, after', 'method', 'coverage', 'by parameter', 'NEES', 'its 95 % band', 'published'),
-    *('converged', 'false alarms'),
-)
-_SENSOR_COLUMNS = (
-    *('robot, encoders, difference', 'method', 'after', 'RMSE / bound', '/ limit of these sensors', 'coverage'),
-    *('NEES', 'its 95 % band'),
-)
 
 
 def main() -> None:
     """Run the benchmark."""
     frame = Frame(__doc__, 'measured/accuracy.md', seeds=0)
-    plan = {case: _job(case, frame.arguments.seeds) for case in frame.chosen(_cases(), lambda case: case.name)}
+    plan: dict[Case, tuple[Times, int]] = {}
+    for case in frame.chosen(_cases(), lambda case: case.name):
+        count, most = frame.arguments.seeds or _SEEDS[case.robot], _SLOW_SEEDS if case.every > 1 else _OTHER_SEEDS
+        plan[case] = _TIMES.get(case.robot, _TIMES_IN_SPACE), count if case.plain else min(count, most)
     outcomes = monte_carlo(frame, plan)
     motions = {case: motion(case.robot) for case in plan}
     # All sensors and white noise: the bound that every case is compared with.
     bounds = {case: bound(Case(case.robot, case.level), motions[case], times) for case, (times, _) in plan.items()}
     linked = {case: trajectory_bound(case, motions[case], times) for case, (times, _) in plan.items()}
     results = {
-        case: {method: summarise(outcome, target(case.robot), bounds[case]) for method, outcome in by_method.items()}
+        case: {
+            method: [summarise(outcome.at(k), target(case.robot), limit) for k, limit in enumerate(bounds[case])]
+            for method, outcome in by_method.items()
+        }
         for case, by_method in outcomes.items()
     }
     report = Report(plan, results, bounds, linked)
@@ -195,16 +168,8 @@ def main() -> None:
 def _cases() -> Iterator[Case]:
     yield from (Case(robot, level) for robot in ROBOTS for level in LEVELS)
     for level in LEVELS:
-        odd = [*_SENSORS, *(_SENSORS_MID if level == 'mid' else ())]
+        odd = [*_SENSORS, *([_SENSORS[0] | _SENSORS[2], *_SENSORS_MID] if level == 'mid' else ())]
         yield from (replace(Case(_EXAMPLE, level), **each) for each in odd)
-
-
-def _job(case: Case, seeds: int) -> tuple[Times, int]:
-    """Return the times of a case and its number of seeds."""
-    count = seeds or _SEEDS[case.robot]
-    if not case.plain:
-        count = min(count, _SLOW_SEEDS if case.every > 1 else _OTHER_SEEDS)
-    return _TIMES.get(case.robot, _TIMES_IN_SPACE), count
 
 
 if __name__ == '__main__':

@@ -1,7 +1,5 @@
 """Write measured/appendages.md: robots with panels, propellant or a grasp that gives, beside the rigid robot."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 from functools import partial
@@ -10,7 +8,7 @@ import numpy as np
 
 from benchmarks.appendages import PANELS, SLOSH, servicer, with_fuel, with_grasp, with_panel_on_the_target, with_panels
 from benchmarks.data import CONFIG, NOISE, RATE
-from benchmarks.frame import PUBLISHED, Frame, Runs, declared, number, percent, provenance, statuses, table
+from benchmarks.frame import PUBLISHED, Frame, Runs, declared, number, percent, statuses
 from benchmarks.honesty.runs import FAR
 from benchmarks.precapture import POSTURE
 from mbaid_ros.bags import BAG_TYPES
@@ -41,11 +39,6 @@ class Row:
     errors: bool = False  # whether the robot deviates from its description, as the default parameters declare it
 
     @property
-    def conditions(self) -> tuple[float, bool]:
-        """Those in which the rigid robot is compared."""
-        return self.speed, self.errors
-
-    @property
     def frequencies(self) -> Array:
         """Of each joint, Hz; each a little higher than the one before where they are panels."""
         step = 1.03 if self.joints == PANELS else 1.0
@@ -57,11 +50,8 @@ def _panels(name: str, frequency: float, swing: float, speed: float = 1.0, *, er
     return Row(text, with_panels(), PANELS, frequency, (swing, -0.5 * swing), speed=speed, errors=errors)
 
 
-SLOW, FAST, ERRORS = (
-    ', the arm at 1 deg/s',
-    ', the arm three times as fast',
-    ', links off by 1 %, joints by 1 mrad and 1 mm',
-)
+SLOW, FAST = ', the arm at 1 deg/s', ', the arm three times as fast'
+ERRORS = ', links off by 1 %, joints by 1 mrad and 1 mm'
 ROWS = (
     Row('none', servicer()),
     *(_panels('', each, swing) for each, swing in ((0.1, 0.02), (0.3, 0.02), (1.0, 0.006), (2.0, 0.003))),
@@ -100,9 +90,8 @@ class Outcome(Runs):
     seconds: Array  # of processor time
 
 
-def run(row: Row, work: tuple[int, float]) -> Outcome:
-    """Return the outcome of one run of a seed and a duration in s."""
-    seed, duration = work
+def run(duration: float, row: Row, seed: int) -> Outcome:
+    """Return the outcome of one run of a duration (s)."""
     values = load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator')
     values |= {'joint_rate': RATE, 'odometry_rate': RATE, **declared(NOISE), 'seed': seed, 'target_link': row.target}
     values |= {'flexible.joints': list(row.joints), 'model_errors.seed': seed, **(_DRAWN if row.errors else {})}
@@ -121,20 +110,15 @@ def run(row: Row, work: tuple[int, float]) -> Outcome:
     begin = time.process_time()
     estimates = session.process()
     seconds = time.process_time() - begin
+    nothing = np.full(10, np.nan)
     if not estimates:
-        nothing = np.full(10, np.nan)
-        return Outcome(nothing, nothing, np.array('no estimate'), np.array(np.nan), np.array(np.nan), np.array(seconds))
+        return Outcome(nothing, nothing, *map(np.array, ('no estimate', np.nan, np.nan, seconds)))
     last = estimates[-1]
     error = last.parameters - simulated.target_inertia
     nees = error @ np.linalg.pinv(last.covariance) @ error if np.isfinite(last.covariance).all() else np.nan
-    far = [
-        abs(each.frequency - true) / each.frequency_std
-        for each, true in zip(last.flexible, row.frequencies, strict=False)
-        if each.resolved
-    ]
-    return Outcome(
-        error, last.std, np.array(last.status), np.array(nees), np.array(max(far, default=np.nan)), np.array(seconds)
-    )
+    swinging = [pair for pair in zip(last.flexible, row.frequencies, strict=False) if pair[0].resolved]
+    far = [abs(each.frequency - true) / each.frequency_std for each, true in swinging]
+    return Outcome(error, last.std, *map(np.array, (last.status, nees, max(far, default=np.nan), seconds)))
 
 
 def cells(row: Row, own: Outcome, rigid: Outcome) -> tuple[str, ...]:
@@ -144,12 +128,8 @@ def cells(row: Row, own: Outcome, rigid: Outcome) -> tuple[str, ...]:
     known = np.isfinite(far)
     wrong = int(np.any(np.where(known, far, 0.0) > FAR, axis=1).sum())
     # In reported deviations of the rigid robot: every parameter counts alike.
-    squares = [
-        np.nanmean((each.error / np.nanmean(rigid.std, axis=0))[np.isin(each.status, PUBLISHED)] ** 2)
-        if np.isin(each.status, PUBLISHED).any()
-        else np.nan
-        for each in (own, rigid)
-    ]
+    errors = [(each.error / np.nanmean(rigid.std, axis=0))[np.isin(each.status, PUBLISHED)] for each in (own, rigid)]
+    squares = [np.nanmean(each**2) if len(each) else np.nan for each in errors]
     return (
         row.name,
         statuses(own.status),
@@ -172,17 +152,18 @@ HEADER = (
 def main() -> None:
     """Run the benchmark."""
     frame = Frame(__doc__, 'measured/appendages.md', seeds=20, seconds=40.0)
-    work = [(seed, frame.arguments.seconds) for seed in frame.seeds]
-    lines: list[tuple[str, ...]] = []
-    rigid: dict[tuple[float, bool], Outcome] = {}
+    seconds, rigid = frame.arguments.seconds, dict[tuple[float, bool], Outcome]()
     chosen = frame.chosen(ROWS, lambda each: each.name)
-    needed = {each.conditions for each in chosen}
-    for row in (each for each in ROWS if each in chosen or (not each.joints and each.conditions in needed)):
-        for _, own in frame.outcomes(Outcome, partial(run, row), {row: (f'appendages-{row.name}', work)}):
-            lines.append(cells(row, own, rigid.setdefault(row.conditions, own)))
-            print(' | '.join(lines[-1]), flush=True)
-    note = f'{len(work)} seeds of {frame.arguments.seconds:g} s'
-    frame.write(rows=f'{table(HEADER, lines)}\n\n{provenance(note)}')
+    needed = {(each.speed, each.errors) for each in chosen}
+    rows = [each for each in ROWS if each in chosen or (not each.joints and (each.speed, each.errors) in needed)]
+    outcomes = frame.outcomes(Outcome, partial(run, seconds), {row: f'appendages-{row.name}' for row in rows})
+    frame.tabulate(
+        HEADER,
+        outcomes,
+        lambda row, own: cells(row, own, rigid.setdefault((row.speed, row.errors), own)),
+        'rows',
+        f'{frame.arguments.seeds} seeds of {seconds:g} s',
+    )
 
 
 if __name__ == '__main__':

@@ -3,8 +3,6 @@
 Every seed draws its own robot, motion, delay or thrust, and noise; the log has the format of the bench.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -14,18 +12,18 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from benchmarks.benches import Twin, spot_2021, spot_2023
-from benchmarks.frame import Frame, Runs, statuses, table
+from benchmarks.frame import PUBLISHED, Frame, Runs, statuses, table
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.files import load_parameter_file
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.parameters import BAND
 from mbaid_ros.recordings.recording import MODEL_FILE, PARAMETER_FILE, Recording, write_recording
 from mbaid_ros.recordings.spot import read_spot_2021, read_spot_2023
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.run import replay_bag
 
 BODY = [0, 1, 2, 9]  # mass, CoM in the plane, moment about its normal
-BAND = 1.96
 HEADER = ('twin', 'status', 'within 95 %', 'errors in standard deviations, RMS', 'RMSE of the mass', 'of the moment')
 
 
@@ -39,13 +37,11 @@ class Bench:
     changed: tuple[tuple[str, object], ...] = ()
 
 
+_UNDECLARED = (('known_joints.tracking_std', 0.0),)
+_SPOT_2021 = 'SPOT 2021: commands at 10 Hz, joints off by 0.02 rad, poses at 5 Hz, slope, delay'
 BENCHES = (
-    Bench(
-        'SPOT 2021: commands at 10 Hz, joints off by 0.02 rad, poses at 5 Hz, slope, delay', spot_2021, read_spot_2021
-    ),
-    Bench(
-        'the same, `tracking_std` 0: off undeclared', spot_2021, read_spot_2021, (('known_joints.tracking_std', 0.0),)
-    ),
+    Bench(_SPOT_2021, spot_2021, read_spot_2021),
+    Bench('the same, `tracking_std` 0: off undeclared', spot_2021, read_spot_2021, _UNDECLARED),
     Bench('SPOT 2023, 11 kg held firmly, thrusters that obey, links 1 % off', spot_2023, read_spot_2023),
     Bench('the same, links 3 % off', partial(spot_2023, links=0.03), read_spot_2023),
 )
@@ -60,9 +56,9 @@ class Outcome(Runs):
     status: Array
 
 
-def run(work: tuple[int, int]) -> Outcome:
-    """Return the end of one run: number of the bench, seed."""
-    bench, seed = BENCHES[work[0]], work[1]
+def run(number: int, seed: int) -> Outcome:
+    """Return the end of one run, by the number of its bench."""
+    bench = BENCHES[number]
     with TemporaryDirectory() as folder:
         twin, bag = bench.twin(Path(folder), seed), Path(folder) / 'bag'
         recording = bench.read(twin.log)
@@ -75,7 +71,7 @@ def run(work: tuple[int, int]) -> Outcome:
 
 def row(bench: Bench, outcome: Outcome) -> list[str]:
     """Return a row of the table."""
-    published = np.isin(outcome.status, ('converged', 'estimating'))
+    published = np.isin(outcome.status, PUBLISHED)
     normalised = outcome.error[published] / outcome.std[published]
     known = np.isfinite(normalised)
     inside = np.abs(normalised[known]) < BAND
@@ -96,8 +92,8 @@ def main() -> None:
     """Run the benchmark."""
     frame = Frame(__doc__, 'measured/hardware.md', seeds=16)
     chosen = frame.chosen(range(len(BENCHES)), lambda number: BENCHES[number].name)
-    work = {number: (f'bench{number}', [(number, seed) for seed in frame.seeds]) for number in chosen}
-    rows = [row(BENCHES[number], outcome) for number, outcome in frame.outcomes(Outcome, run, work)]
+    outcomes = frame.outcomes(Outcome, run, {number: f'bench{number}' for number in chosen})
+    rows = [row(BENCHES[number], outcome) for number, outcome in outcomes]
     text = table(HEADER, rows, words=True)
     print(text)
     frame.write(twins=text)

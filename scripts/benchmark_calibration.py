@@ -3,13 +3,11 @@
 Every seed draws its own robot, CAD errors and sensor noise.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.data import NOISE, drawn, exact_samples, model, target
+from benchmarks.data import NOISE, drawn, exact_samples, model, motion_of, target, true_model
 from benchmarks.data import motion as robot_motion
 from benchmarks.frame import Frame, Runs, declared
 from benchmarks.precapture import GENERAL, WEIGHED, cad_model, factors, free_model, motion, windows
@@ -23,7 +21,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, displaced
-from mbaid_ros.core.robot.model_errors import BodyDeviations, ModelErrors
+from mbaid_ros.core.robot.model_errors import BodyDeviations
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.catalogue import CalibratedModel, Uncertainty
 from mbaid_ros.core.unknowns.declaration import NominalModel
@@ -57,23 +55,25 @@ class Outcome(Runs):
 def main() -> None:
     """Run the benchmark."""
     frame = Frame(__doc__, 'measured/calibration.md', seeds=50)
-    (_, found), *_ = frame.outcomes(Outcome, run, {'': ('calibration', frame.seeds)})
+    ((_, found),) = frame.outcomes(Outcome, run, {'': 'calibration'})
     text = figures(found, attainable())
     print(text)
     frame.write(figures=text)
 
 
-def run(seed: int) -> Outcome:
+def run(_row: str, seed: int) -> Outcome:
     """Return the results of one seed."""
     errors = drawn('servicer7', SIZES, seed)
     fresh = exact_samples(motion(2, 60.0, 10.0, errors), NOISE, errors)
     before = windows(motion(1, SECONDS, model_errors=errors), seed, model_errors=errors)
-    after = windows(robot_motion('servicer7', model_errors=errors), 1000 + seed, model_errors=errors)
+    after = windows(motion_of('servicer7', true_model('servicer7', errors)), 1000 + seed, model_errors=errors)
     cad = cad_model(seed, WEIGHED)
     found = _calibrated(cad, before, PRIORS)
     loose = _calibrated(cad_model(seed, GENERAL), before, (GENERAL,) * 8)
-    mass = _theta(free_model())[::10].sum()
-    error = found.values - np.concatenate((_theta(free_model()), _placed(cad, errors)))
+    theta = np.concatenate([free_model().link(name).parameters for name in LINKS])
+    tilts = (np.swapaxes(Kinematics(cad).across, -1, -2) @ errors.tilts[..., None])[..., 0]
+    placed = np.column_stack((errors.zeros, errors.origins, tilts)).ravel()
+    error = found.values - np.concatenate((theta, placed, errors.mount))
     own = MomentumKernel(cad, 'link7')
     calibrated = NominalModel(MomentumKernel(_with(cad, found), 'link7'), found.joints[:, 0], found.mount, 0.0)
     ours = _target(after, *_continued(cad, found))
@@ -85,7 +85,7 @@ def run(seed: int) -> Outcome:
         cad=_momentum(NominalModel.nominal(own), fresh),
         calibrated=_momentum(calibrated, fresh),
         error=np.asarray(error @ np.linalg.solve(found.block_covariance, error)),
-        factor=np.array(loose.theta[::10].sum() / mass - 1.0),
+        factor=np.array(loose.theta[::10].sum() / theta[::10].sum() - 1.0),
         factor_std=np.array(loose.scale_std),
         residual=np.array(found.residual),
         capture=np.array([_compared(each) for each in (_target(after, own), ours, exact)]),
@@ -98,19 +98,7 @@ def _calibrated(cad: RobotModel, before: list[Samples], priors: tuple[BodyDeviat
     return calibrate(unknown, [before], CalibrationSettings(NOISE, factors(unknown, priors), UNCERTAIN))
 
 
-def _theta(robot: RobotModel) -> Array:
-    return np.concatenate([robot.link(name).parameters for name in LINKS])
-
-
-def _placed(cad: RobotModel, errors: ModelErrors) -> Array:
-    """Return the true errors of joints and mount in the order of a calibration."""
-    across = Kinematics(cad).across
-    tilts = (np.swapaxes(across, -1, -2) @ errors.tilts[..., None])[..., 0]
-    return np.concatenate((np.column_stack((errors.zeros, errors.origins, tilts)).ravel(), errors.mount))
-
-
 def _with(robot: RobotModel, found: Calibration) -> RobotModel:
-    """Return the calibrated robot."""
     calibrated = dict(zip(LINKS, found.theta.reshape(-1, 10), strict=True))
     links = (replace(link, parameters=calibrated.get(link.name, link.parameters)) for link in robot.links)
     return displaced(replace(robot, links=tuple(links)), *found.displacements)

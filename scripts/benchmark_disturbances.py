@@ -1,19 +1,16 @@
 """Write measured/disturbances.md: thrust, forces, wheels, late joints, a capture."""
 
-from __future__ import annotations
-
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
 
-from benchmarks.data import CONFIG, NOISE, RATE, START, history, model, simulator_config
+from benchmarks.data import CONFIG, NOISE, RATE, history, model, simulator_config
 from benchmarks.frame import Frame, Runs, declared, number, percent
+from benchmarks.honesty.paths import servicer
 from benchmarks.precapture import free_urdf
-from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
@@ -21,12 +18,11 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.replay.campaigns.statistics import coverage
-from mbaid_ros.sensor_messages import Thrust, joints_of, poses_of
+from mbaid_ros.sensor_messages import Joints, Poses, Thrust, joints_of, poses_of
 from mbaid_ros.session.session import Session
-from mbaid_ros.simulated_robot import make_motion, make_simulation
+from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import commands
 from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, ThrustSimulation
-from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Truth
 
@@ -44,33 +40,23 @@ def _thrust(force: float, torque: float, begin: float, length: float, link: str 
     return {**times, 'thrust.force': (force * _FORCE).tolist(), 'thrust.torque': (torque * _TORQUE).tolist()}
 
 
-def _servicer() -> str:
-    return model(ROBOT).urdf
-
-
-def _spinning() -> dict[str, object]:
-    """Return the motion of arm and wheels as parameters."""
-    arm = make_motion(simulator_config(ROBOT), model(ROBOT))
-    assert isinstance(arm, Sinusoids), 'the servicer moves by sinusoids'
-    motion = servicers.spinning(arm)
-    return {
-        'initial.joint_positions': motion.start.tolist(),
-        'motion.amplitudes': motion.amplitude.ravel().tolist(),
-        'motion.frequencies': motion.frequency.ravel().tolist(),
-        'motion.phases': motion.phase.ravel().tolist(),
-    }
-
-
-def _capture() -> dict[str, object]:
-    body = physical(servicers.alone())
-    return {
-        'capture.time': _CAPTURED,
-        'capture.mass': float(body[0]),
-        'capture.com': body[1:4].tolist(),
-        'capture.inertia': body[4:].tolist(),
-        'capture.linear_velocity': [0.004, -0.006, 0.003],
-        'capture.angular_velocity': [0.02, -0.03, 0.015],
-    }
+_WHEELS = servicers.spinning(servicer())
+_SPINNING = {  # arm and wheels
+    'initial.joint_positions': _WHEELS.start.tolist(),
+    'motion.amplitudes': _WHEELS.amplitude.ravel().tolist(),
+    'motion.frequencies': _WHEELS.frequency.ravel().tolist(),
+    'motion.phases': _WHEELS.phase.ravel().tolist(),
+}
+_BODY = physical(servicers.alone())
+_CAPTURE = {
+    'capture.time': _CAPTURED,
+    'capture.mass': float(_BODY[0]),
+    'capture.com': _BODY[1:4].tolist(),
+    'capture.inertia': _BODY[4:].tolist(),
+    'capture.linear_velocity': [0.004, -0.006, 0.003],
+    'capture.angular_velocity': [0.02, -0.03, 0.015],
+}
+SERVICER, WHEELED, UNREAD, FREE = model(ROBOT).urdf, servicers.wheeled_urdf(), servicers.unaware(), free_urdf()
 
 
 @dataclass(frozen=True)
@@ -78,27 +64,21 @@ class Case:
     """A disturbance."""
 
     title: str
-    simulator: Callable[[], dict[str, object]] = dict  # parameters of the simulator
-    robot: Callable[[], str] = _servicer  # URDF of the simulator
-    believed: Callable[[], str] = _servicer  # URDF of the estimator
+    simulator: Mapping[str, object]  # parameters of the simulator
+    robot: str = SERVICER  # URDF of the simulator
+    believed: str = SERVICER  # URDF of the estimator
     late: float = 0.0  # s, of the joints' stamps
 
 
-def _whole_run(link: str) -> dict[str, object]:
-    return _thrust(0.01, 0.01, 0.0, SECONDS + 1.0, link)
-
-
 CASES = {
-    'none': Case('undisturbed'),
-    'pulse': Case('pulse of 1 N s and 0.5 N m s at 30 s', lambda: _thrust(10.0, 5.0, 30.0, 0.1)),
-    'inertial': Case('10 mN and 10 mN m, odometry axes', lambda: _whole_run('odom')),
-    'body': Case('10 mN and 10 mN m, base axes', lambda: _whole_run('')),
-    'wheels': Case('four wheels spin up', _spinning, servicers.wheeled_urdf, servicers.wheeled_urdf),
-    'wheels unread': Case(
-        'four wheels spin up, their speeds not in JointState', _spinning, servicers.wheeled_urdf, servicers.unaware
-    ),
-    'late': Case(f'joints stamped {1e3 * _LATE:g} ms late', late=_LATE),
-    'capture': Case(f'a capture at {_CAPTURED:g} s', _capture, free_urdf, free_urdf),
+    'none': Case('undisturbed', {}),
+    'pulse': Case('pulse of 1 N s and 0.5 N m s at 30 s', _thrust(10.0, 5.0, 30.0, 0.1)),
+    'inertial': Case('10 mN and 10 mN m, odometry axes', _thrust(0.01, 0.01, 0.0, SECONDS + 1.0, 'odom')),
+    'body': Case('10 mN and 10 mN m, base axes', _thrust(0.01, 0.01, 0.0, SECONDS + 1.0)),
+    'wheels': Case('four wheels spin up', _SPINNING, WHEELED, WHEELED),
+    'wheels unread': Case('four wheels spin up, their speeds not in JointState', _SPINNING, WHEELED, UNREAD),
+    'late': Case(f'joints stamped {1e3 * _LATE:g} ms late', {}, late=_LATE),
+    'capture': Case(f'a capture at {_CAPTURED:g} s', _CAPTURE, FREE, FREE),
 }
 
 
@@ -113,22 +93,19 @@ class Row:
     commanded: bool = False  # whether the thrust is published as a WrenchStamped
 
 
-def _constant(axes: str) -> tuple[tuple[str, object], ...]:
-    return (('disturbance.constant', axes),)
-
-
 _TRAJECTORY = ('trajectory',)
+_IN_ODOMETRY, _IN_BASE = ((('disturbance.constant', axes),) for axes in ('inertial', 'body'))
 PLAIN = Row('none', 'nothing')
 ROWS = (
     PLAIN,
-    Row('none', 'a force, odometry axes', _constant('inertial'), _TRAJECTORY),
-    Row('none', 'a force, base axes', _constant('body'), _TRAJECTORY),
+    Row('none', 'a force, odometry axes', _IN_ODOMETRY, _TRAJECTORY),
+    Row('none', 'a force, base axes', _IN_BASE, _TRAJECTORY),
     Row('pulse', 'detected'),
     Row('pulse', 'commanded', commanded=True),
     Row('inertial', 'detected'),
-    Row('inertial', 'declared', _constant('inertial'), _TRAJECTORY),
+    Row('inertial', 'declared', _IN_ODOMETRY, _TRAJECTORY),
     Row('body', 'detected'),
-    Row('body', 'declared', _constant('body'), _TRAJECTORY),
+    Row('body', 'declared', _IN_BASE, _TRAJECTORY),
     Row('wheels', 'speeds are read'),
     Row('wheels unread', 'detected'),
     Row('late', 'not modelled', (('time_offset.estimate', False),)),
@@ -151,21 +128,21 @@ class Outcome(Runs):
 @cache
 def motion(case: str) -> tuple[RobotModel, Truth, Array, Pulse | None]:
     """Return a robot, its true motion, the true values as in Outcome, and the pulse of thrust."""
-    robot = load_model(CASES[case].robot())
-    simulation = make_simulation(simulator_config(ROBOT, CASES[case].simulator()), robot)
+    robot = load_model(CASES[case].robot)
+    simulation = make_simulation(simulator_config(ROBOT, CASES[case].simulator), robot)
     truth = simulation.advance(np.arange(round(SECONDS * RATE)) / RATE)
     sought = physical(robot.link(LINK).parameters)
     if isinstance(simulation, CaptureSimulation):
-        sought = np.concatenate((physical(servicers.alone()), simulation.target_momentum))
+        sought = np.concatenate((_BODY, simulation.target_momentum))
     return robot, truth, sought, simulation.pulse if isinstance(simulation, ThrustSimulation) else None
 
 
-def run(work: tuple[Row, str, int]) -> Outcome:
-    """Return the end of one run: row, method, seed."""
-    row, method, seed = work
+def run(work: tuple[Row, str], seed: int) -> Outcome:
+    """Return the end of one run: row, method."""
+    row, method = work
     values = {'method': method, **EXACT, **declared(NOISE), **dict(row.settings)}
-    session = Session(build(EstimatorConfig, values), CASES[row.case].believed())
-    estimates = history(session, _messages(row, seed, session))
+    session = Session(build(EstimatorConfig, values), CASES[row.case].believed)
+    estimates = history(session, _readings(row, seed), CASES[row.case].late)
     last = estimates[-1]
     parameters, std = last.parameters, last.std
     capture = session.robot.captured(last)
@@ -179,20 +156,14 @@ def run(work: tuple[Row, str, int]) -> Outcome:
     return Outcome(parameters - motion(row.case)[2], std, *map(np.asarray, ends))
 
 
-def _messages(row: Row, seed: int, session: Session) -> Iterator[tuple[Callable[[Any], Any], Any]]:
+def _readings(row: Row, seed: int) -> list[Joints | Poses | Thrust]:
     (robot, truth, _, pulse), sensors = motion(row.case), Sensors(NOISE, seed)
-    joints = joints_of(sensors.joints(truth), robot.joint_names)
-    base = poses_of(sensors.base(truth), robot.base_link)
-    thrust = commands(pulse) if row.commanded and pulse is not None else []
-    late = round(CASES[row.case].late * 1e9)
-    for index, time in enumerate(truth.time):
-        stamp = START + round(time * 1e9)
-        while thrust and thrust[0][0] <= time:
-            begin, wrench = thrust.pop(0)
-            thrust_now = Thrust(np.array([begin]), wrench[None], robot.base_link)
-            yield session.add_thrust, thrust_now.message(BAG_TYPES, 0, START + round(begin * 1e9))
-        yield session.add_odometry, base.message(BAG_TYPES, index, stamp)
-        yield session.add_joint_state, joints.message(BAG_TYPES, index, stamp + late)
+    joints, base = sensors.joints(truth), sensors.base(truth)
+    parts: list[Joints | Poses | Thrust] = []
+    if row.commanded and pulse is not None:
+        times, wrenches = zip(*commands(pulse), strict=True)
+        parts = [Thrust(np.array(times), np.array(wrenches), robot.base_link)]
+    return [*parts, poses_of(base, robot.base_link), joints_of(joints, robot.joint_names)]
 
 
 def main() -> None:
@@ -201,15 +172,10 @@ def main() -> None:
     rows = dict.fromkeys([PLAIN, *frame.chosen(ROWS, lambda row: f'{row.case}: {row.option}')])
     for case in {row.case for row in rows}:
         motion(case)  # simulated here once; the workers inherit it
-    work = {
-        (row, method): (f'{method}-{row.case}-{row.option}', [(row, method, seed) for seed in frame.seeds])
-        for row in rows
-        for method in row.methods
-    }
+    files = {(row, method): f'{method}-{row.case}-{row.option}' for row in rows for method in row.methods}
     plain: dict[str, Outcome] = {}
-    frame.tabulate(
-        _HEADER, Outcome, run, work, lambda at, outcome: _line(*at, outcome, plain.setdefault(at[1], outcome))
-    )
+    outcomes = frame.outcomes(Outcome, run, files)
+    frame.tabulate(_HEADER, outcomes, lambda at, outcome: _line(*at, outcome, plain.setdefault(at[1], outcome)))
 
 
 def _line(row: Row, method: str, outcome: Outcome, plain: Outcome) -> list[str]:

@@ -1,18 +1,15 @@
 """Write measured/honesty.md: when the estimator is silently wrong, and the causes that it names."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
 
-from benchmarks.frame import Frame, number, percent, provenance, table
+from benchmarks.frame import Frame, number, percent, provenance, statuses, table
 from benchmarks.honesty.conditions import Condition
 from benchmarks.honesty.disturbed import CONDITIONS, WRONG_FILES
 from benchmarks.honesty.runs import FAR, REFUSED, Outcome, Verdict, judged, run
 
 _SHOWN = 3  # causes that a reader looks at
-Verdicts = Mapping[Condition, Verdict]
 
 
 def main() -> None:
@@ -20,12 +17,10 @@ def main() -> None:
     frame = Frame(__doc__, 'measured/honesty.md', seeds=6, method='trajectory')
     method = frame.arguments.method
     chosen = frame.chosen(CONDITIONS, lambda each: f'{each.group}: {each.name}')
-    work = {
-        each.name: (f'{method}-{each.name}', [(each.name, method, seed) for seed in frame.seeds]) for each in chosen
-    }
+    files = {(each.name, method): f'{method}-{each.name}' for each in chosen}
     verdicts: dict[Condition, Verdict] = {}
-    for condition, (name, outcome) in zip(chosen, frame.outcomes(Outcome, run, work), strict=True):
-        verdicts[condition] = judged(outcome, name)
+    for condition, (_, outcome) in zip(chosen, frame.outcomes(Outcome, run, files), strict=True):
+        verdicts[condition] = judged(outcome, condition.name)
         print(' | '.join(_line(condition, verdicts[condition])), flush=True)
     summary = _summary(verdicts, method)
     print(summary)
@@ -35,12 +30,9 @@ def main() -> None:
         for group in dict.fromkeys(condition.group for condition in chosen)
     ]
     frame.write(summary=summary, conditions='\n\n'.join([*sections, provenance()]))
-    if set(WRONG_FILES) <= set(work):
-        frame.write(files=_wrong_files({condition.name: verdict for condition, verdict in verdicts.items()}))
-
-
-def _statuses(verdict: Verdict) -> str:
-    return ', '.join(f'{count} {status.replace("_", " ")}' for status, count in verdict.statuses.most_common())
+    by_name = {condition.name: verdict for condition, verdict in verdicts.items()}
+    if set(WRONG_FILES) <= set(by_name):
+        frame.write(files=_wrong_files(by_name))
 
 
 def _named(verdict: Verdict) -> str:
@@ -51,7 +43,7 @@ def _line(condition: Condition, verdict: Verdict) -> list[str]:
     return [
         condition.name,
         str(verdict.statuses.total()),
-        _statuses(verdict),
+        statuses(verdict.statuses.elements()),
         percent(verdict.covered),
         number(verdict.largest, 1),
         number(verdict.jointly, 1),
@@ -63,7 +55,7 @@ def _line(condition: Condition, verdict: Verdict) -> list[str]:
     ]
 
 
-def _summary(verdicts: Verdicts, method: str) -> str:
+def _summary(verdicts: Mapping[Condition, Verdict], method: str) -> str:
     every = verdicts.values()
     wrong = sum(verdict.silently_wrong for verdict in every)
     places = [place for verdict in every for place in verdict.places]

@@ -1,7 +1,5 @@
 """Weigh the space station from a clone of its telemetry and draw docs/images/iss.svg, or weigh twins of it."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from contextlib import redirect_stderr, redirect_stdout

@@ -3,8 +3,6 @@
 --seeds is for rows with all errors; other rows have 0.4 times as many.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.frame import Frame, median_and_most, number, percent, statuses
@@ -20,11 +18,11 @@ def main() -> None:
     variants = sorted(
         (variant for robot in ROBOTS for variant in monte_carlo(robot)), key=lambda variant: variant.name != 'all'
     )
-    work = {}
-    for variant in frame.chosen(variants, lambda variant: f'{variant.robot}, {variant.name}'):
-        seeds = frame.seeds if variant.name == 'all' else range(round(_OTHERS * len(frame.seeds)) or 1)
-        work[variant] = (f'{variant.robot}-{variant.name}', [(variant, seed) for seed in seeds])
-    frame.tabulate(_HEADER, Outcome, run, work, _row)
+    chosen = frame.chosen(variants, lambda variant: f'{variant.robot}, {variant.name}')
+    files = {variant: f'{variant.robot}-{variant.name}' for variant in chosen}
+    seeds = frame.arguments.seeds
+    counts = {each: seeds if each.name == 'all' else round(_OTHERS * seeds) or 1 for each in chosen}
+    frame.tabulate(_HEADER, frame.outcomes(Outcome, run, files, counts), _row)
 
 
 def _row(variant: Variant, outcome: Outcome) -> list[str]:

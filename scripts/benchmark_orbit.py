@@ -3,8 +3,6 @@
 --rows chooses tables: grid, undeclared.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
@@ -17,7 +15,7 @@ from benchmarks.data import NOISE, history, model, simulator_config, target
 from benchmarks.frame import PUBLISHED, Frame, Runs, declared, provenance, statuses, table
 from benchmarks.honesty.paths import servicer
 from benchmarks.honesty.readings import read
-from benchmarks.honesty.runs import messages
+from benchmarks.honesty.runs import published
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
@@ -36,7 +34,6 @@ FRAMES = ('inertial', 'lvlh', 'hill')
 DURATIONS = (60.0, 300.0)  # s: a shorter run is the begin of the longer one
 RATE = 20.0  # Hz
 _WRONG = float(chi2.isf(1e-3, 10))  # NEES that one run in a thousand exceeds
-_NOTHING = np.full(10, np.nan)
 
 
 @dataclass(frozen=True)
@@ -48,11 +45,6 @@ class Row:
     frame: str = ''  # of the odometry; empty without an orbit
     place: str = 'at'
 
-    @property
-    def label(self) -> tuple[str, ...]:
-        """Its first cells, after the motion."""
-        return (self.frame, self.place) if self.frame else ('no orbit', '-')
-
 
 @dataclass(frozen=True)
 class Outcome(Runs):
@@ -62,7 +54,7 @@ class Outcome(Runs):
     error: Array  # (..., D, 10)
     std: Array  # (..., D, 10)
     nees: Array  # (..., D) squared error in the covariance
-    named: Array  # (..., D) the first three causes or events, a line each
+    named: Array  # (..., D) the first cause or event
 
     @property
     def known(self) -> Flags:
@@ -82,34 +74,28 @@ def _declared(frame: str) -> dict[str, object]:
 def moved(pace: str, frame: str, place: str) -> Truth:
     """Return the motion seen from the odometry's frame; in empty space without one."""
     config = simulator_config(ROBOT, {**_declared(frame), 'initial.base_position': PLACES[place]})
-    driven = servicer()
-    driven = replace(driven, frequency=PACES[pace] * driven.frequency)
+    driven = replace(servicer(), frequency=PACES[pace] * servicer().frequency)
     truth = make_simulation(config, model(ROBOT), driven).advance(np.arange(round(DURATIONS[-1] * RATE) + 1) / RATE)
     view = make_view(config)
     return truth if view is None else view(truth)
 
 
-def _parameters(row: Row) -> dict[str, object]:
-    """Return those of the estimator."""
+def run(row: Row, seed: int) -> Outcome:
+    """Return the estimates of one run."""
     undeclared = row.part == 'undeclared'
     exact = {name: value for name, value in EXACT.items() if not (undeclared and name.startswith('orbit'))}
-    return {'target_link': 'link7', **declared(NOISE), **exact, **({} if undeclared else _declared(row.frame))}
-
-
-def run(work: tuple[Row, int]) -> Outcome:
-    """Return the estimates of one run: row, seed."""
-    row, seed = work
-    session = Session(build(EstimatorConfig, _parameters(row)), model(ROBOT).urdf)
+    values = {'target_link': 'link7', **declared(NOISE), **exact, **({} if undeclared else _declared(row.frame))}
+    session = Session(build(EstimatorConfig, values), model(ROBOT).urdf)
     truth = moved(row.pace, row.frame, row.place)
-    found, ends = history(session, messages(session, read(truth, NOISE, seed), model(ROBOT), NOISE)), []
+    found, ends = history(session, published(read(truth, NOISE, seed), model(ROBOT), NOISE)), []
     for seconds in DURATIONS:
         last = [each for each in found if each.time < seconds + 1e-6][-1]
         error = last.parameters - target(ROBOT)
         known = np.isfinite(error).all()
         nees = float(error @ np.linalg.solve(last.covariance, error)) if known else np.nan
         named = [cause for cause, _ in last.causes] + [event.cause for event in last.events]
-        numbers = (error, last.std) if known else (_NOTHING, _NOTHING)
-        ends.append((last.status, *numbers, nees, '\n'.join(named[:3])))
+        numbers = (error, last.std) if known else (np.full(10, np.nan),) * 2
+        ends.append((last.status, *numbers, nees, next(iter(named), '')))
     return Outcome(*(np.array(column) for column in zip(*ends, strict=True)))
 
 
@@ -133,12 +119,9 @@ def main() -> None:
     """Run the benchmark."""
     frame = Frame(__doc__, 'measured/orbit.md', seeds=20)
     for part in frame.chosen(PARTS, str):
-        work = {
-            row: (f'orbit-{"-".join(map(str, vars(row).values()))}', [(row, seed) for seed in frame.seeds])
-            for row in _rows(part)
-        }
-        found = dict(frame.outcomes(Outcome, run, work))
-        text = f'{_table(part, found)}\n\n{provenance(f"{len(frame.seeds)} seeds")}'
+        files = {row: f'orbit-{"-".join(map(str, vars(row).values()))}' for row in _rows(part)}
+        found = dict(frame.outcomes(Outcome, run, files))
+        text = f'{_table(part, found)}\n\n{provenance(f"{frame.arguments.seeds} seeds")}'
         print(f'{text}\n', flush=True)
         frame.write(**{part: text})
 
@@ -149,7 +132,8 @@ def _table(part: str, found: Mapping[Row, Outcome]) -> str:
         for row, outcome in found.items():
             if row.pace == pace:
                 figures = _undeclared(outcome, at) if part == 'undeclared' else _compared(found, row, at)
-                cells.append((f'{seconds:.0f} s, {pace}', *row.label, *figures))
+                place = (row.frame, row.place) if row.frame else ('no orbit', '-')
+                cells.append((f'{seconds:.0f} s, {pace}', *place, *figures))
     text = table(PARTS[part], cells, words=True)
     if part == 'grid':
         every = Outcome.concatenate(list(found.values()))
@@ -164,14 +148,13 @@ def _compared(found: Mapping[Row, Outcome], row: Row, at: int) -> tuple[str, ...
     """Return number of runs, coverage, NEES, RMSE over that without an orbit, status."""
     own, free = found[row], found[Row(row.part, row.pace)]
     known = own.known[:, at] & free.known[:, at]
-    runs = str(len(own))
     if not known.any():
-        return (runs, '-', '-', '-', statuses(own.status[:, at]))
+        return str(len(own)), '-', '-', '-', statuses(own.status[:, at])
     # In reported deviations of the reference: every parameter counts alike.
     squares = [np.mean((each.error[known, at] / free.std[known, at]) ** 2) for each in (own, free)]
     covered = 100.0 * np.mean(np.abs(own.error[known, at]) < BAND * own.std[known, at])
     nees, ratio = np.mean(own.nees[known, at]), np.sqrt(squares[0] / squares[1])
-    return (runs, f'{covered:.1f} %', f'{nees:.1f}', f'{ratio:.3f}', statuses(own.status[:, at]))
+    return str(len(own)), f'{covered:.1f} %', f'{nees:.1f}', f'{ratio:.3f}', statuses(own.status[:, at])
 
 
 def _undeclared(own: Outcome, at: int) -> tuple[str, ...]:
@@ -188,8 +171,7 @@ def _silently_wrong(own: Outcome) -> Flags:
 
 
 def _named_first(own: Outcome) -> Flags:
-    first = [['set orbit.mean_motion' in causes.split('\n')[0] for causes in each] for each in own.named]
-    return np.array(first)
+    return np.array([['set orbit.mean_motion' in causes for causes in each] for each in own.named])
 
 
 if __name__ == '__main__':

@@ -4,8 +4,6 @@ Recordings and finished runs stay in --store (default: build/peers), from which 
 --processes 0 scores finished runs, and runs nothing.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from collections import defaultdict
@@ -36,33 +34,21 @@ _COLOURS = {True: '#0072b2', False: '#d55e00'}  # of this package, of others: bl
 def main_table(methods: Sequence[Method], whole: Mapping[str, Score], rows: Scores, same: Mapping[str, float]) -> str:
     """Return the table of all methods over all their runs, the most accurate first."""
     header = [
-        *(
-            'method',
-            'error / bound',
-            f'`{BEST}` there',
-            'worst row',
-            'coverage',
-            'rows that hold',
-            'silently wrong',
-            'no answer',
-        ),
-        *('time, s', 'memory, MB', 'needs'),
+        *('method', 'error / bound', f'`{BEST}` there', 'worst row', 'coverage', 'rows that hold', 'silently wrong'),
+        *('no answer', 'time, s', 'memory, MB', 'needs'),
     ]
     lines = []
     for method in sorted(methods, key=lambda each: (np.isnan(whole[each.name].median), whole[each.name].median)):
-        own, by_row = whole[method.name], rows[method.name]
-        worst = max((each.median for each in by_row.values() if each.answers), default=np.nan)
-        answered = [each for each in by_row.values() if each.answers]
-        held = sum(each.holds for each in answered)
-        sure = np.isfinite(own.covered)
+        own, answered = whole[method.name], [each for each in rows[method.name].values() if each.answers]
+        held = f'{sum(each.holds for each in answered)} of {len(answered)}'
         lines.append(
             (
                 f'**`{method.name}`**' if method.name in OURS else f'`{method.name}`',
                 number(own.median),
                 number(same[method.name]),
-                number(worst),
+                number(max((each.median for each in answered), default=np.nan)),
                 percent(own.covered),
-                f'{held} of {len(answered)}' if sure else '-',
+                held if np.isfinite(own.covered) else '-',
                 f'{own.wrong} of {own.answers}',
                 f'{own.runs - own.answers} of {own.runs}',
                 number(own.processor, 1),
@@ -88,9 +74,8 @@ def verdict(rows: Scores) -> str:
             silent.append(name)
         elif not own.holds:
             uncovered.append(f'{name} ({percent(own.covered)} of {own.intervals})')
-    hold = [
-        f'`{method}`' for method, by_row in rows.items() if all(each.holds for each in by_row.values() if each.answers)
-    ]
+    held = {method: [each.holds for each in by_row.values() if each.answers] for method, by_row in rows.items()}
+    hold = [f'`{method}`' for method, by_row in held.items() if all(by_row)]
     facts = {
         f'Rows in which another method is more accurate than `{BEST}`, the best of them': '; '.join(better),
         f'Rows in which the coverage of `{BEST}` does not hold': '; '.join(uncovered),
@@ -123,13 +108,9 @@ def method_table(methods: Sequence[Method], whole: Mapping[str, Score]) -> str:
     lines = []
     for each in methods:
         about = re.sub(r'\.$', '', each.about)
-        reasons = sorted(set(whole[each.name].failures))
-        words = (
-            reasons[0].replace('|', '/')[:120] + (f' (and {len(reasons) - 1} more)' if reasons[1:] else '')
-            if reasons
-            else ''
-        )
-        lines.append((f'`{each.name}`', about, each.tuned, words or '-'))
+        first, *more = sorted(set(whole[each.name].failures)) or ['-']
+        words = first.replace('|', '/')[:120] + (f' (and {len(more)} more)' if more else '')
+        lines.append((f'`{each.name}`', about, each.tuned, words))
     return table(('method', 'description', 'tuned', 'why no answer'), lines, words=True)
 
 
@@ -142,21 +123,16 @@ def draw(file: Path, whole: Mapping[str, Score]) -> None:
         for name, own in whole.items():
             if not np.isfinite(own.median):
                 continue
-            colour = _COLOURS[name in OURS]
-            face = colour if own.holds else 'white'
-            axis.plot(own.processor, own.median, 'o', color=colour, markerfacecolor=face, markersize=9)
-            place = (own.processor, own.median)
+            colour, place = _COLOURS[name in OURS], (own.processor, own.median)
+            axis.plot(*place, 'o', color=colour, markerfacecolor=colour if own.holds else 'white', markersize=9)
             axis.annotate(name.replace('_', ' '), place, (9, 3), textcoords='offset points', fontsize=8)
         axis.axhline(1.0, color='black', linewidth=0.9, linestyle=(0, (4, 3)))
         axis.annotate(
             'no unbiased method is better', (0.01, 1.0), (0, 3), ('axes fraction', 'data'), 'offset points', fontsize=8
         )
-        axis.set_xscale('log')
-        axis.set_yscale('log')
-        axis.set_xlabel('processor time of a run [s]')
-        axis.set_ylabel('error / bound, median')
-        title = f'filled: {low} to {high} % of the 95 % intervals hold the truth'
-        axis.set_title(title, fontsize=9, loc='left')
+        labels = {'xlabel': 'processor time of a run [s]', 'ylabel': 'error / bound, median'}
+        axis.set(xscale='log', yscale='log', **labels)
+        axis.set_title(f'filled: {low} to {high} % of the 95 % intervals hold the truth', fontsize=9, loc='left')
         axis.margins(x=0.25)
         axis.spines[['top', 'right']].set_visible(False)
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -1,14 +1,12 @@
 """Write measured/planning.md: planned motions against random sinusoids within the same limits, and their outcome."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
-from benchmarks.data import NOISE, RATE, kernel, last_state, sampled
+from benchmarks.data import NOISE, RATE, kernel, last_state, sampled, target
 from benchmarks.frame import Frame, Runs, declared, number
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
@@ -20,12 +18,10 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import BAND
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.planning.information import Grid
 from mbaid_ros.planning.motions import Motions
-from mbaid_ros.planning.plan import Plan
 from mbaid_ros.planning.planner import Planner, PlanSettings
 from mbaid_ros.planning.requirements import BaseLimits, Goal, JointLimits, joint_limits
 from mbaid_ros.planning.splines import Splines
@@ -75,20 +71,18 @@ class Outcome(Runs):
     normalised: Array  # (..., 10) errors in the estimator's standard deviations; NaN for none
 
 
-def run(work: tuple[Case, int]) -> Outcome:
-    """Identify for some seconds, plan, compare with sinusoids, and make the motion: case, seed."""
-    case, seed = work
+def run(case: Case, seed: int) -> Outcome:
+    """Identify for some seconds, plan, compare with sinusoids, and make the motion."""
     generator = np.random.default_rng([seed, 11])
     own = kernel(case.robot)
     model = own.model
     state = _begin(own, generator)
     truth = _follow(model, state, _first(own, state, generator), FIRST + REST)
-    method = _method(own)
-    samples = _seen(truth, seed)[:-1]
+    method = make_estimator(build(EstimatorConfig, {**EXACT, **declared(NOISE)}), own)
+    samples = sampled(truth, Sensors(NOISE, seed), NOISE)[:-1]
     _updated(method, samples)
     posterior = posterior_of(method)
-    if posterior is None:
-        raise RuntimeError(f'{case}: no solution after {FIRST:g} s')
+    assert posterior is not None, f'{case}: a solution after {FIRST:g} s'
     reporting = make_reporting(EstimatorConfig(), own)
     base = BaseLimits(rotation=TURN) if case.limited else BaseLimits()
     settings = PlanSettings(np.full(10, WANTED), joint_velocity=float(np.radians(case.speed)), base=base, seed=seed)
@@ -99,13 +93,19 @@ def run(work: tuple[Case, int]) -> Outcome:
     goal = Goal(settings.relative, planner.information.determinable)
     best = best_of_sinusoids(planner.motions, goal, base, generator)
     moved = _follow(model, last_state(truth), plan.trajectory, plan.trajectory.duration + REST)
-    seen = _seen(moved, seed + 1000)
+    seen = sampled(moved, Sensors(NOISE, seed + 1000), NOISE)
     final = _updated(method, replace(seen, time=seen.time + samples.time[-1] + 1.0 / RATE))
-    reached, normalised = _compared(final, plan, reporting.sizes(final.parameters), own)
-    turned = _turned(model, last_state(truth), moved, plan.trajectory.duration)
-    length = plan.trajectory.duration if plan.reached else np.nan
-    numbers = np.asarray(length), np.asarray(best), np.asarray(searched), np.asarray(turned)
-    return Outcome(*numbers, reached, normalised)
+    determined = plan.determinable & final.identifiable
+    ratio = final.std / reporting.sizes(final.parameters) / plan.std_after
+    error = final.parameters - target(case.robot)
+    return Outcome(
+        planned=np.asarray(plan.trajectory.duration if plan.reached else np.nan),
+        sinusoids=np.asarray(best),
+        searched=np.asarray(searched),
+        turned=np.asarray(_turned(model, last_state(truth), moved, plan.trajectory.duration)),
+        reached=np.where(determined, ratio, np.nan),
+        normalised=np.where(determined, error / final.std, np.nan),
+    )
 
 
 def _begin(kernel: MomentumKernel, generator: np.random.Generator) -> State:
@@ -129,17 +129,9 @@ def _follow(model: RobotModel, state: State, trajectory: JointTrajectory, second
     return Simulation(model, motion, state).advance(np.arange(round(seconds * RATE) + 1) / RATE)
 
 
-def _method(kernel: MomentumKernel) -> Estimator:
-    return make_estimator(build(EstimatorConfig, {**EXACT, **declared(NOISE)}), kernel)
-
-
 def _updated(method: Estimator, samples: Samples) -> Estimate:
     cutter = Windows(WINDOW)
     return method.update([*cutter.push(samples), *cutter.flush()], 0)[-1]
-
-
-def _seen(truth: Truth, seed: int) -> Samples:
-    return sampled(truth, Sensors(NOISE, seed), NOISE)
 
 
 def _turned(model: RobotModel, begin: State, moved: Truth, seconds: float) -> float:
@@ -152,21 +144,11 @@ def _turned(model: RobotModel, begin: State, moved: Truth, seconds: float) -> fl
     return float(np.arccos(np.clip(cosine, -1.0, 1.0)).max())
 
 
-def _compared(final: Estimate, plan: Plan, sizes: Array, kernel: MomentumKernel) -> tuple[Array, Array]:
-    """Return reached over predicted standard deviations, and normalised errors, (10,) each; NaN for none."""
-    determined, error = plan.determinable & final.identifiable, final.parameters - physical(kernel.target.parameters)
-    ratio = np.where(determined, final.std / sizes / plan.std_after, np.nan)
-    return ratio, np.where(determined, error / final.std, np.nan)
-
-
 def best_of_sinusoids(motions: Motions, wanted: Goal, base: BaseLimits, generator: np.random.Generator) -> float:
     """Return the shortest time in which one of the sinusoids reaches the wanted accuracy, s; infinite for none."""
     drawn = _sinusoids(motions, generator)
-    for length in LENGTHS:  # in a longer one they are no larger, and reach it no sooner
-        shortest = min(_time_to_reach(motions, each, length, wanted, base) for each in drawn)
-        if np.isfinite(shortest):
-            return shortest
-    return np.inf
+    shortest = (min(_time_to_reach(motions, each, length, wanted, base) for each in drawn) for length in LENGTHS)
+    return next(filter(np.isfinite, shortest), np.inf)  # in a longer time they are no larger, and reach it no sooner
 
 
 def _sinusoids(motions: Motions, generator: np.random.Generator) -> list[list[Sinusoids]]:
@@ -226,13 +208,12 @@ def main() -> None:
     """Run the benchmark."""
     frame = Frame(__doc__, 'measured/planning.md', seeds=20)
     cases = frame.chosen((Case(*each) for each in product(ROBOTS, SPEEDS, (True, False))), lambda case: case.name)
-    work = {case: (case.name, [(case, seed) for seed in frame.seeds]) for case in cases}
-    frame.tabulate(_HEADER, Outcome, run, work, _row)
+    frame.tabulate(_HEADER, frame.outcomes(Outcome, run, {case: case.name for case in cases}), _row)
 
 
 def _row(case: Case, found: Outcome) -> list[str]:
     ratio = found.planned / found.sinusoids
-    known = ratio[np.isfinite(ratio)]
+    reached = found.reached[np.isfinite(found.reached)]
     missing = int(np.isnan(found.planned).sum())
     errors = found.normalised[np.isfinite(found.normalised)]
     beyond = f', {np.sum(found.turned > TURN)} beyond' if case.limited else ''
@@ -241,19 +222,16 @@ def _row(case: Case, found: Outcome) -> list[str]:
         str(len(found)),
         f'{number(float(np.nanmedian(found.planned)), 1)} s' + (f' ({missing} out of reach)' if missing else ''),
         f'{number(float(np.median(found.sinusoids)), 1)} s',
-        f'{np.median(known):.2f} ({known.min():.2f} to {known.max():.2f})' if len(known) else '-',
-        _predicted(found.reached),
+        _spread(ratio[np.isfinite(ratio)]),
+        f'{_spread(reached)}, {100.0 * np.mean(np.abs(reached - 1.0) <= CLOSE):.0f} %',
         f'{np.sum(np.abs(errors) < BAND)} of {errors.size}',
         f'{np.degrees(found.turned.max()):.2f} deg{beyond}',
         f'{np.median(found.searched):.1f} s',
     ]
 
 
-def _predicted(ratio: Array) -> str:
-    """Return median and range of reached over predicted deviations, and the share close to 1."""
-    known = ratio[np.isfinite(ratio)]
-    within = 100.0 * np.mean(np.abs(known - 1.0) <= CLOSE)
-    return f'{np.median(known):.2f} ({known.min():.2f} to {known.max():.2f}), {within:.0f} %'
+def _spread(ratio: Array) -> str:
+    return f'{np.median(ratio):.2f} ({ratio.min():.2f} to {ratio.max():.2f})' if len(ratio) else '-'
 
 
 _HEADER = (

@@ -3,46 +3,40 @@
 Measured pairs alternate on the same machine under the same load; medians are given.
 """
 
-from __future__ import annotations
-
 import gc
 import json
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from mbaid_msgs.msg import InertiaEstimate
 
-from benchmarks.bags import ROBOT, make_bag
-from benchmarks.data import CONFIG
-from benchmarks.frame import Frame, number, processor_time, provenance, table
+from benchmarks.data import CONFIG, make_bag
+from benchmarks.frame import Frame, number, provenance, table
 from demo_graph import Graph, assigned, graph
 from mbaid_ros.cli import EXIT_NOT_DETERMINED
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build, values_of
+from mbaid_ros.messages.fields import stamp_of
 from mbaid_ros.nodes.subscriptions import qos
 
 HERE = Path(__file__).parent / 'benchmarks'
-METHODS = ('difference', 'trajectory')
+ROBOT, METHODS = 'servicer7', ('difference', 'trajectory')
 _RATE, _SHORT = 1000.0, 10.0  # Hz, of each topic of the live runs; s
 # Parameters beside those of servicer7_estimator.yaml, which declares a robot that is exactly its URDF.
 _DEFAULTS = values_of(build(EstimatorConfig, {}))
 VARIANTS: dict[str, Mapping[str, object]] = {
     **{method: {'method': method} for method in METHODS},
-    'trajectory, every model error among the unknowns': {
-        'method': 'trajectory',
-        **{name: _DEFAULTS[name] for name in EXACT},
-    },
+    'trajectory, every model error among the unknowns': {name: _DEFAULTS[name] for name in ('method', *EXACT)},
 }
 # Wrongly declared noise contradicts the data: the filter searches for a start and for causes, again and again.
 _CONTRADICTED = {'method': 'trajectory', 'noise.joint_position': 1e-5, 'noise.base_position': 3e-4}
@@ -50,8 +44,7 @@ _CONTRADICTED = {'method': 'trajectory', 'noise.joint_position': 1e-5, 'noise.ba
 _PROGRAM = [sys.executable, '-c', 'import sys; from mbaid_ros.replay.start import replay; sys.exit(replay())']
 
 
-@dataclass(frozen=True)
-class Cost:
+class Cost(NamedTuple):
     """Costs of a process."""
 
     wall: float  # s
@@ -59,12 +52,10 @@ class Cost:
     memory: float  # MB, its peak
 
 
-NODES = HERE / 'speed_nodes.py'
 _INPUTS = (': joint_states', ': odom')  # of the estimator's diagnostics
 
 
-@dataclass(frozen=True)
-class Live:
+class Live(NamedTuple):
     """A live run."""
 
     cpu: float  # s, processor time of the node
@@ -72,23 +63,8 @@ class Live:
     lost: int  # messages published and not received by the node
 
 
-def live_runs(
-    variants: Mapping[str, Mapping[str, object]], folder: Path, rate: float, seconds: float, repeats: int
-) -> dict[str, list[tuple[Live, Live]]]:
-    """Return runs by variant, whose parameters are given, each with that of the bare node; rate in Hz, of a topic."""
-    bag = folder / 'live'
-    make_bag(bag, seconds / 60.0, rate)
-    found: dict[str, list[tuple[Live, Live]]] = {name: [] for name in variants}
-    for turn in range(repeats):
-        bare = _run(None, folder / f'bare{turn}', (str(bag), str(rate)), seconds)
-        for place, (name, parameters) in enumerate(variants.items()):
-            live = _run(parameters, folder / f'{turn}-{place}', (str(bag), str(rate)), seconds)
-            found[name].append((live, bare))
-    return found
-
-
-def _run(parameters: Mapping[str, object] | None, folder: Path, published: tuple[str, str], seconds: float) -> Live:
-    """Return a run of the estimator, or of the bare node without parameters, with a bag published at a rate."""
+def _run(parameters: Mapping[str, object] | None, folder: Path, bag: Path, seconds: float) -> Live:
+    """Return a run of the estimator, or of the bare node without parameters, with a published bag."""
     folder.mkdir()
     with graph(folder) as made, ExitStack() as stack:
         if parameters is None:
@@ -101,12 +77,11 @@ def _run(parameters: Mapping[str, object] | None, folder: Path, published: tuple
 
         def arrived(message: InertiaEstimate) -> None:
             if message.samples and message.status != 'waiting':
-                stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-                latencies.append(1e-9 * (time.time_ns() - stamp))
+                latencies.append(1e-9 * (time.time_ns() - stamp_of(message)))
 
         made.node.create_subscription(InertiaEstimate, '/estimator/estimate', arrived, qos(1000))
         reports = made.collect('/diagnostics', DiagnosticArray, qos(1000))
-        source = stack.enter_context(node_beside(made, *published))
+        source = stack.enter_context(node_beside(made, str(bag), str(_RATE)))
         gc.freeze()  # as in the publisher
         before, end = processor_time(pid), time.monotonic() + seconds
         print(file=source.stdin, flush=True)
@@ -119,23 +94,23 @@ def _run(parameters: Mapping[str, object] | None, folder: Path, published: tuple
         return Live(cpu, latencies, sum(count - each for each in received(reports)))
 
 
+def processor_time(pid: int) -> float:
+    """Return the processor time of a running process, s."""
+    values = Path(f'/proc/{pid}/stat').read_text(encoding='ascii').rpartition(')')[2].split()
+    return (int(values[11]) + int(values[12])) / os.sysconf('SC_CLK_TCK')
+
+
 def received(reports: list[Any]) -> list[int]:
     """Return the numbers of received messages in the latest diagnostics."""
-    counts = {
-        status.name: int(item.value)
-        for report in reports
-        for status in report.status
-        if status.name.endswith(_INPUTS)
-        for item in status.values
-        if item.key == 'received'
-    }
+    inputs = [status for report in reports for status in report.status if status.name.endswith(_INPUTS)]
+    counts = {status.name: int(item.value) for status in inputs for item in status.values if item.key == 'received'}
     return list(counts.values())
 
 
 @contextmanager
 def node_beside(made: Graph, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Run one of the nodes beside the estimator, the publisher until it is ready; it ends with the block."""
-    command, pipe = [sys.executable, str(NODES), *arguments], subprocess.PIPE
+    command, pipe = [sys.executable, str(HERE / 'speed_nodes.py'), *arguments], subprocess.PIPE
     with subprocess.Popen(command, env=made.environment, stdin=pipe, stdout=pipe, text=True) as process:
         try:
             assert process.stdout is not None, 'it is a pipe'
@@ -149,15 +124,11 @@ def main() -> None:
     """Measure the chosen parts."""
     frame = Frame(__doc__, 'measured/speed.md', minutes=60.0, seconds=30.0, repeats=5, parts='replay, live, start')
     arguments = frame.arguments
-    parts: dict[str, Callable[[Path], str]] = {
-        'replay': lambda folder: _replays(folder, arguments.minutes, arguments.repeats),
-        'live': lambda folder: _live(folder, arguments.seconds, arguments.repeats),
-        'start': lambda folder: _starts(folder, arguments.repeats),
-    }
-    for name, part in parts.items():
+    parts = {'replay': (_replays, arguments.minutes), 'live': (_live, arguments.seconds), 'start': (_starts, _SHORT)}
+    for name, (part, length) in parts.items():
         if name in arguments.parts:
             with TemporaryDirectory() as folder:
-                text = part(Path(folder))
+                text = part(Path(folder), length, arguments.repeats)
             note = f'medians of {arguments.repeats}, load average {os.getloadavg()[2]:.0f} at the end'
             print(text, flush=True)
             frame.write(**{name: f'{text}\n\n{provenance(note)}'})
@@ -165,26 +136,33 @@ def main() -> None:
 
 def _replays(folder: Path, minutes: float, repeats: int) -> str:
     bag = folder / 'long'
-    make_bag(bag, minutes)
+    make_bag(bag, ROBOT, minutes)
     floor, costs = [], {name: list[Cost]() for name in VARIANTS}
     for _ in range(repeats):
         floor.append(_measured([sys.executable, str(HERE / 'speed_floor.py'), str(bag)]))
         for name, parameters in VARIANTS.items():
             costs[name].append(_measured(_replay(bag, parameters)))
-    rows = []
+    rows, least = [], _median(floor)
     for name, each in costs.items():
-        ratio = _middle([cost.cpu / least.cpu for cost, least in zip(each, floor, strict=True)])
-        cost, least = _median(each), _median(floor)
-        seconds = (number(cost.cpu, 1), number(least.cpu, 1))
-        rows.append([name, ratio, *seconds, number(cost.memory), number(least.memory)])
+        ratio = _middle([cost.cpu / bare.cpu for cost, bare in zip(each, floor, strict=True)])
+        cost = _median(each)
+        numbers = (number(cost.cpu, 1), number(least.cpu, 1), number(cost.memory), number(least.memory))
+        rows.append([name, ratio, *numbers])
     header = ['method', 'ratio', 'replay, s', 'floor, s', 'peak, MB', 'floor, MB']
     return f'A bag of {minutes:g} min at 100 Hz:\n\n{table(header, rows)}'
 
 
 def _live(folder: Path, seconds: float, repeats: int) -> str:
     variants = {**VARIANTS, 'trajectory, contradicted: searches for start and causes': _CONTRADICTED}
+    bag = folder / 'live'
+    make_bag(bag, ROBOT, seconds / 60.0, _RATE)
+    found: dict[str, list[tuple[Live, Live]]] = {name: [] for name in variants}
+    for turn in range(repeats):
+        bare = _run(None, folder / f'bare{turn}', bag, seconds)
+        for place, (name, parameters) in enumerate(variants.items()):
+            found[name].append((_run(parameters, folder / f'{turn}-{place}', bag, seconds), bare))
     rows = []
-    for name, pairs in live_runs(variants, folder, _RATE, seconds, repeats).items():
+    for name, pairs in found.items():
         shares = [
             [1e3 * float(np.percentile(run.latencies, share)) for run, _ in pairs] for share in (50.0, 99.0, 100.0)
         ]
@@ -194,11 +172,11 @@ def _live(folder: Path, seconds: float, repeats: int) -> str:
     return f'Two topics at {_RATE:g} Hz each for {seconds:g} s:\n\n{table(header, rows)}'
 
 
-def _starts(folder: Path, repeats: int) -> str:
+def _starts(folder: Path, seconds: float, repeats: int) -> str:
     bag = folder / 'short'
-    make_bag(bag, _SHORT / 60.0)
+    make_bag(bag, ROBOT, seconds / 60.0)
     commands = {'`replay --help`': [*_PROGRAM, '--help']}
-    commands |= {f'replay of 10 s, {method}': _replay(bag, VARIANTS[method]) for method in METHODS}
+    commands |= {f'replay of {seconds:g} s, {method}': _replay(bag, VARIANTS[method]) for method in METHODS}
     rows = []
     for name, command in commands.items():
         cost = _median([_measured(command) for _ in range(repeats)])

@@ -1,7 +1,5 @@
 """Write measured/starts.md: motions that are hard to start with, and whether an estimate is ever wrong."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.frame import PUBLISHED, Frame, number, percent, statuses
@@ -14,11 +12,10 @@ def main() -> None:
     frame = Frame(__doc__, 'measured/starts.md', seeds=100, method='trajectory')
     method = frame.arguments.method
     names = [condition.name for condition in frame.chosen(STARTS, lambda condition: condition.name)]
-    work = {name: (f'{method}-{name}', [(name, method, seed) for seed in frame.seeds]) for name in names}
-    frame.tabulate(_HEADER, Outcome, run, work, _row)
+    frame.tabulate(_HEADER, frame.outcomes(Outcome, run, {(name, method): f'{method}-{name}' for name in names}), _row)
 
 
-def _row(name: str, outcome: Outcome) -> list[str]:
+def _row(row: tuple[str, str], outcome: Outcome) -> list[str]:
     ended = np.isin(outcome.status, PUBLISHED) & np.any(np.isfinite(outcome.error), axis=1)
     given = ended[:, None] & np.isfinite(outcome.error) & (outcome.std > 0.0)
     last = np.abs(np.divide(outcome.error, outcome.std, out=np.zeros(outcome.error.shape), where=given))
@@ -27,7 +24,7 @@ def _row(name: str, outcome: Outcome) -> list[str]:
     started = outcome.first[np.isfinite(outcome.first)]
     median, latest = (np.median(started), np.max(started)) if len(started) else (np.nan, np.nan)
     return [
-        name.removeprefix('start: '),
+        row[0].removeprefix('start: '),
         str(len(outcome)),
         percent(float(np.mean(ended))),
         statuses(outcome.status),

@@ -7,8 +7,6 @@ Needs orangebox. Device and offset are subtracted as by the authors: the device 
 least squares from the accelerometer.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Sequence

@@ -4,8 +4,6 @@
 the recorded bag makes the report. Exit code 0: every parameter came within 1 % of the truth, else 1.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import shutil
@@ -45,13 +43,6 @@ def errors(inertia: Any, truth: Any) -> list[float]:
     return [100.0 * (value(inertia) / value(truth) - 1.0) for _, _, _, value in PARAMETERS]
 
 
-def heading(truth: Any) -> str:
-    """Return the head of the table: names with units, and the truth."""
-    names = ''.join(f'{f"{name} ({unit})":>{COLUMN}}' for name, unit, _, _ in PARAMETERS)
-    values = ''.join(f'{value(truth):>{COLUMN - 11}.{digits}f}{"":11}' for _, _, digits, value in PARAMETERS)
-    return f'{"time":>8}  {"status":<16}{names}\n{"":8}  {"truth":<16}{values}'.rstrip()
-
-
 def row(estimate: Any, truth: Any) -> str:
     """Return a line of the table: the estimate with its errors."""
     cells = ''
@@ -77,7 +68,9 @@ def watch(demo: Demo, bag: Path, duration: float, speed: float) -> tuple[Any, An
     simulator = demo.start('simulator', '--params-file', CONFIG / 'table1_simulator.yaml', *assigned(given))
     demo.wait(lambda: demo.truths, 'the simulator')
     truth = demo.truths[0].inertia
-    print(heading(truth), flush=True)
+    names = ''.join(f'{f"{name} ({unit})":>{COLUMN}}' for name, unit, _, _ in PARAMETERS)
+    values = ''.join(f'{value(truth):>{COLUMN - 11}.{digits}f}{"":11}' for _, _, digits, value in PARAMETERS)
+    print(f'{"time":>8}  {"status":<16}{names}\n{"":8}  {"truth":<16}{values}'.rstrip(), flush=True)
     due, last, printed = ROW_PERIOD, None, None
     while simulator.running or demo.estimates:
         demo.wait(lambda: demo.estimates or not simulator.running, 'an estimate')
@@ -97,13 +90,12 @@ def watch(demo: Demo, bag: Path, duration: float, speed: float) -> tuple[Any, An
 
 def judge(estimate: Any, truth: Any) -> str:
     """Return the faults of an estimate; empty if every parameter is close enough to the truth."""
-    wrong = []
-    for (name, _, _, _), error in zip(PARAMETERS, errors(estimate.inertia, truth), strict=True):
-        if math.isnan(error):
-            wrong.append(f'{name} is not determined')
-        elif abs(error) >= TOLERANCE:
-            wrong.append(f'{name} is off by {error:+.2f} %')
-    return ', '.join(wrong)
+    found = zip(PARAMETERS, errors(estimate.inertia, truth), strict=True)
+    return ', '.join(
+        f'{name} is not determined' if math.isnan(error) else f'{name} is off by {error:+.2f} %'
+        for (name, *_), error in found
+        if not abs(error) < TOLERANCE
+    )
 
 
 def replay(demo: Demo, bag: Path, truth: Any, report: Path) -> None:

@@ -1,7 +1,5 @@
 """The graph of the demos: simulator, estimator and recorder as processes, and a node that listens."""
 
-from __future__ import annotations
-
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -22,10 +20,10 @@ CONFIG = ROOT / 'config'
 PATIENCE = 60.0  # s, for a process to appear on the graph or to end
 sys.path.insert(0, str(ROOT / 'test'))
 
-from graph import Graph, Process, executable, graph  # noqa: E402 - from the tests, which are no package
+from graph import Graph, Process, graph  # noqa: E402 - from the tests, which are no package
 from simulated import assigned  # noqa: E402
 
-__all__ = ['CONFIG', 'ROOT', 'Demo', 'Graph', 'assigned', 'executable', 'graph', 'running']
+__all__ = ['CONFIG', 'ROOT', 'Demo', 'Graph', 'assigned', 'graph', 'running']
 
 
 class Demo:
@@ -52,7 +50,7 @@ class Demo:
         except AssertionError as error:
             raise DataError(f'waited {patience:g} s in vain for {what}') from error
 
-    def ended(self, process: Process, patience: float = PATIENCE) -> None:
+    def ended(self, process: Process, patience: float) -> None:
         """Wait for the end of a process."""
         self.wait(lambda: not process.running, f'the end of {process.name}', patience)
         self._check()

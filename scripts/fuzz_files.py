@@ -4,9 +4,8 @@ Each has to end with 0, 2, 3 or 4, with one line of error at most, within 10 s o
 in less than 1 GB. All run in this process.
 """
 
-from __future__ import annotations
-
 import argparse
+import shutil
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from fuzzing.formats import formats
+from fuzzing.formats import CONVERTED, formats
 from fuzzing.trial import Found
 
 
@@ -29,7 +28,7 @@ def fuzz(count: int, seed: int, wanted: Sequence[str] | None = None) -> dict[str
             for number in tqdm(range(count), unit=f' {kind}', disable=None, leave=False):
                 each.path.write_bytes(each.damaged(each.content, np.random.default_rng([seed, number])))
                 wrong = found.add(each.main, each.arguments(number), each.reported)
-                each.clear()
+                shutil.rmtree(Path(name) / CONVERTED, ignore_errors=True)
                 found.wrong += [f'{kind} {number}: {wrong}'] if wrong else []
             each.path.write_bytes(each.content)
     return outcome

@@ -4,8 +4,6 @@
 with these colcon chains them like any underlay. A start-up file lets the environment's Python find the workspace.
 """
 
-from __future__ import annotations
-
 import sys
 import sysconfig
 from pathlib import Path
@@ -74,11 +72,8 @@ def main() -> None:
     for shell in ('sh', 'bash', 'zsh'):
         (Path(sys.prefix) / f'local_setup.{shell}').write_text(LOCAL_SETUP.format(prefix=sys.prefix))
     site_packages = Path(sysconfig.get_path('purelib'))
-    startup = STARTUP.format(
-        install=str(WORKSPACE / 'install'),
-        build=str(WORKSPACE / 'build' / 'mbaid_ros'),
-        version=sysconfig.get_python_version(),
-    )
+    install, build = str(WORKSPACE / 'install'), str(WORKSPACE / 'build' / 'mbaid_ros')
+    startup = STARTUP.format(install=install, build=build, version=sysconfig.get_python_version())
     (site_packages / f'{STARTUP_NAME}.py').write_text(startup)
     (site_packages / f'{STARTUP_NAME}.pth').write_text(f'import {STARTUP_NAME}\n')
 

@@ -4,8 +4,6 @@ A simulated bag holds the same messages, byte for byte, each time it is made on 
 with the time of its recording; it is kept only if a replay gives the very estimates recorded in it.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import shutil
@@ -14,7 +12,6 @@ import tempfile
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -97,18 +94,12 @@ def leave_rates_out(source: Path, bag: Path) -> None:
         for name, topic in reader.topics.items():
             writer.add_topic(name, topic.type, latched=topic.latched)
         for name, message, time in reader.read(list(reader.topics)):
-            writer.write(name, without_rates(message), time)
-
-
-def without_rates(message: Any) -> Any:
-    """Return a JointState or an Odometry with poses only, and any other message as it is."""
-    if hasattr(message, 'velocity'):
-        return replace(message, velocity=np.zeros(0), effort=np.zeros(0))
-    if hasattr(message, 'twist'):
-        still = message.twist.twist
-        nowhere = replace(still.linear, x=np.nan, y=np.nan, z=np.nan)
-        return replace(message, twist=replace(message.twist, twist=replace(still, linear=nowhere, angular=nowhere)))
-    return message
+            if hasattr(message, 'velocity'):
+                message.velocity = message.effort = np.zeros(0)
+            if hasattr(message, 'twist'):
+                for part in (message.twist.twist.linear, message.twist.twist.angular):
+                    part.x = part.y = part.z = np.nan
+            writer.write(name, message, time)
 
 
 def record(recipe: Recipe, bag: Path) -> None:

@@ -4,15 +4,12 @@ Exit code 1: a settling time differs by more than 10 % from that of an independe
 a spatial servicer are not found.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.accuracy import Identification
+from benchmarks.accuracy import estimates
 from benchmarks.data import NOISE, ROBOTS, exact_samples, kernel, momentum_of, motion, readings, target
 from benchmarks.frame import Frame, provenance, table
 from mbaid_ros.core import paper
@@ -56,22 +53,18 @@ def equations(form: str, states: BodyStates, total_angular_momentum: Array) -> t
     )
 
 
-class History(NamedTuple):
-    """Errors of the recursion after each sample."""
-
-    time: Array  # (N,) s
-    error: Array  # (N, 10) relative, of (m, r_c, I_c); NaN where the true value is zero
-
-    def settled(self, tolerance: float) -> Array:
-        """Return the time (s) from which each parameter stays within a relative tolerance; NaN for never."""
-        outside = ~(np.abs(self.error) <= tolerance)
-        last = len(outside) - np.argmax(outside[::-1], axis=0)  # index after the last one outside
-        index = np.where(np.any(outside, axis=0), last, 0)
-        return np.append(self.time, np.nan)[index]
+def settled(time: Array, error: Array, tolerance: float = 0.01) -> Array:
+    """Return the time (s) from which each parameter stays within a relative tolerance; NaN for never."""
+    outside = ~(np.abs(error) <= tolerance)
+    last = len(outside) - np.argmax(outside[::-1], axis=0)  # index after the last one outside
+    return np.append(time, np.nan)[np.where(np.any(outside, axis=0), last, 0)]
 
 
-def recursion(robot: str, form: str, rate: float, *, scaled: bool = False) -> History:
-    """Return the paper's recursion over a noise-free run; `scaled` divides the unknowns by their true sizes."""
+def recursion(robot: str, form: str, rate: float, *, scaled: bool = False) -> tuple[Array, Array]:
+    """Return the times (N,) of the paper's recursion over a noise-free run, and its relative errors (N, 10).
+
+    `scaled` divides the unknowns by their true sizes. Errors are NaN where the true value is zero.
+    """
     truth = motion(robot, rate)
     samples = exact_samples(truth, NOISE)
     states, detector = kernel(robot).states(samples), PlaneDetector(kernel(robot).model)
@@ -85,7 +78,7 @@ def recursion(robot: str, form: str, rate: float, *, scaled: bool = False) -> Hi
     found = np.array([size * solver.step(row * size, value) for row, value in zip(rows, right_side, strict=True)])
     with np.errstate(divide='ignore', invalid='ignore'):
         found[:, 0] = 1.0 / found[:, 0]
-        return History(truth.time[-len(rows) :], np.where(true != 0.0, found / true - 1.0, np.nan))
+        return truth.time[-len(rows) :], np.where(true != 0.0, found / true - 1.0, np.nan)
 
 
 def all_bodies_rank(robot: str) -> tuple[int, int]:
@@ -101,8 +94,7 @@ def all_bodies_rank(robot: str) -> tuple[int, int]:
 def difference_error(robot: str) -> float:
     """Return the largest relative error of method `difference` at the end of a noise-free run."""
     truth = motion(robot)
-    task = Identification(kernel(robot), NOISE, momentum_of(robot, truth))
-    last = task.estimates('difference', *readings(truth, NOISE, None))[-1]
+    last = estimates(robot, NOISE, momentum_of(robot, truth), 'difference', readings(truth, NOISE, None))[-1]
     chosen = PLANE if robot == 'table1' else list(range(10))
     return float(abs(last.parameters[chosen] / target(robot)[chosen] - 1.0).max())
 
@@ -112,22 +104,17 @@ def main() -> int:
     frame = Frame(__doc__, 'measured/paper-claims.md')
     settings = [(form, rate) for form in FORMS for rate in RATES]
     histories = {setting: recursion('table1', *setting) for setting in settings}
-    settling = {setting: tuple(history.settled(0.01)[PLANE].tolist()) for setting, history in histories.items()}
-    begins = float(histories[PREVIOUS, 50.0].settled(0.5)[9])
-    longest = max(float(max(recursion('table1', *each, scaled=True).settled(0.01)[PLANE])) for each in settings)
+    settling = {setting: tuple(settled(*history)[PLANE].tolist()) for setting, history in histories.items()}
+    begins = float(settled(*histories[PREVIOUS, 50.0], 0.5)[9])
+    longest = max(float(max(settled(*recursion('table1', *each, scaled=True))[PLANE])) for each in settings)
     exact = {
-        f'{robot}, {form}': float(abs(recursion(robot, form, 100.0).error[-1]).max())
+        f'{robot}, {form}': float(abs(recursion(robot, form, 100.0)[1][-1]).max())
         for robot in ('servicer7', 'ets7')
         for form in FORMS
     }
     difference = {f'{robot}, method `difference`': difference_error(robot) for robot in ROBOTS}
-    rows = [
-        [
-            f'{form}, {rate:g} Hz',
-            *(' / '.join(f'{x:.1f}' for x in each[form, rate]) for each in (settling, INDEPENDENT)),
-        ]
-        for form, rate in settings
-    ]
+    shown = [[' / '.join(f'{x:.1f}' for x in each[key]) for each in (settling, INDEPENDENT)] for key in settings]
+    rows = [[f'{form}, {rate:g} Hz', *both] for (form, rate), both in zip(settings, shown, strict=True)]
     claims = table(['claim', 'measured', 'by which setting'], _claims(settling, begins, difference), words=True)
     times = table(['form, samples', 'm / x_c / y_c / Izz, s', 'independent implementation'], rows)
     times += f'\n\nWith every unknown scaled to order one, all forms at all rates settle within {longest:.1f} s.'
@@ -168,23 +155,16 @@ def _claims(
     previous, main_form = (max(settling[form, 100.0]) for form in (PREVIOUS, MAIN))
     (planar, planar_columns), (rank, columns) = all_bodies_rank('table1'), all_bodies_rank('servicer7')
     from_50 = 'holds from 50 Hz up'
+    any_rate = f'{from_50}; at any rate against the first sample'
     return [
         ['main form: all parameters in less than 10 s', by_rate(MAIN), from_50],
-        [
-            'difference form: mass and CoM in less than 20 s',
-            differences(3),
-            f'{from_50}; at any rate against the first sample',
-        ],
+        ['difference form: mass and CoM in less than 20 s', differences(3), any_rate],
         [
             'the inertia begins after about 15 s and takes about 5 s',
             f'at 50 Hz within 50 % after {begins:.1f} s, within 1 % after {at_50:.1f} s; at 100 Hz {at_100:.1f} s',
             'the same order, earlier; it depends on the rate and the initial covariance',
         ],
-        [
-            'all parameters of the debris in less than 20 s (abstract)',
-            differences(),
-            f'{from_50}; at any rate against the first sample',
-        ],
+        ['all parameters of the debris in less than 20 s (abstract)', differences(), any_rate],
         [
             'the difference form takes longer than the main form',
             f'{previous:.1f} s against {main_form:.1f} s at 100 Hz',

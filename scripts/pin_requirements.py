@@ -5,15 +5,12 @@ usage: pin_requirements.py [--keep] PYTHON3.10 PYTHON3.11 PYTHON3.12 PYTHON3.13 
 requirements.lock has the same with the SHA-256 of each file. With --keep the versions stay, and only that is written.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
 import sys
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 HEADER = """\
@@ -34,11 +31,7 @@ def resolve(python: str, *, keep: bool) -> tuple[str, Packages]:
     """Return the version of an interpreter, like 3.12, and the packages that pip would install for it."""
     command = [python, '-m', 'pip', 'install', '--quiet', '--dry-run', '--ignore-installed', '--report', '-']
     command += ['-r', str(ROOT / 'requirements.txt'), *(['-c', str(CONSTRAINTS)] if keep else [])]
-    return resolved(json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout))
-
-
-def resolved(report: dict[str, Any]) -> tuple[str, Packages]:
-    """Return the version of the interpreter and the packages of a report of pip."""
+    report = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
     packages: Packages = {}
     for item in report['install']:
         name = re.sub('[-_.]+', '-', item['metadata']['name']).lower()

@@ -3,8 +3,6 @@
 In a document the table stands between `<!-- parameters of X -->` and `<!-- end of parameters -->`.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 import textwrap
@@ -25,9 +23,8 @@ DECLARED: dict[str, type] = {
     'simulator': SimulatorConfig,
     'recorder': RecorderConfig,
 }
-DOCUMENTS = tuple(
-    ROOT / 'docs' / name for name in ('reference/parameters.md', 'reference/simulator.md', 'how-to/calibrate.md')
-)
+REFERENCE = ROOT / 'docs' / 'reference'
+DOCUMENTS = (REFERENCE / 'parameters.md', REFERENCE / 'simulator.md', ROOT / 'docs' / 'how-to' / 'calibrate.md')
 PLACE = re.compile(r'(<!-- parameters of (\w+) -->\n).*?(<!-- end of parameters -->)', re.DOTALL)
 WIDTH = 120
 

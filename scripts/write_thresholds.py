@@ -1,14 +1,12 @@
 """Write thresholds.md: every number of the estimators that is no parameter, with the reason beside it."""
 
-from __future__ import annotations
-
 import ast
 import io
 import sys
 import tokenize
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / 'mbaid_ros'
@@ -35,8 +33,7 @@ The fixed numbers of the estimators, by subject, each with its reason. A user se
 """
 
 
-@dataclass(frozen=True)
-class Threshold:
+class Threshold(NamedTuple):
     """Constants of a module that are set together, and the comment beside them."""
 
     module: str
@@ -44,32 +41,31 @@ class Threshold:
     value: str
     why: str
 
-    @property
-    def row(self) -> str:
-        """Row of a table."""
-        first, *others = self.names
-        names = ', '.join([f'`{self.module}.{first}`', *(f'`{name}`' for name in others)])
-        word, space, rest = self.why.partition(' ')
-        begin = word.lower() if word == 'A' or word[1:].islower() else word  # no unit
-        return f'| {names} | {self.value} | {(begin + space + rest).replace("|", chr(92) + "|")} |'
+
+def row(threshold: Threshold) -> str:
+    """Return a row of the table."""
+    first, *others = threshold.names
+    names = ', '.join([f'`{threshold.module}.{first}`', *(f'`{name}`' for name in others)])
+    word, space, rest = threshold.why.partition(' ')
+    begin = word.lower() if word == 'A' or word[1:].islower() else word  # no unit
+    return f'| {names} | {threshold.value} | {(begin + space + rest).replace("|", chr(92) + "|")} |'
 
 
 def text() -> str:
     """Return the page."""
     head = ['', '| constant | value | meaning and reason |', '|---|---|---|']
-    sections = ([f'## {title}', *head, *(each.row for each in _of(places)), ''] for title, places in SECTIONS.items())
-    return '\n'.join([HEAD, *('\n'.join(section) for section in sections)])
+    found = all_thresholds().items()
+    return '\n'.join([HEAD, *('\n'.join([f'## {title}', *head, *map(row, each), '']) for title, each in found)])
 
 
-def all_thresholds() -> list[Threshold]:
-    """Return those of all sections."""
-    return [threshold for places in SECTIONS.values() for threshold in _of(places)]
-
-
-def _of(places: tuple[str, ...]) -> Iterator[Threshold]:
-    for place in places:
-        for file in sorted(PACKAGE.glob(place if place.endswith('.py') else f'{place}/*.py')):
-            yield from thresholds(file)
+def all_thresholds() -> dict[str, list[Threshold]]:
+    """Return those of all sections by title."""
+    found: dict[str, list[Threshold]] = {title: [] for title in SECTIONS}
+    for title, places in SECTIONS.items():
+        for place in places:
+            for file in sorted(PACKAGE.glob(place if place.endswith('.py') else f'{place}/*.py')):
+                found[title] += thresholds(file)
+    return found
 
 
 def thresholds(file: Path) -> Iterator[Threshold]:
@@ -91,7 +87,6 @@ def thresholds(file: Path) -> Iterator[Threshold]:
 
 
 def _comments(source: str) -> dict[int, str]:
-    """Return the comments of a module by their line."""
     tokens = tokenize.generate_tokens(io.StringIO(source).readline)
     return {token.start[0]: token.string.lstrip('# ') for token in tokens if token.type == tokenize.COMMENT}
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from benchmarks.data import LEVELS, sampled, simulation, simulator_config
+from benchmarks.data import LEVELS, sampled, simulator_config
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
@@ -20,6 +20,7 @@ from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.session.methods import make_estimator
+from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Truth
@@ -36,7 +37,7 @@ def configured_motion(name: str, seconds: float, rate: float, model_errors: Mode
     model = robot(name)
     if model_errors is not None:
         model = true_robot(model, model_errors, (model.last_link,))
-    return simulation(simulator_config(name), model).advance(np.arange(round(seconds * rate)) / rate)
+    return make_simulation(simulator_config(name), model).advance(np.arange(round(seconds * rate)) / rate)
 
 
 def drifting(truth: Truth, velocity: Array, start: Array | None = None) -> Truth:

@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from benchmarks.bags import write_bag
-from benchmarks.data import motion
+from benchmarks.data import motion, write_bag
 from benchmarks.honesty import readings, robots
 from benchmarks.honesty.disturbed import CATALOGUE
 from benchmarks.honesty.paths import sinusoids
@@ -136,7 +135,7 @@ def test_the_score_knows_right_wrong_and_doubtful_answers() -> None:
 
     def outcome(error: float, std: float, doubt: str = '') -> Outcome:
         off = np.where(np.arange(10) < 9, error, 1e9)  # the last one is open: it does not count
-        return Outcome((truth.parameters + off).tolist(), [std] * 10, doubt, '', 1.0, 1.0, 1.0)
+        return Outcome((truth.parameters + off).tolist(), [std] * 10, doubt, '', 1.0, 1.0)
 
     found = score(
         [outcome(0.1, 0.1), outcome(0.6, 0.1), outcome(0.6, 0.1, 'inconsistent'), outcome(0.05, np.nan)], [truth] * 4
@@ -272,7 +271,7 @@ def test_errors_together_are_measured_by_what_a_single_one_would_be_off_by() -> 
 
 
 def test_a_run_of_a_condition_says_what_it_ends_with() -> None:
-    reported = run(('5 s of data', 'difference', 0))
+    reported = run(('5 s of data', 'difference'), 0)
     assert reported.error.shape == reported.std.shape == (10,)
     assert reported.status in {'estimating', 'not_identifiable'}
     assert 0.0 <= max(reported.worst, reported.young) < 5.0

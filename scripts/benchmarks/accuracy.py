@@ -1,7 +1,5 @@
 """The methods compared, their runs over cases and seeds, and their statistics beside the bounds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -15,7 +13,6 @@ from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.identifier import Identifier
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
 from mbaid_ros.core.sensors.levels import CHANNELS, NoiseEstimator
 from mbaid_ros.replay.campaigns.statistics import coverage, mean, nees, nees_band, rmse
@@ -32,15 +29,11 @@ class Method:
     papers: bool = False  # a method of the paper takes all velocities, and reports no uncertainty
     finds_noise: bool = False  # the noise is estimated, not declared
 
-    def runs(self, seeds: int, *, plain: bool) -> int:
-        """Return for how many seeds it runs; cases that are not plain have few, and run all."""
-        if not plain:
-            return seeds
-        return max(round(self.share * seeds), min(self.fewest, seeds))
-
-    def takes(self, case: Case) -> bool:
-        """Return whether it runs for a case."""
-        return case.plain or not (self.finds_noise or self.papers)
+    def runs(self, case: Case, seeds: int) -> int:
+        """Return for how many of a case's seeds it runs; cases that are not plain have few, and run all or none."""
+        if case.plain:
+            return max(round(self.share * seeds), min(self.fewest, seeds))
+        return 0 if self.finds_noise or self.papers else seeds
 
 
 METHODS = {
@@ -55,30 +48,14 @@ METHODS = {
 }
 
 
-@dataclass(frozen=True)
-class Identification:
-    """A robot that is exactly its URDF, ready to be identified by any method."""
-
-    kernel: MomentumKernel
-    noise: SensorNoise
-    momentum: Array  # (6,) true total, of which paper_main is given the angular part
-
-    def identifier(self, method: str, settings: Mapping[str, object] | None = None) -> Identifier:
-        """Return a method before its first measurement."""
-        values: dict[str, object] = {
-            **EXACT,
-            'paper.total_angular_momentum': [float(value) for value in self.momentum[3:]],
-            **declared(self.noise),
-            **METHODS[method].settings,
-            **(settings or {}),
-        }
-        config = build(EstimatorConfig, values)
-        found = NoiseEstimator(self.noise, self.kernel.model.joints, estimate=METHODS[method].finds_noise)
-        return Identifier(make_estimator(config, self.kernel), config.window, MAXIMUM_GAP, noise=found)
-
-    def estimates(self, method: str, joints: JointStream, base: BaseStream) -> list[Estimate]:
-        """Return all estimates of one run."""
-        return self.identifier(method).push(joints, base)
+def estimates(
+    robot: str, noise: SensorNoise, momentum: Array, method: str, read: tuple[JointStream, BaseStream]
+) -> list[Estimate]:
+    """Return all estimates of one run of a robot that is exactly its URDF; paper_main is given its momentum (6,)."""
+    given = {'paper.total_angular_momentum': momentum[3:].tolist(), **METHODS[method].settings}
+    config = build(EstimatorConfig, {**EXACT, **declared(noise), **given})
+    found = NoiseEstimator(noise, kernel(robot).model.joints, estimate=METHODS[method].finds_noise)
+    return Identifier(make_estimator(config, kernel(robot)), config.window, MAXIMUM_GAP, noise=found).push(*read)
 
 
 Times = tuple[float, ...]
@@ -96,18 +73,17 @@ class Outcome(Runs):
     estimates: Array  # (..., T) estimates until then
     noise: Array  # (..., T, 6) estimated over true, by sensor channel
 
-    def at(self, time: int) -> Outcome:
+    def at(self, time: int) -> 'Outcome':
         """Return the estimates at one of the times, whose axis is the second one."""
         return Outcome.of(lambda name: getattr(self, name)[:, time])
 
 
-def run(work: tuple[Case, str, int, Times]) -> Outcome:
-    """Return the last estimates before some times: case, method, seed, times."""
-    case, method, seed, times = work
+def run(row: tuple[Case, str, Times], seed: int) -> Outcome:
+    """Return the last estimates of a case and a method before some times."""
+    case, method, times = row
     truth = motion(case.robot)
     truth = truth[: int(np.searchsorted(truth.time, max(times) + 1e-9))]
-    task = Identification(kernel(case.robot), case.noise, momentum_of(case.robot, truth))
-    history = task.estimates(method, *observed(truth, case, seed))
+    history = estimates(case.robot, case.noise, momentum_of(case.robot, truth), method, observed(truth, case, seed))
     places = np.searchsorted([estimate.time for estimate in history], np.array(times) - 1e-9) - 1
     chosen = [history[place] for place in places]
     alarms = np.cumsum([estimate.status == 'inconsistent' for estimate in history])
@@ -127,17 +103,15 @@ def monte_carlo(frame: Frame, plan: dict[Case, tuple[Times, int]]) -> dict[Case,
     """Return the outcomes by case and method; the plan has times and number of seeds of each case."""
     for case in plan:
         motion(case.robot)  # simulated here once; the workers inherit it
-    work = {
-        (case, method): (
-            f'{case.name}-{method}',
-            [(case, method, seed, times) for seed in range(METHODS[method].runs(seeds, plain=case.plain))],
-        )
+    counts = {
+        (case, name, times): method.runs(case, seeds)
         for case, (times, seeds) in plan.items()
-        for method in METHODS
-        if METHODS[method].takes(case)
+        for name, method in METHODS.items()
+        if method.runs(case, seeds)
     }
+    files = {row: f'{row[0].name}-{row[1]}' for row in counts}
     results: dict[Case, dict[str, Outcome]] = {case: {} for case in plan}
-    for (case, method), outcome in frame.outcomes(Outcome, run, work):
+    for (case, method, _), outcome in frame.outcomes(Outcome, run, files, counts):
         results[case][method] = outcome
     return results
 
@@ -157,28 +131,9 @@ class Summary:
     estimates: int
     noise: Array  # (runs, 6)
 
-    @property
-    def median(self) -> float:
-        """Median over the parameters of RMSE over bound."""
-        return float(np.nanmedian(self.ratio)) if np.any(np.isfinite(self.ratio)) else np.nan
 
-    @property
-    def worst(self) -> float:
-        """Largest RMSE over bound."""
-        return float(np.nanmax(self.ratio)) if np.any(np.isfinite(self.ratio)) else np.nan
-
-    @property
-    def reports_std(self) -> bool:
-        """Whether the method reports its uncertainty."""
-        return bool(np.any(np.isfinite(self.coverage)))
-
-
-def summarise(outcome: Outcome, truth: Array, bounds: Array) -> list[Summary]:
-    """Return the statistics at each time; truth (10,), bounds (T, 10)."""
-    return [_summary(outcome.at(time), truth, bound) for time, bound in enumerate(bounds)]
-
-
-def _summary(found: Outcome, truth: Array, bound: Array) -> Summary:
+def summarise(found: Outcome, truth: Array, bound: Array) -> Summary:
+    """Return the statistics at one time; truth and bound (10,)."""
     error, free = found.parameters - truth, np.isfinite(bound)
     size = np.where(free, rmse(error), np.nan)
     runs = int(np.sum(np.isfinite(found.error_norm)))

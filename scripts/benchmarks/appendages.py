@@ -1,7 +1,5 @@
 """The seven-joint servicer with solar panels or propellant that swing, or a grasp that gives."""
 
-from __future__ import annotations
-
 from benchmarks.data import CONFIG
 
 PANELS = ('panel_left', 'panel_right')

@@ -1,7 +1,5 @@
 """Simulated twins of benches with published logs: their rates, noise, defects and formats."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -66,7 +64,8 @@ def spot_2021(folder: Path, seed: int, duration: float = 32.0, tracking: float =
     table = np.zeros((len(logged), 65))
     table[:, 0] = logged
     table[:, 4:6] = seen.base_position[:, :2] + noise[:, :2]
-    table[:, 6] = _wrapped(2.0 * np.arctan2(seen.base_orientation[:, 2], seen.base_orientation[:, 3]) + noise[:, 2])
+    heading = 2.0 * np.arctan2(seen.base_orientation[:, 2], seen.base_orientation[:, 3]) + noise[:, 2]
+    table[:, 6] = np.arctan2(np.sin(heading), np.cos(heading))
     savemat(folder / 'run__stitched.mat', {'rt_tout': logged[:, None], 'rt_dataPacket': table})
     commanded = np.linspace(0.0, duration, 400)
     states = np.zeros((12, len(commanded)))
@@ -77,7 +76,6 @@ def spot_2021(folder: Path, seed: int, duration: float = 32.0, tracking: float =
 
 
 def _arm(rng: np.random.Generator) -> Sinusoids:
-    """Return a motion of three joints that begins at rest."""
     amplitude = rng.uniform(0.5, 1.0, (3, 1)) * rng.choice((-1.0, 1.0), (3, 1)) * np.array([[0.4], [0.9], [0.6]])
     start = np.array([np.pi / 2.0, 0.0, 0.0]) - amplitude[:, 0]
     return Sinusoids(start, amplitude, 1.0 / rng.uniform(12.0, 25.0, (3, 1)), np.full((3, 1), -np.pi / 2.0))
@@ -93,21 +91,18 @@ def _wandering(rng: np.random.Generator, time: Array) -> Array:
     return np.asarray(lagging[:, _BEFORE:] * np.sqrt(1.0 + _LAG / _TRACKING))
 
 
+def _at_rest(robot: RobotModel, motion: Sinusoids) -> State:
+    return State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), motion.start, np.zeros(6 + robot.joints))
+
+
 def _pulled(robot: RobotModel, motion: Sinusoids, slope: Array) -> Simulation:
     """Return a robot that slides down a table, from rest: gravity acts at the common centre of mass."""
-    rest = np.array([0.0, 0.0, 0.0, 1.0])
-    start = State(np.zeros(3), rest, motion.start, np.zeros(6 + robot.joints))
     placed = Kinematics(robot).configure(np.eye(3)[None], motion.start[None])
     bodies = express(robot.body_parameters(), placed.rotation[0], placed.position[0])
     mass, first = bodies[:, 0].sum(), bodies[:, 1:4].sum(axis=0)
     force = np.append(mass * slope, 0.0)
     wrench = np.concatenate((force, np.cross(first / mass, force)))
-    return Simulation(robot, motion, start, BodyWrench.on_link(None, wrench))
-
-
-def _wrapped(angle: Array) -> Array:
-    """Return angles between -pi and pi."""
-    return np.asarray(np.arctan2(np.sin(angle), np.cos(angle)))
+    return Simulation(robot, motion, _at_rest(robot, motion), BodyWrench.on_link(None, wrench))
 
 
 def spot_2023(folder: Path, seed: int, duration: float = 60.0, links: float = 0.01) -> Twin:
@@ -136,9 +131,9 @@ def spot_2023(folder: Path, seed: int, duration: float = 60.0, links: float = 0.
     table[:, 0] = time + 165.0
     cos, sin = np.cos(heading), np.sin(heading)
     table[:, 1], table[:, 2] = cos * wrench[:, 0] - sin * wrench[:, 1], sin * wrench[:, 0] + cos * wrench[:, 1]
-    table[:, 3] = wrench[:, 5]
+    table[:, 3], heading = wrench[:, 5], heading + noise[:, 2]
     table[:, 4:6] = 1.5 + seen.base_position[held, :2] + noise[:, :2]
-    table[:, 6] = _wrapped(heading + noise[:, 2])
+    table[:, 6] = np.arctan2(np.sin(heading), np.cos(heading))
     table[:, 64:67] = np.round(read / _ENCODER) * _ENCODER
     table[:, 67:70] = seen.joint_velocity + rng.normal(size=(len(time), 3)) * 1e-2
     np.savetxt(folder / 'ExpLog', table, fmt='%.10g', delimiter=',')
@@ -147,7 +142,7 @@ def spot_2023(folder: Path, seed: int, duration: float = 60.0, links: float = 0.
 
 def _pushed(robot: RobotModel, motion: Sinusoids, time: Array, wrenches: Array) -> Truth:
     """Return the motion of a robot from rest, with one wrench after the other on its base, in its axes."""
-    state = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), motion.start, np.zeros(6 + robot.joints))
+    state = _at_rest(robot, motion)
     parts, base = [], robot.link(BASE)
     for begin, wrench in zip(range(0, len(time), _COMMAND), wrenches, strict=False):
         instants = time[begin : begin + _COMMAND + 1]

@@ -7,8 +7,6 @@ the path of every joint, a cubic spline with a knot each second. Errors propagat
     xi' = F xi + G dx + A dq' + C dq        xi = (theta, rho): of the pose, dx: of body and momentum, dq: of the path
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,7 +41,7 @@ class _Problem:
     known: Flags  # (10,) parameters in the span of the basis
 
     @staticmethod
-    def of(case: Case, truth: Truth) -> _Problem:
+    def of(case: Case, truth: Truth) -> '_Problem':
         robot = kernel(case.robot)
         samples = exact_samples(truth, case.noise)
         detector = PlaneDetector(robot.model)
@@ -87,12 +85,9 @@ def bound(case: Case, truth: Truth, times: tuple[float, ...]) -> Array:
 def trajectory_bound(case: Case, truth: Truth, times: tuple[float, ...]) -> Array:
     """Return the (len(times), 10) bounds of the whole trajectory; NaN for what the motion leaves open."""
     problem = _Problem.of(case, truth)
-    result = np.full((len(times), 10), np.nan)
-    for row, time in enumerate(times):
-        end = int(np.searchsorted(problem.samples.time, time - 1e-9))
-        information = _information(case, problem.samples[:end], problem.momentum, problem.space.basis)
-        result[row] = problem.deviations(information)
-    return result
+    ends = np.searchsorted(problem.samples.time, np.array(times) - 1e-9).tolist()
+    parts = [_information(case, problem.samples[:end], problem.momentum, problem.space.basis) for end in ends]
+    return np.array([problem.deviations(information) for information in parts])
 
 
 def _information(case: Case, samples: Samples, momentum: Array, basis: Array) -> Array:
@@ -101,10 +96,21 @@ def _information(case: Case, samples: Samples, momentum: Array, basis: Array) ->
     at, between = slice(0, None, _STRIDE), slice(_STRIDE // 2, None, _STRIDE)
     step = float(samples.time[_STRIDE] - samples.time[0])
     count = len(samples.time[between])
-    middle = _midpoints(samples[between], step)
+    middle = samples[between]
+    twist = np.concatenate((middle.base_linear_velocity, middle.base_angular_velocity), axis=1)
+    midpoints = Midpoints(
+        joint_position=middle.joint_position,
+        joint_velocity=middle.joint_velocity,
+        base_rotation=middle.base_rotation,
+        base_position=middle.base_position - middle.base_position[0],
+        base_twist=twist,
+        turn=step * twist[:, 3:],
+        step=step * twist[:, :3],
+        impulse=middle.impulse,
+    )
     layout = Layout.from_unknowns(robot, ())
     state = np.concatenate((np.zeros(POSE.stop), momentum, robot.target.parameters))
-    prediction, bodies = predict(layout, middle, layout.point(state))
+    prediction, bodies = predict(layout, midpoints, layout.point(state))
     by_rate, by_position = joint_gains(robot, bodies)
     value, rate = _splines(samples.time[between], float(samples.time[-1]))
     # A spline's own columns: the k-th spline of the j-th joint is column k n + j.
@@ -121,7 +127,10 @@ def _information(case: Case, samples: Samples, momentum: Array, basis: Array) ->
         right = (np.eye(6) + half) @ xi[k] + step * forced[k, ANGULAR_FIRST]
         xi[k + 1] = np.linalg.solve(np.eye(6) - half, right)
     pose = np.repeat([noise.base_orientation, noise.base_position], 3)
-    rows = [part.reshape(-1, xi.shape[-1]) for part in _poses(xi / pose[:, None], case, step)]
+    # Rows of poses at knots, relative to the noise of one: independent, or an autoregression of them.
+    poses, keep = xi / pose[:, None], np.exp(-step / case.correlated) if case.correlated else 0.0
+    parts = [poses[:1], (poses[1:] - keep * poses[:-1]) / np.sqrt(1.0 - keep**2)]
+    rows = [part.reshape(-1, xi.shape[-1]) for part in (parts if keep else [poses * np.sqrt(_STRIDE / case.every)])]
     if case.sensors == 'all':
         seldom = np.sqrt(case.every / _STRIDE)
         twist = np.repeat([noise.base_angular_velocity, noise.base_linear_velocity], 3) * seldom
@@ -135,30 +144,6 @@ def _information(case: Case, samples: Samples, momentum: Array, basis: Array) ->
     joints = path.shape[-1]
     information[:joints, :joints] += np.kron(seen, np.eye(robot.model.joints))
     return np.asarray(information)
-
-
-def _poses(xi: Array, case: Case, step: float) -> list[Array]:
-    """Return the rows of poses at knots, relative to the noise of one: independent, or an autoregression of them."""
-    if not case.correlated:
-        return [xi * np.sqrt(_STRIDE / case.every)]
-    keep = np.exp(-step / case.correlated)
-    return [xi[:1], (xi[1:] - keep * xi[:-1]) / np.sqrt(1.0 - keep**2)]
-
-
-def _midpoints(samples: Samples, step: float) -> Midpoints:
-    """Return exact samples as the motion midway between knots."""
-    origin = samples.base_position[0]
-    twist = np.concatenate((samples.base_linear_velocity, samples.base_angular_velocity), axis=1)
-    return Midpoints(
-        joint_position=samples.joint_position,
-        joint_velocity=samples.joint_velocity,
-        base_rotation=samples.base_rotation,
-        base_position=samples.base_position - origin,
-        base_twist=twist,
-        turn=step * twist[:, 3:],
-        step=step * twist[:, :3],
-        impulse=samples.impulse,
-    )
 
 
 def _splines(time: Array, end: float) -> tuple[Array, Array]:

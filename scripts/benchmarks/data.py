@@ -1,9 +1,7 @@
 """Robots of config/ in motion, and the readings of sensors of three qualities."""
 
-from __future__ import annotations
-
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -12,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from benchmarks.honesty.readings import Defect, Readings, correlated, outliers, read_by, thinned, wandering
+from mbaid_ros.bags import BAG_TYPES, BagWriter
 from mbaid_ros.config.files import load_parameter_file, read_robot_description
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
@@ -23,8 +22,9 @@ from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
+from mbaid_ros.sensor_messages import Joints, Poses, Thrust, in_order, joints_of, poses_of
 from mbaid_ros.session.session import Session
-from mbaid_ros.simulated_robot import make_initial_state, make_motion
+from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Sinusoids
@@ -42,17 +42,16 @@ RATE = 100.0  # Hz
 DURATION = 60.0  # s
 MAXIMUM_GAP = 0.1  # s
 START = 1_700_000_000_000_000_000  # ns, stamp at time 0
+JOINTS, ODOMETRY = '/joint_states', '/odom'
 _MESSAGES_AT_ONCE = 2_000  # as in `replay`
 
 
-def _noise(encoder: float) -> SensorNoise:
-    return SensorNoise(encoder, 10.0 * encoder, 1e-3, 1e-4, 1e-3, 1e-4)
-
-
 # Quality of the encoders; that of the navigation is the same throughout.
-LEVELS = {'low': _noise(1e-5), 'mid': _noise(1e-4), 'high': _noise(1e-3)}
+LEVELS = {
+    level: SensorNoise(encoder, 10.0 * encoder, 1e-3, 1e-4, 1e-3, 1e-4)
+    for level, encoder in {'low': 1e-5, 'mid': 1e-4, 'high': 1e-3}.items()
+}
 NOISE = LEVELS['mid']
-_SILENT = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -89,20 +88,12 @@ class Case:
         """Whether all sensors work."""
         return self == Case(self.robot, self.level)
 
-    def defects(self) -> Iterator[Defect]:
-        """Yield those of its odometry."""
-        if self.wander:
-            yield partial(wandering, self.wander)
-        if self.correlated:
-            yield partial(correlated, self.correlated)
-        if self.outliers:
-            yield partial(outliers, self.outliers)
-        if self.every > 1:
-            yield partial(thinned, self.every)
-
-    def draw(self, seed: int) -> int:
-        """Return the seed of the noise: robots and levels draw apart."""
-        return zlib.crc32(f'{self.robot} {self.level}'.encode()) << 32 | seed
+    @property
+    def defects(self) -> list[Defect]:
+        """Those of its odometry."""
+        sizes: dict[Any, float] = {wandering: self.wander, correlated: self.correlated, outliers: self.outliers}
+        found: list[Defect] = [partial(defect, size) for defect, size in sizes.items() if size]
+        return [*found, partial(thinned, self.every)]
 
 
 @cache
@@ -128,10 +119,9 @@ def drawn(robot: str, sizes: ErrorStds, seed: int) -> ModelErrors:
     return draw(model(robot), model(robot).last_link, sizes, generator(seed))
 
 
-def true_model(robot: str, model_errors: ModelErrors | None = None) -> RobotModel:
+def true_model(robot: str, model_errors: ModelErrors) -> RobotModel:
     """Return the robot that has these errors."""
-    nominal = model(robot)
-    return nominal if model_errors is None else true_robot(nominal, model_errors, (nominal.last_link,))
+    return true_robot(model(robot), model_errors, (model(robot).last_link,))
 
 
 def simulator_config(robot: str, changes: Mapping[str, object] | None = None) -> SimulatorConfig:
@@ -140,25 +130,15 @@ def simulator_config(robot: str, changes: Mapping[str, object] | None = None) ->
     return build(SimulatorConfig, {**values, **(changes or {})})
 
 
-def simulation(config: SimulatorConfig, moving: RobotModel) -> Simulation:
-    """Return the simulation of a robot."""
-    driven = make_motion(config, moving)
-    return Simulation(moving, driven, make_initial_state(config, moving, driven))
-
-
-def motion(robot: str, rate: float = RATE, model_errors: ModelErrors | None = None) -> Truth:
-    """Return the true motion of a robot with errors, as config/<robot>_simulator.yaml has it, at 0 ... 60 s."""
-    return _exact_motion(robot, rate) if model_errors is None else _motion(robot, rate, model_errors)
-
-
 @cache
-def _exact_motion(robot: str, rate: float) -> Truth:
-    return _motion(robot, rate, None)
+def motion(robot: str, rate: float = RATE) -> Truth:
+    """Return the true motion of a robot, as config/<robot>_simulator.yaml has it, at 0 ... 60 s."""
+    return motion_of(robot, model(robot), rate)
 
 
-def _motion(robot: str, rate: float, model_errors: ModelErrors | None) -> Truth:
-    moving = simulation(simulator_config(robot), true_model(robot, model_errors))
-    return moving.advance(np.arange(round(DURATION * rate) + 1) / rate)
+def motion_of(robot: str, moving: RobotModel, rate: float = RATE) -> Truth:
+    """Return the same motion of a robot that deviates from its URDF."""
+    return make_simulation(simulator_config(robot), moving).advance(np.arange(round(DURATION * rate) + 1) / rate)
 
 
 def endless_motion(robot: str, rate: float = RATE, seconds: float = DURATION) -> Truth:
@@ -183,25 +163,26 @@ def last_state(truth: Truth) -> State:
     return State(last.base_position[0], last.base_orientation[0], last.joint_position[0], np.concatenate(velocity))
 
 
-def momentum_of(robot: str, truth: Truth, model_errors: ModelErrors | None = None) -> Array:
+def momentum_of(robot: str, truth: Truth) -> Array:
     """Return the true (6,) total momentum, about the odometry origin."""
-    return total_momentum(true_model(robot, model_errors), truth[:1])[0]
+    return total_momentum(model(robot), truth[:1])[0]
 
 
 def readings(
     truth: Truth, noise: SensorNoise, seed: int | None, model_errors: ModelErrors | None = None
 ) -> tuple[JointStream, BaseStream]:
     """Return the readings of a motion with the covariances of a noise; without a seed they are exact."""
-    read = read_by(Sensors(_SILENT, 0, model_errors) if seed is None else Sensors(noise, seed, model_errors), truth)
-    return _streams(read, noise)
+    silent = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return _streams(read_by(Sensors(silent if seed is None else noise, seed or 0, model_errors), truth), noise)
 
 
 def observed(
     truth: Truth, case: Case, seed: int, model_errors: ModelErrors | None = None
 ) -> tuple[JointStream, BaseStream]:
     """Return the readings of a motion by the case's sensors."""
-    read, rng = read_by(Sensors(case.noise, case.draw(seed), model_errors), truth), np.random.default_rng([seed, 1])
-    for defect in case.defects():
+    own = zlib.crc32(f'{case.robot} {case.level}'.encode()) << 32 | seed  # robots and levels draw apart
+    read, rng = read_by(Sensors(case.noise, own, model_errors), truth), np.random.default_rng([seed, 1])
+    for defect in case.defects:
         read = defect(read, rng)
     joints, base = _streams(read, case.noise)
     if case.sensors == 'poses':
@@ -212,7 +193,6 @@ def observed(
 
 
 def _streams(read: Readings, noise: SensorNoise) -> tuple[JointStream, BaseStream]:
-    """Return readings with the covariances of a given noise."""
     joints, base = read.joints, read.base
     rotation, shape = rotation_from_quaternion(base.orientation), (len(base.time), 6, 6)
     stamps = [np.round(each.time * 1e9).astype(np.int64) for each in (joints, base)]
@@ -230,8 +210,7 @@ def _streams(read: Readings, noise: SensorNoise) -> tuple[JointStream, BaseStrea
 def exact_samples(truth: Truth, noise: SensorNoise, model_errors: ModelErrors | None = None) -> Samples:
     """Return noise-free samples with the covariances of noisy ones."""
     samples = Synchroniser(MAXIMUM_GAP).push(*readings(truth, noise, None, model_errors))
-    if samples is None:
-        raise ValueError('no samples')
+    assert samples is not None, 'a motion has samples'
     return samples
 
 
@@ -252,11 +231,38 @@ def sampled(truth: Truth, sensors: Sensors, declared: SensorNoise) -> Samples:
     )
 
 
-def history(session: Session, messages: Iterable[tuple[Callable[[Any], Any], Any]]) -> list[Estimate]:
-    """Return all estimates of a session that takes messages, each paired with the method that takes it."""
+def history(session: Session, parts: Sequence[Joints | Poses | Thrust], late: float = 0.0) -> list[Estimate]:
+    """Return all estimates of a session that takes readings in the order of time; stamps of joints are late (s)."""
+    take = {'joint_states': session.add_joint_state, 'odom': session.add_odometry, 'thrust': session.add_thrust}
+
+    def stamp(part: object, time: float) -> int:
+        return START + round(time * 1e9) + (round(late * 1e9) if isinstance(part, Joints) else 0)
+
     found: list[Estimate] = []
-    for count, (take, message) in enumerate(messages, start=1):
-        take(message)
+    for count, (_, topic, message) in enumerate(in_order(parts, BAG_TYPES, stamp), start=1):
+        take[topic](message)
         if count % _MESSAGES_AT_ONCE == 0:
             found += session.process()
     return found + session.process()
+
+
+def write_bag(path: Path, robot: RobotModel, sensors: Sensors, parts: Iterable[tuple[float, Truth]]) -> None:
+    """Write a bag, a JointState and an Odometry a sample; parts of the motion with the times (s) when they begin."""
+    with BagWriter(path) as bag:
+        bag.add_topic(JOINTS, 'sensor_msgs/msg/JointState')
+        bag.add_topic(ODOMETRY, 'nav_msgs/msg/Odometry')
+        for begin, truth in parts:
+            joints = joints_of(sensors.joints(truth), robot.joint_names)
+            base = poses_of(sensors.base(truth), robot.base_link)
+            for index, time in enumerate(truth.time.tolist()):
+                stamp = START + round((begin + time) * 1e9)
+                bag.write(ODOMETRY, base.message(BAG_TYPES, index, stamp), stamp)
+                bag.write(JOINTS, joints.message(BAG_TYPES, index, stamp), stamp)
+
+
+def make_bag(path: Path, robot: str, minutes: float, rate: float = RATE) -> None:
+    """Write a bag of the endless motion of a robot."""
+    truth = endless_motion(robot, rate, min(60.0 * minutes, DURATION))
+    samples = round(minutes * 60.0 * rate)
+    parts = ((begin / rate, truth[: samples - begin]) for begin in range(0, samples, len(truth)))
+    write_bag(path, model(robot), Sensors(NOISE, seed=0), parts)

@@ -1,7 +1,5 @@
 """Shared parts of the benchmarks: arguments, parallel runs that a folder keeps, tables, and the page in docs/."""
 
-from __future__ import annotations
-
 import argparse
 import datetime as dt
 import os
@@ -13,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass, fields
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
@@ -28,7 +27,6 @@ _SAVED_EVERY = 10  # runs
 _NOT_STATED = ('--output', '--processes', '--store')  # arguments on which no number depends
 
 Outcome = TypeVar('Outcome', bound='Runs')
-Work = TypeVar('Work')
 Row = TypeVar('Row')
 
 
@@ -49,42 +47,33 @@ class Runs(ArrayRecord):
 
 
 def completed(
-    kind: type[Outcome],
-    file: Path | None,
-    work: Sequence[Work],
-    run: Callable[[Work], object],
-    pool: Executor,
-    bar: Any,
+    kind: type[Outcome], file: Path | None, seeds: range, run: Callable[[int], object], pool: Executor, bar: Any
 ) -> Outcome:
-    """Return the results of all work: the first ones from an .npz file if it holds any, the others made and added.
+    """Return the results of all seeds: the first ones from an .npz file if it holds any, the others made and added.
 
-    `run` returns an object with the fields of `kind` for one piece of work; `bar` is of tqdm.
+    `run` returns an object with the fields of `kind` for a seed; `bar` is of tqdm.
     """
     parts = []
     if file is not None and file.is_file():
         with np.load(file) as arrays:
             parts.append(kind.of(arrays.__getitem__))
-    done = min(len(parts[0]), len(work)) if parts else 0
+    done = min(len(parts[0]), len(seeds)) if parts else 0
     bar.update(done)
-    missing = pool.map(run, work[done:])
+    missing = pool.map(run, seeds[done:])
     while made := list(islice(missing, _SAVED_EVERY)):
         bar.update(len(made))
         parts.append(kind.stack(made))
         if file is not None:
             file.parent.mkdir(parents=True, exist_ok=True)
             np.savez(file, **vars(kind.concatenate(parts)))
-    return kind.concatenate(parts)[: len(work)]
+    return kind.concatenate(parts)[: len(seeds)]
 
 
 class Frame:
     """The command line, the parallel runs and the page of one benchmark.
 
-    Parameters
-    ----------
-    documentation : of the script, whose first line is its help
-    page : name of the file in docs/ whose tables it writes
-    seeds : default number of runs of each row; None for a benchmark without seeds
-    options : defaults of further arguments, by name
+    The first line of the script's documentation is its help; `page` is the file in docs/ whose tables it writes;
+    `seeds` is the default number of runs of each row, if it has seeds; `options` are defaults of further arguments.
     """
 
     def __init__(self, documentation: str | None, page: str, seeds: int | None = None, **options: float | str) -> None:
@@ -104,11 +93,6 @@ class Frame:
         self.arguments = self._parser.parse_args()
         self._page = page
 
-    @property
-    def seeds(self) -> range:
-        """Seeds of each row."""
-        return range(self.arguments.seeds)
-
     def chosen(self, rows: Iterable[Row], name: Callable[[Row], str]) -> list[Row]:
         """Return the rows whose names match --rows."""
         found = [row for row in rows if re.search(self.arguments.rows, name(row))]
@@ -117,33 +101,40 @@ class Frame:
         return found
 
     def outcomes(
-        self, kind: type[Outcome], run: Callable[[Any], object], work: Mapping[Row, tuple[str, Sequence[Any]]]
+        self,
+        kind: type[Outcome],
+        run: Callable[[Row, int], object],
+        files: Mapping[Row, str],
+        seeds: Mapping[Row, int] | None = None,
     ) -> Iterator[tuple[Row, Outcome]]:
-        """Yield the results of each row as soon as they are complete; `work` has its file name and runs' arguments."""
-        total = sum(len(each) for _, each in work.values())
+        """Yield the results of each row as soon as they are complete.
+
+        `files` has the rows with the names of their files in --store; `seeds` their numbers of seeds if not --seeds.
+        """
+        counts = seeds or dict.fromkeys(files, self.arguments.seeds)
         store: Path | None = self.arguments.store
         with (
-            tqdm(total=total, unit=' runs', disable=None, leave=False) as bar,
+            tqdm(total=sum(counts.values()), unit=' runs', disable=None, leave=False) as bar,
             ProcessPoolExecutor(self.arguments.processes) as pool,
         ):
-            for row, (name, each) in work.items():
+            for row, name in files.items():
                 file = store and store / f'{re.sub(r"[^0-9A-Za-z+-]+", "_", name)}.npz'
-                yield row, completed(kind, file, each, run, pool, bar)
+                yield row, completed(kind, file, range(counts[row]), partial(run, row), pool, bar)
 
     def tabulate(
         self,
         header: Sequence[str],
-        kind: type[Outcome],
-        run: Callable[[Any], object],
-        work: Mapping[Row, tuple[str, Sequence[Any]]],
-        line: Callable[[Row, Outcome], list[str]],
+        outcomes: Iterable[tuple[Row, Outcome]],
+        line: Callable[[Row, Outcome], Sequence[str]],
+        name: str = 'table',
+        note: str = '',
     ) -> None:
-        """Print a line of each result as soon as it is complete, and write them as `table`."""
+        """Print a line of each result as soon as it is complete, and write them as a table with a note."""
         lines = []
-        for row, outcome in self.outcomes(kind, run, work):
+        for row, outcome in outcomes:
             lines.append(line(row, outcome))
             print(' | '.join(lines[-1]), flush=True)
-        self.write(table=f'{table(header, lines)}\n\n{provenance()}')
+        self.write(**{name: f'{table(header, lines)}\n\n{provenance(note)}'})
 
     def write(self, **texts: str) -> None:
         """Replace the texts between the marks that the page has for their names, long tables by pictures."""
@@ -156,19 +147,13 @@ class Frame:
 
 
 def replace_marked(page: Path, name: str, text: str) -> None:
-    """Replace the text between the marks of a page for a name, which also has the name of this script.
-
-    Raises
-    ------
-    ValueError
-        The page has no such marks.
-    """
+    """Replace the text between the marks of a page for a name, which also has the name of this script."""
     writer = f'scripts/{Path(sys.argv[0]).name}'
     head, tail = f'<!-- {name}: written by {writer} -->\n', f'\n<!-- end of {name} -->'
     before, there, rest = page.read_text(encoding='utf-8').partition(head)
     _, closed, after = rest.partition(tail)
-    if not there or not closed:
-        raise ValueError(f"{page} has no marks for '{name}' by {writer}")
+    assert there, f"{page} has marks for '{name}' by {writer}"
+    assert closed, f"{page} has an end of '{name}'"
     page.write_text(before + head + text + tail + after, encoding='utf-8')
 
 
@@ -225,22 +210,6 @@ def provenance(note: str = '') -> str:
 
 def machine() -> str:
     """Return processor, Python and NumPy."""
-    try:
-        lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
-    except OSError:
-        lines = []
-    names = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
-    processor = names[0] if names else platform.machine()
+    named = re.search(r'model name\s*: (.*)', Path('/proc/cpuinfo').read_text(encoding='utf-8'))
+    processor = named[1].strip() if named else platform.machine()
     return f'{processor}, one core a run, Python {platform.python_version()}, NumPy {np.__version__}'
-
-
-def resident(pid: int | str = 'self') -> float:
-    """Return the resident memory of a process, MB."""
-    pages = int(Path(f'/proc/{pid}/statm').read_text(encoding='ascii').split()[1])
-    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
-
-
-def processor_time(pid: int | str = 'self') -> float:
-    """Return the processor time of a running process, s."""
-    values = Path(f'/proc/{pid}/stat').read_text(encoding='ascii').rpartition(')')[2].split()
-    return (int(values[11]) + int(values[12])) / os.sysconf('SC_CLK_TCK')

@@ -1,7 +1,5 @@
 """Robots in an independent engine, MuJoCo: a reference for the simulator, and a simulation of springs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 import mujoco
@@ -18,24 +16,15 @@ from mbaid_ros.simulation.simulation import Truth
 
 
 class InMuJoCo:
-    """A robot in MuJoCo, with its errors and an orbit's pull in MuJoCo's own terms; a site stands for the odometry.
-
-    Parameters
-    ----------
-    robot : RobotModel, of its URDF
-    step : s, of a Runge-Kutta method of order 4
-    errors : deviations of the moving robot
-    around : orbit, the frame falls along
-    springs : stiffness (N m/rad) and damping (N m s/rad) of joints without a motor, by name
-    """
+    """A robot in MuJoCo, with its errors and an orbit's pull in MuJoCo's own terms; a site stands for the odometry."""
 
     def __init__(
         self,
-        robot: RobotModel,
-        step: float,
-        errors: ModelErrors | None = None,
-        around: Orbit | None = None,
-        springs: Mapping[str, tuple[float, float]] | None = None,
+        robot: RobotModel,  # of its URDF
+        step: float,  # s, of a Runge-Kutta method of order 4
+        errors: ModelErrors | None = None,  # deviations of the moving robot
+        around: Orbit | None = None,  # the frame falls along
+        springs: Mapping[str, tuple[float, float]] | None = None,  # stiffness (N m/rad) and damping (N m s/rad) by name
     ) -> None:
         self.errors = errors or ModelErrors.zero(robot.joints)
         self.around = around
@@ -128,8 +117,12 @@ class InMuJoCo:
         self, start: State, instants: Array, row: Callable[[], Sequence[Array]], drive: object | None = None
     ) -> Array:
         """Return rows of numbers at instants; `drive` sets the torques of the joints."""
-        self._begin(start)
         model, data, rows = self.model, self.data, []
+        data.qpos[:3], data.qpos[3:7] = start.base_position, np.roll(start.base_orientation, 1)
+        data.qpos[self.place] = start.joint_position
+        # A free joint: linear velocity in world axes, angular velocity in the body's.
+        data.qvel[:3] = rotation_from_quaternion(start.base_orientation) @ start.velocity[:3]
+        data.qvel[3:6], data.qvel[self.rate] = start.velocity[3:6], start.joint_velocity
         mujoco.set_mjcb_control(drive)
         mujoco.set_mjcb_passive(self._pull if self.around else None)
         try:
@@ -141,12 +134,3 @@ class InMuJoCo:
             mujoco.set_mjcb_control(None)
             mujoco.set_mjcb_passive(None)
         return np.array(rows)
-
-    def _begin(self, start: State) -> None:
-        """Set the state at time 0."""
-        data = self.data
-        data.qpos[:3], data.qpos[3:7] = start.base_position, np.roll(start.base_orientation, 1)
-        data.qpos[self.place] = start.joint_position
-        # A free joint: linear velocity in world axes, angular velocity in the body's.
-        data.qvel[:3] = rotation_from_quaternion(start.base_orientation) @ start.velocity[:3]
-        data.qvel[3:6], data.qvel[self.rate] = start.velocity[3:6], start.joint_velocity

@@ -1,7 +1,5 @@
 """Faults of joint states and poses as robots really publish them, put into the messages of shipped bags."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from copy import deepcopy
 from pathlib import Path
@@ -43,9 +41,7 @@ SERVICER7 = Source('servicer7_mid', 'servicer7', 162.0)
 ETS7 = Source('ets7_pose_only', 'ets7', 428.1)
 
 Timed = tuple[str, Any, int]
-Change = Callable[[Any, int, float], None]  # of a message, its number, and its time in s
-Parts = Callable[[Any, int, int], Iterable[tuple[Any, int]]]  # of a message, its number, and its time in ns
-Make = Callable[[Path, Source], tuple[Path, Path]]  # a bag and a robot description in a folder
+Made = tuple[Path, Path]  # a bag and a robot description
 RANDOM = np.random.default_rng(7)
 EVERY = slice(None)
 
@@ -76,35 +72,35 @@ def stamp(message: Any, nanoseconds: int) -> None:
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(nanoseconds, 10**9)
 
 
-def changed(of_joints: Change | None = None, of_base: Change | None = None) -> Make:
-    """Return what makes a bag of messages that are changed in place, by their number and time (s)."""
-
-    def make(folder: Path, source: Source) -> tuple[Path, Path]:
-        given = messages(source)
-        for topic, change in ((JOINTS, of_joints), (ODOM, of_base)):
-            for number, (_, message, time) in enumerate(each for each in given if each[0] == topic):
-                if change is not None:
-                    change(message, number, 1e-9 * time)
-        return write(folder / 'bag', given), source.urdf
-
-    return make
+def spoil(given: Sequence[Timed], topic: str, fault: Callable[..., None], *values: Any, **named: Any) -> None:
+    """Change the messages of a topic in place, by their number, their time (s) and more values."""
+    for number, (_, message, time) in enumerate(each for each in given if each[0] == topic):
+        fault(message, number, 1e-9 * time, *values, **named)
 
 
-def parted(parts: Parts) -> Make:
-    """Return what makes a bag with other messages (and times) in place of each joint state."""
+def changed(
+    folder: Path, source: Source, topics: Sequence[str], fault: Callable[..., None], *values: Any, **named: Any
+) -> Made:
+    """Return a bag with a fault in all messages of some topics."""
+    given = messages(source)
+    for topic in topics:
+        spoil(given, topic, fault, *values, **named)
+    return write(folder / 'bag', given), source.urdf
 
-    def make(folder: Path, source: Source) -> tuple[Path, Path]:
-        given: list[Timed] = []
-        number = 0
-        for topic, message, time in messages(source):
-            if topic == JOINTS:
-                given += [(topic, *each) for each in parts(message, number, time)]
-                number += 1
-            else:
-                given.append((topic, message, time))
-        return write(folder / 'bag', sorted(given, key=lambda each: each[2])), source.urdf
 
-    return make
+def parted(
+    folder: Path, source: Source, parts: Callable[..., Iterable[tuple[Any, int]]], *values: Any, **named: Any
+) -> Made:
+    """Return a bag with other messages in place of each joint state, by its number, its time (ns) and more values."""
+    given: list[Timed] = []
+    number = 0
+    for topic, message, time in messages(source):
+        if topic == JOINTS:
+            given += [(topic, *each) for each in parts(message, number, time, *values, **named)]
+            number += 1
+        else:
+            given.append((topic, message, time))
+    return write(folder / 'bag', sorted(given, key=lambda each: each[2])), source.urdf
 
 
 def pose_of(message: Any, position: Any, quaternion: Any) -> None:
@@ -126,172 +122,152 @@ def untwisted(message: Any) -> None:
         part.x = part.y = part.z = np.nan
 
 
-def dropouts(every: int, joints: Any = EVERY, value: float = 0.0, field: str = 'position') -> Change:
+def dropouts(
+    message: Any,
+    number: int,
+    _time: float,
+    every: int,
+    joints: Any = EVERY,
+    value: float = 0.0,
+    *,
+    of: str = 'position',
+) -> None:
     """Let joints read a value once in so many messages."""
-
-    def change(message: Any, number: int, _time: float) -> None:
-        if number % every == every // 2:
-            getattr(message, field)[joints] = value
-
-    return change
+    if number % every == every // 2:
+        getattr(message, of)[joints] = value
 
 
-def units(factor: float, offset: float = 0.0, joints: Any = EVERY, *, whole: bool = False) -> Change:
+def units(
+    message: Any, _number: int, _time: float, factor: float, offset: float = 0.0, joints: Any = EVERY, *, whole: bool
+) -> None:
     """Publish joint positions in other units, without velocities."""
-
-    def change(message: Any, _number: int, _time: float) -> None:
-        message.position[joints] = factor * message.position[joints] + offset
-        if whole:
-            message.position[joints] = np.round(message.position[joints])
-        message.velocity = np.zeros(0)
-
-    return change
+    message.position[joints] = factor * message.position[joints] + offset
+    if whole:
+        message.position[joints] = np.round(message.position[joints])
+    message.velocity = np.zeros(0)
 
 
-def velocities(of: Callable[[Any, Any], Any], joints: Any = EVERY) -> Change:
+def velocities(message: Any, _number: int, _time: float, of: Callable[[Any, Any], Any], joints: Any = EVERY) -> None:
     """Publish other velocities, a function of positions and velocities."""
-
-    def change(message: Any, _number: int, _time: float) -> None:
-        message.velocity[joints] = of(message.position[joints], message.velocity[joints])
-
-    return change
+    message.velocity[joints] = of(message.position[joints], message.velocity[joints])
 
 
-def lost(begin: float, end: float, position: Any = (0, 0, 0), quaternion: Any = (0, 0, 0, 1)) -> Change:
+def lost(
+    message: Any, _number: int, time: float, begin: float, end: float, pose: Sequence[float] = (0, 0, 0, 0, 0, 0, 1)
+) -> None:
     """Lose the base for a while (s)."""
-
-    def change(message: Any, _number: int, time: float) -> None:
-        if begin <= time < end:
-            pose_of(message, position, quaternion)
-
-    return change
+    if begin <= time < end:
+        pose_of(message, pose[:3], pose[3:])
 
 
-def fixed(noise: float, speed: float = 0.0) -> Change:
+def fixed(message: Any, _number: int, time: float, noise: float, speed: float = 0.0) -> None:
     """Let the base stay where it is, or drift steadily, with noise (m, m/s; a tenth of it in rad, rad/s)."""
-
-    def change(message: Any, _number: int, time: float) -> None:
-        turn = Rotation.from_rotvec(0.05 * noise * RANDOM.standard_normal(3))
-        pose_of(message, noise * RANDOM.standard_normal(3) + [speed * time, 0, 0], turn.as_quat())
-        for part, size, mean in (
-            (message.twist.twist.linear, noise, speed),
-            (message.twist.twist.angular, noise / 10, 0.0),
-        ):
-            part.x, part.y, part.z = (size * RANDOM.standard_normal(3) + [mean, 0.0, 0.0]).tolist()
-
-    return change
+    turn = Rotation.from_rotvec(0.05 * noise * RANDOM.standard_normal(3))
+    pose_of(message, noise * RANDOM.standard_normal(3) + [speed * time, 0, 0], turn.as_quat())
+    twist = message.twist.twist
+    for part, size, mean in ((twist.linear, noise, speed), (twist.angular, noise / 10, 0.0)):
+        part.x, part.y, part.z = (size * RANDOM.standard_normal(3) + [mean, 0.0, 0.0]).tolist()
 
 
-def axes(position: Any = None, turn: Rotation | None = None) -> Change:
+def axes(message: Any, _number: int, _time: float, position: Any = None, turn: Rotation | None = None) -> None:
     """Publish positions in other axes, a matrix, or locate a frame turned against the base, without a twist."""
-
-    def change(message: Any, _number: int, _time: float) -> None:
-        untwisted(message)
-        place, rotation = read_pose(message)
-        place = place if position is None else np.array(position) @ place
-        pose_of(message, place, (rotation if turn is None else rotation * turn).as_quat())
-
-    return change
+    untwisted(message)
+    place, rotation = read_pose(message)
+    place = place if position is None else np.array(position) @ place
+    pose_of(message, place, (rotation if turn is None else rotation * turn).as_quat())
 
 
-def clock(step: float, at: float = 10.0) -> Change:
+def clock(message: Any, _number: int, time: float, step: float, at: float = 10.0) -> None:
     """Set the clock by a step (s) at a time (s)."""
-
-    def change(message: Any, _number: int, time: float) -> None:
-        if time >= at:
-            stamp(message, round(1e9 * (time + step)))
-
-    return change
+    if time >= at:
+        stamp(message, round(1e9 * (time + step)))
 
 
-def batched(size: int) -> Change:
+def batched(message: Any, number: int, _time: float, size: int) -> None:
     """Stamp so many messages at a time on arrival."""
-
-    def change(message: Any, number: int, _time: float) -> None:
-        if hasattr(message, 'twist'):
-            untwisted(message)
-        first = number - number % size
-        stamp(message, 20_000_000 * (first + size - 1) + 100_000 * (number - first))
-
-    return change
+    if hasattr(message, 'twist'):
+        untwisted(message)
+    first = number - number % size
+    stamp(message, 20_000_000 * (first + size - 1) + 100_000 * (number - first))
 
 
-def held(every: int, joints: Any = EVERY) -> Change:
-    """Let joints be new only in one of so many messages."""
+def held(every: int, joints: Any = EVERY) -> Callable[[Any, int, float], None]:
+    """Return a fault that lets joints be new only in one of so many messages."""
     last: list[Any] = []
 
-    def change(message: Any, number: int, _time: float) -> None:
+    def fault(message: Any, number: int, _time: float) -> None:
         if number % every == 0:
             last[:] = [message.position.copy(), message.velocity.copy()]
         message.position[joints] = last[0][joints]
         if len(message.velocity):
             message.velocity[joints] = last[1][joints]
 
-    return change
+    return fault
 
 
-def second_stream(every: int, shift: float, of: Callable[[Any], Any], joints: slice = EVERY, *, rates: bool) -> Make:
-    """Return what adds a second source of joint states, a function of positions, `shift` s after each of so many."""
+def second_stream(
+    message: Any,
+    number: int,
+    time: int,
+    every: int,
+    shift: float,
+    of: Callable[[Any], Any],
+    *,
+    joints: slice = EVERY,
+    rates: bool = True,
+) -> Iterable[tuple[Any, int]]:
+    """Add a second source of joint states, a function of positions, `shift` s after each of so many."""
+    yield message, time
+    if number % every == every - 1:
+        other = deepcopy(message)
+        other.name, other.position = list(message.name)[joints], np.asarray(of(message.position))[joints]
+        other.velocity = 0.0 * message.velocity[joints] if rates else np.zeros(0)
+        late = time + round(1e9 * shift)
+        stamp(other, late)
+        yield other, late
 
-    def parts(message: Any, number: int, time: int) -> Iterable[tuple[Any, int]]:
+
+def in_parts(
+    message: Any, number: int, time: int, *cuts: slice, whole: bool = True, last: int = 1
+) -> Iterable[tuple[Any, int]]:
+    """Publish parts of the joints, the last one of so many, after a first message with all of them."""
+    if whole and number == 0:
         yield message, time
-        if number % every == every - 1:
-            other = deepcopy(message)
-            other.name, other.position = list(message.name)[joints], np.asarray(of(message.position))[joints]
-            other.velocity = 0.0 * message.velocity[joints] if rates else np.zeros(0)
-            late = time + round(1e9 * shift)
-            stamp(other, late)
-            yield other, late
-
-    return parted(parts)
-
-
-def in_parts(*cuts: slice, whole: bool = True, last: int = 1) -> Make:
-    """Return what publishes parts of the joints, the last one of so many, after a first message with all of them."""
-
-    def parts(message: Any, number: int, time: int) -> Iterable[tuple[Any, int]]:
-        if whole and number == 0:
-            yield message, time
-            return
-        for part in cuts if number % last == last - 1 else cuts[:-1]:
-            some = deepcopy(message)
-            some.name, some.position = list(message.name)[part], message.position[part]
-            some.velocity = message.velocity[part]
-            yield some, time
-
-    return parted(parts)
+        return
+    for part in cuts if number % last == last - 1 else cuts[:-1]:
+        some = deepcopy(message)
+        some.name, some.position = list(message.name)[part], message.position[part]
+        some.velocity = message.velocity[part]
+        yield some, time
 
 
 def with_part(
+    folder: Path,
+    source: Source,
     name: str,
     angle: Callable[[float], float],
-    speed: float,
+    speed: float | None,
     every: int = 1,
     *,
-    rates: bool = True,
     wrapped: bool = True,
-) -> Make:
-    """Return what adds a light joint on the base, in messages of its own where they are fewer."""
+) -> Made:
+    """Return a bag with a light joint on the base, in messages of its own where they are fewer; no speed: no rates."""
+    link = f'<link name="{name}_link"><inertial><mass value="1e-6"/><inertia ixx="1e-9" ixy="0" ixz="0" iyy="1e-9" '
+    link += f'iyz="0" izz="1e-9"/></inertial></link><joint name="{name}" type="continuous">'
+    link += f'<parent link="base_link"/><child link="{name}_link"/><axis xyz="0 0 1"/></joint></robot>'
+    robot = folder / 'robot.urdf'
+    robot.write_text(source.urdf.read_text().replace('</robot>', link))
 
-    def make(folder: Path, source: Source) -> tuple[Path, Path]:
-        link = f'<link name="{name}_link"><inertial><mass value="1e-6"/><inertia ixx="1e-9" ixy="0" ixz="0" iyy="1e-9" '
-        link += f'iyz="0" izz="1e-9"/></inertial></link><joint name="{name}" type="continuous">'
-        link += f'<parent link="base_link"/><child link="{name}_link"/><axis xyz="0 0 1"/></joint></robot>'
-        robot = folder / 'robot.urdf'
-        robot.write_text(source.urdf.read_text().replace('</robot>', link))
+    def parts(message: Any, number: int, time: int) -> Iterable[tuple[Any, int]]:
+        own = message if every == 1 else deepcopy(message)
+        shown = angle(1e-9 * time) + 1e-4 * RANDOM.standard_normal()
+        shown = float(np.angle(np.exp(1j * shown))) if wrapped else shown
+        if every > 1:
+            yield message, time
+            own.name, own.position, own.velocity = [], np.zeros(0), np.zeros(0)
+        own.name, own.position = [*own.name, name], np.append(own.position, shown)
+        own.velocity = np.zeros(0) if speed is None else np.append(own.velocity, speed)
+        if number % every == every - 1:
+            yield own, time
 
-        def parts(message: Any, number: int, time: int) -> Iterable[tuple[Any, int]]:
-            own = message if every == 1 else deepcopy(message)
-            shown = angle(1e-9 * time) + 1e-4 * RANDOM.standard_normal()
-            shown = float(np.angle(np.exp(1j * shown))) if wrapped else shown
-            if every > 1:
-                yield message, time
-                own.name, own.position, own.velocity = [], np.zeros(0), np.zeros(0)
-            own.name, own.position = [*own.name, name], np.append(own.position, shown)
-            own.velocity = np.append(own.velocity, speed) if rates else np.zeros(0)
-            if number % every == every - 1:
-                yield own, time
-
-        return parted(parts)(folder, source)[0], robot
-
-    return make
+    return parted(folder, source, parts)[0], robot

@@ -1,7 +1,5 @@
 """Twins of the space station's telemetry: its stamps, gaps, rates and joints, other bodies, and their true moments."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -55,7 +53,10 @@ def twin(flown: Recording, seed: int) -> tuple[Recording, Array]:
     drift = declared['disturbance']
     torque = rotate(turned, _varying(time, drift['torque_std'], drift['torque_time'], rng))
     begin = rotate(turned[:1], flown.stored.momentum[:1])[0]
-    stored = _stored(flown.robot, bodies, (time, turned, rate, joints), _orbit(declared['orbit']), torque, begin)[place]
+    circle = declared['orbit']
+    orbit = Orbit.inertial(circle['mean_motion'], np.array(circle['nadir']), np.array(circle['normal']))
+    orbit = orbit.with_eccentricity(circle['eccentricity'], circle['true_anomaly'])
+    stored = _stored(flown.robot, bodies, (time, turned, rate, joints), orbit, torque, begin)[place]
     read = rate[place] + imu['bias_std'] * rng.normal(size=3) + imu['noise_density'] * rng.normal(size=(len(place), 3))
     error = _varying(stamps, noise['base_orientation'], noise['base_correlation_time'], rng)
     late = _LATE * rng.uniform(-1.0, 1.0)
@@ -86,12 +87,6 @@ def _smooth(stamps: Array, values: Array, time: Array) -> Array:
     return np.asarray(gaussian_filter1d(each, _SMOOTH / _GRID, axis=0))
 
 
-def _orbit(parameters: dict[str, float]) -> Orbit:
-    """Return the orbit that `convert` has written into the parameters."""
-    circle = Orbit.inertial(parameters['mean_motion'], np.array(parameters['nadir']), np.array(parameters['normal']))
-    return circle.with_eccentricity(parameters['eccentricity'], parameters['true_anomaly'])
-
-
 def _varying(time: Array, std: float, constant: float, rng: np.random.Generator) -> Array:
     """Return a Gauss-Markov process (N, 3)."""
     values = [std * rng.normal(size=3)]
@@ -103,13 +98,9 @@ def _varying(time: Array, std: float, constant: float, rng: np.random.Generator)
 def _stored(
     urdf: str, bodies: Array, motion: tuple[Array, Array, Array, Array], orbit: Orbit, torque: Array, begin: Array
 ) -> Array:
-    """Return the momentum (N, 3) of the gyros, base axes.
+    """Return the momentum (N, 3) of the gyros, base axes, by (3, 10) true bodies and the momentum at the begin (3,).
 
-    Parameters
-    ----------
-    urdf, bodies : of the station, and its (3, 10) true bodies
-    motion : times, rotations, rates in base axes, joint angles
-    orbit, torque, begin : torque from outside (N, 3) in inertial axes, and the gyros' momentum at the begin (3,)
+    The motion has times, rotations, rates in base axes and joint angles; the torque from outside has inertial axes.
     """
     time, rotation, rate, joints = motion
     kinematics = MomentumKernel(load_model(urdf), NAMES[0]).kinematics

@@ -5,8 +5,6 @@ the information filter at the true robot, momentum and body. Priors and noise th
 estimate to first order. The mean for data without noise has the error that the robot itself makes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -15,24 +13,23 @@ import numpy as np
 from benchmarks.data import (
     MAXIMUM_GAP,
     NOISE,
-    RATE,
     Case,
     drawn,
     exact_samples,
     kernel,
-    momentum_of,
-    motion,
+    motion_of,
     observed,
     target,
+    true_model,
 )
 from benchmarks.frame import Runs, declared
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.filter.averaging import KnotAveraging
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
-from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, layout_of
+from mbaid_ros.core.filter.state import BODY, MOMENTUM, layout_of
 from mbaid_ros.core.filter.time_update import UNDISTURBED, advance
-from mbaid_ros.core.filter.variables import Variables, variables
+from mbaid_ros.core.filter.variables import variables
 from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.filter.window import Window, stacked
 from mbaid_ros.core.geometry import Array, cross
@@ -51,7 +48,7 @@ from mbaid_ros.replay.campaigns.statistics import coverage, mean, nees, nees_ban
 from mbaid_ros.session.known_robot import declared_errors
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.session.settings import declared_uncertainty
-from mbaid_ros.simulation.simulation import Truth
+from mbaid_ros.simulation.simulation import Truth, total_momentum
 from mbaid_ros.simulation.true_robot import ErrorStds
 
 # The defaults of the estimator's parameters.
@@ -100,7 +97,6 @@ class Variant:
         )
 
     def _bodies(self, drawn_ones: Array) -> Array:
-        """Return (n + 1, 10) errors of the bodies with another distribution."""
         if self.links == AS_DECLARED:
             return drawn_ones
         changed = np.zeros_like(drawn_ones)
@@ -181,11 +177,10 @@ class Outcome(Runs):
         return float(size[seed, place]), PARAMETERS[int(place)], int(seed)
 
 
-def run(work: tuple[Variant, int]) -> Outcome:
-    """Draw a robot, move it, and identify its target: variant, seed."""
-    variant, seed = work
+def run(variant: Variant, seed: int) -> Outcome:
+    """Draw a robot, move it, and identify its target."""
     errors = variant.errors(seed)
-    moved = motion(variant.robot, RATE, errors)
+    moved = motion_of(variant.robot, true_model(variant.robot, errors))
     config = build(EstimatorConfig, settings(variant.believed))
     identifier = Identifier(make_estimator(config, kernel(variant.robot)), config.window, MAXIMUM_GAP)
     last = identifier.push(*observed(moved, Case(variant.robot, 'mid'), seed, errors))[-1]
@@ -205,12 +200,16 @@ def attainable(robot: str, truth: Truth, errors: ModelErrors, sizes: ErrorStds) 
     layout = layout_of(own, uncertainty, detector)
     own_variables = variables(layout, detector, uncertainty)
     state = np.zeros(layout.size)
-    momentum = momentum_of(robot, truth, errors)
+    momentum = total_momentum(true_model(robot, errors), truth[:1])[0]
     momentum[3:] -= cross(origin, momentum[:3])
     state[MOMENTUM], state[BODY] = momentum, own.target.parameters
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         state[place] = np.linalg.lstsq(unknown.factor, _true(unknown, errors), rcond=None)[0]
-    gaussian = _followed(layout, own_variables, windows, state)
+    steps = LinearisationCache(layout, own_variables).all_whitened(stacked(windows), layout.point(state))
+    gaussian = SquareRootInformation.prior(own_variables)
+    for number, (_, step) in enumerate(steps):
+        before = gaussian if number == 0 else advance(gaussian, steps[number - 1][1], own_variables, UNDISTURBED)
+        gaussian = update(before, step)
     distribution = MeanAndCovariance.from_gaussian(gaussian, own_variables)
     jacobian = physical_jacobian(own.target.parameters)
     deviation = np.sqrt(np.sum((jacobian @ distribution.factor[BODY]) ** 2, axis=1))
@@ -237,17 +236,7 @@ def _windows(robot: str, truth: Truth, errors: ModelErrors, length: float) -> tu
     return [window for window in both if window is not None], gathering.origin, detector
 
 
-def _followed(layout: Layout, own: Variables, windows: list[Window], state: Array) -> SquareRootInformation:
-    """Return the posterior after windows, all linearised at a state."""
-    steps = LinearisationCache(layout, own).all_whitened(stacked(windows), layout.point(state))
-    gaussian = SquareRootInformation.prior(own)
-    for place, (_, step) in enumerate(steps):
-        gaussian = update(gaussian if place == 0 else advance(gaussian, steps[place - 1][1], own, UNDISTURBED), step)
-    return gaussian
-
-
 def _true(unknown: Unknown, errors: ModelErrors) -> Array:
-    """Return the true (k,) values of an unknown."""
     if isinstance(unknown, KnownBodies):
         return errors.bodies[list(unknown.bodies)].ravel()
     if isinstance(unknown, JointPlacements):

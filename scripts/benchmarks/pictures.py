@@ -1,7 +1,5 @@
 """Long tables as pictures: a table of more than 40 rows becomes an SVG with its rows as CSV beside it."""
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Sequence
@@ -71,6 +69,5 @@ def _draw(header: Sequence[str], rows: Sequence[Sequence[str]], file: Path) -> N
 
 
 def _number(cell: str) -> float:
-    """Return the first number of a cell, NaN if there is none."""
     found = _NUMBER.match(cell)
     return float(found[0]) if found else np.nan

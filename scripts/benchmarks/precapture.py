@@ -1,14 +1,12 @@
 """A servicer before its capture, and CAD descriptions of it, drawn from their priors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
-from benchmarks.data import NOISE, RATE, model, readings, simulation
+from benchmarks.data import NOISE, RATE, model, readings
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.geometry import Array
@@ -20,6 +18,7 @@ from mbaid_ros.core.robot.urdf_edit import replace_inertial
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
+from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulation.simulation import Truth
 from mbaid_ros.simulation.true_robot import true_robot
 
@@ -55,7 +54,7 @@ def free_model() -> RobotModel:
 def motion(seed: int, seconds: float, rate: float = RATE, model_errors: ModelErrors | None = None) -> Truth:
     """Return a random motion of the whole arm; the servicer with these errors turns slowly, without linear momentum."""
     moving = free_model() if model_errors is None else true_robot(free_model(), model_errors, ('link7',))
-    run = simulation(build(SimulatorConfig, {**_MOTION, 'motion.seed': seed}), moving)
+    run = make_simulation(build(SimulatorConfig, {**_MOTION, 'motion.seed': seed}), moving)
     return run.advance(np.arange(round(seconds * rate)) / rate)
 
 

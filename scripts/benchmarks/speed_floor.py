@@ -1,21 +1,12 @@
 """The floor under a replay: read a bag, the only argument, and deserialise its messages with rosbags."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-
-def main() -> None:
-    """Read the bag."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with Reader(Path(sys.argv[1])) as bag:
-        for connection, _, data in bag.messages():
-            store.deserialize_cdr(data, connection.msgtype)
-
-
-if __name__ == '__main__':
-    main()
+store = get_typestore(Stores.ROS2_JAZZY)
+with Reader(Path(sys.argv[1])) as bag:
+    for connection, _, data in bag.messages():
+        store.deserialize_cdr(data, connection.msgtype)

@@ -8,21 +8,10 @@ import os
 import sys
 import time
 
-
-def main() -> int:
-    """Run the command, print its costs, and return its exit code."""
-    begin = time.perf_counter()
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    child = os.posix_spawnp(sys.argv[1], sys.argv[1:], os.environ, file_actions=[(os.POSIX_SPAWN_DUP2, nowhere, 1)])
-    _, status, usage = os.wait4(child, 0)
-    taken = {
-        'wall': time.perf_counter() - begin,
-        'cpu': usage.ru_utime + usage.ru_stime,
-        'memory': usage.ru_maxrss * 1024 / 1e6,
-    }
-    print(json.dumps(taken))
-    return os.waitstatus_to_exitcode(status)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+begin = time.perf_counter()
+nowhere = os.open(os.devnull, os.O_WRONLY)
+child = os.posix_spawnp(sys.argv[1], sys.argv[1:], os.environ, file_actions=[(os.POSIX_SPAWN_DUP2, nowhere, 1)])
+_, status, usage = os.wait4(child, 0)
+wall, cpu = time.perf_counter() - begin, usage.ru_utime + usage.ru_stime
+print(json.dumps({'wall': wall, 'cpu': cpu, 'memory': usage.ru_maxrss * 1024 / 1e6}))
+sys.exit(os.waitstatus_to_exitcode(status))

@@ -7,8 +7,6 @@ The publisher prints `ready` once both topics have a subscriber, begins on a lin
 messages on each topic once the subscriber has received them.
 """
 
-from __future__ import annotations
-
 import gc
 import struct
 import sys

@@ -1,12 +1,9 @@
 """The damaged files, each with its damage and the executable that reads it."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json
 import re
-import shutil
 import sqlite3
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -87,7 +84,6 @@ def shuffled(data: bytes, generator: np.random.Generator) -> bytes:
 
 
 OF_BYTES: tuple[Damage, ...] = (flipped, cut, spliced, overwritten)
-OF_TEXT: tuple[Damage, ...] = (*OF_BYTES, replaced, replaced, replaced, shuffled)
 
 
 def of_bytes(data: bytes, generator: np.random.Generator) -> bytes:
@@ -97,12 +93,13 @@ def of_bytes(data: bytes, generator: np.random.Generator) -> bytes:
 
 def of_text(data: bytes, generator: np.random.Generator) -> bytes:
     """Return a text damaged in one way."""
-    return one(OF_TEXT, generator)(data, generator)
+    return one((*OF_BYTES, replaced, replaced, replaced, shuffled), generator)(data, generator)
 
 
 _MESSAGES = 600
 _METHODS = ('difference', 'paper_difference') * 10 + ('trajectory',)  # which takes ten times as long
 _LINES = 200  # of a log
+CONVERTED = 'converted'  # folder of the output of `convert`
 MAPPING = """\
 time: {column: t, scale: 1.0e-3}
 base:
@@ -140,12 +137,6 @@ class Format:
     main: Main  # of the executable that reads it
     arguments: Callable[[int], Sequence[str]]  # by the number of the input
     reported: tuple[int, ...] = (2,)  # exit codes with a line on stderr
-    left: Path | None = None  # folder that it writes, removed before the next one
-
-    def clear(self) -> None:
-        """Remove the output of the last input."""
-        if self.left is not None:
-            shutil.rmtree(self.left, ignore_errors=True)
 
 
 def formats(folder: Path) -> dict[str, Format]:
@@ -249,16 +240,13 @@ def _calibration(path: Path, arguments: list[str]) -> Format:
 
 def _logs(folder: Path) -> dict[str, Format]:
     """Return a log as a table, and the mapping of its columns."""
-    table, columns, output = folder / 'run.csv', folder / 'columns.yaml', folder / 'converted'
+    table, columns = folder / 'run.csv', folder / 'columns.yaml'
     lines = [f'{10 * k},{k / 7},{k / 9},{k % 90},{k / 3},{1 / 3},0.5\n' for k in range(_LINES)]
-    given = ['csv', str(table), '--columns', str(columns), '--output', str(output)]
+    given = ['csv', str(table), '--columns', str(columns), '--output', str(folder / CONVERTED)]
     contents = {
         'CSV': (table, ('t,x,y,yaw,q1,qd1,fx\n' + ''.join(lines)).encode()),
         'columns': (columns, MAPPING.encode()),
     }
     for path, content in contents.values():
         path.write_bytes(content)
-    return {
-        name: Format(path, content, of_text, convert, lambda _: given, left=output)
-        for name, (path, content) in contents.items()
-    }
+    return {name: Format(*content, of_text, convert, lambda _: given) for name, content in contents.items()}

@@ -1,7 +1,5 @@
 """Bags with nothing wrong, of the first messages of a shipped one, which the fuzzer and the tests damage."""
 
-from __future__ import annotations
-
 import io
 import sqlite3
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """One input through an executable in this process: exit code, stderr of Python and C++, processor time, memory."""
 
-from __future__ import annotations
-
 import contextlib
 import faulthandler
 import gc

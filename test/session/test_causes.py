@@ -46,7 +46,7 @@ LONG = pytest.mark.long
 )
 def test_the_true_cause_is_named_first(condition: str, seconds: float, monkeypatch: pytest.MonkeyPatch) -> None:
     shorten(monkeypatch, condition, seconds)
-    reported = run((condition, 'trajectory', 0))
+    reported = run((condition, 'trajectory'), 0)
     assert reported.status in {'inconsistent', 'not_identifiable'}
     causes = reported.causes.split('\n')
     # One is second: the same quaternions turn the axes of the twist against those of the poses.
@@ -56,7 +56,7 @@ def test_the_true_cause_is_named_first(condition: str, seconds: float, monkeypat
 
 @pytest.mark.parametrize('seed', [0, *(pytest.param(seed, marks=LONG) for seed in (3, 5))])
 def test_intervals_hold_with_one_link_ten_times_further_off_than_declared(seed: int) -> None:
-    reported = run(("a link's mass 10 % off", 'trajectory', seed))
+    reported = run(("a link's mass 10 % off", 'trajectory'), seed)
     assert reported.status == 'estimating'
     assert np.mean(np.abs(reported.error) < 1.96 * reported.std) >= 0.9
     assert np.max(np.abs(reported.error / reported.std)) < 3.0
@@ -80,7 +80,7 @@ def test_a_twist_that_contradicts_the_poses_is_left_out(
     condition: str, twist: str, alarms: range, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shorten(monkeypatch, condition, 32.0)
-    reported = run((condition, 'trajectory', 1))
+    reported = run((condition, 'trajectory'), 1)
     assert reported.status == 'estimating'
     assert re.match(f'the twist is not used, because it contradicts the poses: the twist {twist}', reported.named)
     assert reported.alarms in alarms
@@ -96,7 +96,7 @@ def test_a_twist_that_contradicts_the_poses_is_left_out(
     ],
 )
 def test_where_nothing_is_wrong_that_is_no_unknown_nothing_is_named(condition: str) -> None:
-    reported = run((condition, 'trajectory', 0))
+    reported = run((condition, 'trajectory'), 0)
     assert reported.status in {'estimating', 'converged'}
     assert reported.causes == ''
     assert np.all(np.abs(reported.error) < 3.0 * reported.std)
@@ -109,6 +109,6 @@ def test_a_joint_that_moves_for_the_first_time_is_taken_for_no_push(monkeypatch:
     # Its first windows are linearised where what is known of the others has led: the momentum seems to jump.
     name = 'start: trapezoids of 60 s'
     shorten(monkeypatch, name, 20.0)
-    reported = run((name, 'trajectory', 11))
+    reported = run((name, 'trajectory'), 11)
     assert reported.status == 'estimating'
     assert max(reported.worst, reported.young) < 5.0

@@ -1,7 +1,5 @@
 """A condition, those in which nothing is wrong, and hard starts without errors: a motion of its own for every seed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -54,18 +52,15 @@ def _of_weight(name: str, link: str, factor: float) -> Condition:
     return Condition('undisturbed', name, lambda _: World(robots.scaled(robots.servicer(), link, factor), sinusoids()))
 
 
-def drawn_start(joints: int, slides: tuple[int, ...] = ()) -> Array:
-    """Return where so many joints begin, some of which slide."""
+def _start(joints: int, slides: tuple[int, ...]) -> Array:
     return np.where(np.isin(np.arange(joints), slides), 0.1, 0.3 * np.cos(np.arange(joints)))
 
 
 def _shaped(
     name: str, axes: tuple[tuple[int, int, int], ...], slides: tuple[int, ...] = (), *, folded: bool = False
 ) -> Condition:
-    def world(_seed: int) -> World:
-        return World(robots.chain(axes, slides, folded=folded), paths.drawn(drawn_start(len(axes), slides), 1))
-
-    return Condition('undisturbed', name, world)
+    urdf, path = robots.chain(axes, slides, folded=folded), paths.drawn(_start(len(axes), slides), 1)
+    return Condition('undisturbed', name, lambda _: World(urdf, path))
 
 
 UNDISTURBED = (
@@ -108,8 +103,7 @@ def _starting(name: str, path: Callable[[int], Path], seconds: float) -> tuple[C
 
 
 def _other(name: str, urdf: Callable[[], str], joints: int, slides: tuple[int, ...] = ()) -> Condition:
-    """Return another robot with slow sinusoids."""
-    start = drawn_start(joints, slides)
+    start = _start(joints, slides)
     return Condition('starts', f'start: {name}', lambda seed: World(urdf(), paths.drawn(start, seed)), varies=True)
 
 
@@ -122,10 +116,6 @@ def _single(seed: int) -> Path:
 
 def _slow(seed: int) -> Path:
     return paths.drawn(paths.servicer().start, seed)
-
-
-def _with_base(mass: float) -> str:
-    return robots.scaled(robots.servicer(), BASE, mass / 560.0)
 
 
 STARTS = (
@@ -144,5 +134,8 @@ STARTS = (
     _other('one prismatic joint', lambda: robots.chain(((1, 0, 0),), (0,)), 1, (0,)),
     _other('20 joints', lambda: robots.chain((AXES * 4)[:20]), 20),
     _other('40 joints', lambda: robots.chain((AXES * 7)[:40]), 40),
-    *(_other(f'a base of {mass:g} kg', partial(_with_base, mass), 7) for mass in (1e-6, 1.0, 1e6)),
+    *(
+        _other(f'a base of {mass:g} kg', partial(robots.scaled, robots.servicer(), BASE, mass / 560.0), 7)
+        for mass in (1e-6, 1.0, 1e6)
+    ),
 )

@@ -1,7 +1,5 @@
 """Conditions in which the robot is not as described, is pushed, or has undeclared parts; and the catalogue of all."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -10,13 +8,15 @@ import numpy as np
 
 from benchmarks.honesty import paths, readings, robots
 from benchmarks.honesty.conditions import JOINT, STARTS, UNDISTURBED, Condition, seen, servicer
-from benchmarks.honesty.paths import Path, by_rates, sinusoids, together
+from benchmarks.honesty.paths import by_rates, sinusoids, together
 from benchmarks.honesty.robots import BASE, DIRECTION, Vector, box
 from benchmarks.honesty.worlds import Spring, World, Wrench
 from benchmarks.honesty.wrong_sensors import SENSORS, benches
+from benchmarks.precapture import BARE_LINK7
 from mbaid_ros.core.geometry import Array, skew, unvec, vec
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.simulation import Truth
 
 _ARM = 'second'  # links of another arm
 
@@ -32,8 +32,20 @@ def _steps(
     make: Callable[..., object],
     sizes: tuple[float, ...] = (0.3, 3.0, 30.0),
 ) -> list[Condition]:
-    """Return conditions with errors of some sizes; the last one has a cause to be named."""
-    return [of(name.format(size), partial(make, size), cause if size == sizes[-1] else '') for size in sizes]
+    """Return conditions with errors of some sizes, in thousandths; the last one has a cause to be named."""
+    return [of(name.format(size), partial(make, 1e-3 * size), cause if size == sizes[-1] else '') for size in sizes]
+
+
+def _heavier(thousandths: float, urdf: str) -> str:
+    return robots.scaled(urdf, 'link3', 1.0 + 10.0 * thousandths)
+
+
+def _mounted_beside(distance: float, truth: Truth) -> Truth:
+    return readings.mounted(distance * DIRECTION, np.zeros(3), truth)
+
+
+def _mounted_askew(angle: float, truth: Truth) -> Truth:
+    return readings.mounted(np.zeros(3), angle * DIRECTION, truth)
 
 
 def _in_grams(urdf: str, links: range = range(1, 7)) -> str:
@@ -50,69 +62,24 @@ def _second_arm(_seed: int) -> World:
         parts.append(robots.part(f'{_ARM}{index}', parent, place, axis, body, 'continuous'))
         parent, place = f'{_ARM}{index}', (0.8, 0.0, 0.0)
     urdf = robots.with_parts(robots.servicer(), parts)
-    names = tuple(f'{_ARM}{index}_joint' for index in range(3))
-    others = {name: _swinging(0.02 + 0.01 * index) for index, name in enumerate(names)}
-    return World(urdf, paths.together(load_model(urdf), sinusoids(), others), unread=names)
-
-
-def _swinging(frequency: float) -> Path:
-    one = np.ones((1, 1))
-    return paths.following(Sinusoids(np.array([0.2]), 0.5 * one, frequency * one, 0.0 * one))
+    one, others = np.ones((1, 1)), {}
+    for index in range(3):
+        swing = Sinusoids(np.array([0.2]), 0.5 * one, (0.02 + 0.01 * index) * one, 0.0 * one)
+        others[f'{_ARM}{index}_joint'] = paths.following(swing)
+    return World(urdf, paths.together(load_model(urdf), sinusoids(), others), unread=tuple(others))
 
 
 UNREAD = r'unreported'
 FLEXIBLE = r'joint4 is flexible'
 WRONG_MODELS = (
-    *_steps(
-        "a link's mass {:g} % off",
-        r'link3\b',
-        _believed,
-        lambda size, urdf: robots.scaled(urdf, 'link3', 1.0 + 0.01 * size),
-        (1.0, 10.0, 50.0),
-    ),
-    *_steps(
-        "the base's CoM {:g} mm off",
-        r'base_link\b',
-        _believed,
-        lambda size, urdf: robots.off_centre(urdf, 1e-3 * size),
-        (1.0, 10.0, 100.0),
-    ),
-    *_steps(
-        "a joint's zero {:g} mrad off",
-        r'zero of joint4\b',
-        seen,
-        lambda size, truth: readings.zero_off(JOINT, 1e-3 * size, truth),
-    ),
-    *_steps(
-        'a joint {:g} mm off',
-        r'origin of joint4\b',
-        _believed,
-        lambda size, urdf: robots.misplaced(urdf, 'joint4', 1e-3 * size),
-    ),
-    *_steps(
-        "a joint's axis {:g} mrad off",
-        r'axis of joint4\b',
-        _believed,
-        lambda size, urdf: robots.tilted(urdf, 'joint4', 1e-3 * size),
-    ),
-    *_steps(
-        'odometry mounted {:g} mm off',
-        r'\bmount\b',
-        seen,
-        lambda size, truth: readings.mounted(1e-3 * size * DIRECTION, np.zeros(3), truth),
-    ),
-    *_steps(
-        'odometry mounted {:g} mrad off',
-        r'\bmount\b',
-        seen,
-        lambda size, truth: readings.mounted(np.zeros(3), 1e-3 * size * DIRECTION, truth),
-    ),
-    *_steps(
-        'a gear {:g} mrad off with the angle',
-        FLEXIBLE,
-        seen,
-        lambda size, truth: readings.geared(JOINT, 1e-3 * size, truth),
-    ),
+    *_steps("a link's mass {:g} % off", r'link3\b', _believed, _heavier, (1.0, 10.0, 50.0)),
+    *_steps("the base's CoM {:g} mm off", r'base_link\b', _believed, robots.off_centre, (1.0, 10.0, 100.0)),
+    *_steps("a joint's zero {:g} mrad off", r'zero of joint4\b', seen, partial(readings.zero_off, JOINT)),
+    *_steps('a joint {:g} mm off', r'origin of joint4\b', _believed, partial(robots.misplaced, 'joint4')),
+    *_steps("a joint's axis {:g} mrad off", r'axis of joint4\b', _believed, partial(robots.tilted, 'joint4')),
+    *_steps('odometry mounted {:g} mm off', r'\bmount\b', seen, _mounted_beside),
+    *_steps('odometry mounted {:g} mrad off', r'\bmount\b', seen, _mounted_askew),
+    *_steps('a gear {:g} mrad off with the angle', FLEXIBLE, seen, partial(readings.geared, JOINT)),
     seen("a joint's sign flipped", partial(readings.misgeared, 2, -1.0), r'sign of joint3\b'),
     seen('two joints swapped', partial(readings.swapped, 2, 4), r'joint3 and joint5\b'),
     Condition('wrong model', 'an arm is missing', _second_arm, lambda _: robots.servicer(), cause=UNREAD),
@@ -145,10 +112,6 @@ def _on_base(size: Callable[[float], float], force: float, torque: float) -> Wre
     return wrench
 
 
-def _pulse(time: float) -> float:
-    return 1.0 if 30.0 <= time < 30.1 else 0.0
-
-
 def _pulses(time: float) -> float:
     return float(np.sign(np.sin(1.7 * (time // 4.0)))) if time % 4.0 < 0.1 else 0.0
 
@@ -173,7 +136,7 @@ def _grasp(angle: float, _seed: int) -> World:
 def _lost(_seed: int) -> World:
     """Return a hand that releases its target at 30 s."""
     empty = robots.bare(robots.servicer())
-    return World(robots.servicer(), sinusoids(), sought=robots.BARE, since=30.5, lost=(30.0, empty))
+    return World(robots.servicer(), sinusoids(), sought=BARE_LINK7, since=30.5, lost=(30.0, empty))
 
 
 def wheeled(*places: Vector) -> str:
@@ -188,13 +151,11 @@ def wheeled(*places: Vector) -> str:
 
 def _wheels(_seed: int) -> World:
     """Return four wheels that spin up to 20 rad/s within the run."""
-    urdf = wheeled(*[(-0.2, 0.0, 0.1)] * len(AXES))
-    others = {f'wheel{index}_joint': _spinning_up(20.0 * (index + 1) / 4.0) for index in range(len(AXES))}
+    urdf, knots, others = wheeled(*[(-0.2, 0.0, 0.1)] * len(AXES)), np.array([0.0, 10.0, 50.0]), {}
+    for index in range(len(AXES)):
+        speed = 20.0 * (index + 1) / 4.0
+        others[f'wheel{index}_joint'] = by_rates(np.zeros(1), knots, np.array([[0.0], [0.0], [speed]]))
     return World(urdf, together(load_model(urdf), sinusoids(), others), unread=tuple(others))
-
-
-def _spinning_up(speed: float) -> Path:
-    return by_rates(np.zeros(1), np.array([0.0, 10.0, 50.0]), np.array([[0.0], [0.0], [speed]]))
 
 
 def _on_springs(urdf: str, springs: dict[str, Spring]) -> World:
@@ -237,7 +198,7 @@ def _moved(name: str, world: Callable[[int], World], cause: str, *locked: str) -
 
 
 _FORCED, _DRIFTS = r'\bforce\b|thrust', r'\bforce\b|thrust|momentum drifts'
-_PULSE = _on_base(_pulse, 10.0, 5.0)
+_PULSE = _on_base(lambda time: 1.0 if 30.0 <= time < 30.1 else 0.0, 10.0, 5.0)
 DISTURBED = (
     _pushed('a constant force of 10 mN, 10 mN m', _on_base(lambda _: 1.0, 0.01, 0.01), _FORCED),
     _pushed(

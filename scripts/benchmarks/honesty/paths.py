@@ -1,7 +1,5 @@
 """Paths of joints: positions and rates at any instants."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Readings of a motion: views are sensors in another place or convention, defects are errors of what they publish."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -54,6 +52,11 @@ def read_by(sensors: Sensors, truth: Truth) -> Readings:
 # -- views
 
 
+def changed(name: str, change: Callable[[Array], Array], truth: Truth) -> Truth:
+    """Return a motion of which one quantity is read as a function of it."""
+    return replace(truth, **{name: change(getattr(truth, name))})
+
+
 def joints_scaled(factors: Array | float, truth: Truth) -> Truth:
     """Return a motion whose joints are read larger by factors, as with the wrong unit, sign or gear ratio."""
     return replace(truth, joint_position=factors * truth.joint_position, joint_velocity=factors * truth.joint_velocity)
@@ -90,13 +93,9 @@ def swapped(one: int, other: int, truth: Truth) -> Truth:
 def mounted(position: Array, turn: Array, truth: Truth) -> Truth:
     """Return the motion of a frame elsewhere on the base, at (3,) m and turned by a (3,) rotation vector."""
     rotation = rotation_from_quaternion(truth.base_orientation)
-    angular = truth.base_angular_velocity
-    return replace(
-        truth,
-        base_position=truth.base_position + rotate(rotation, position),
-        base_orientation=_continuous(rotation @ exp(turn)),
-        base_linear_velocity=(truth.base_linear_velocity + cross(angular, position)) @ exp(turn),
-        base_angular_velocity=angular @ exp(turn),
+    place, orientation = truth.base_position + rotate(rotation, position), _continuous(rotation @ exp(turn))
+    return twist_turned(
+        turn, replace(twist_of_point(position, truth), base_position=place, base_orientation=orientation)
     )
 
 
@@ -111,22 +110,20 @@ def in_orbit_frame(rate: float, truth: Truth) -> Truth:
     spin = np.array([0.0, 0.0, rate])
     back = exp(-truth.time[:, None] * spin)
     rotation = rotation_from_quaternion(truth.base_orientation)
-    linear = truth.base_linear_velocity - rotate_back(rotation, cross(spin, truth.base_position))
+    turning = rotate_back(rotation, np.broadcast_to(spin, (len(truth), 3)))
     return replace(
         truth,
         base_position=rotate(back, truth.base_position),
         base_orientation=_continuous(back @ rotation),
-        base_linear_velocity=linear,
-        base_angular_velocity=truth.base_angular_velocity
-        - rotate_back(rotation, np.broadcast_to(spin, (len(truth), 3))),
+        base_linear_velocity=truth.base_linear_velocity - rotate_back(rotation, cross(spin, truth.base_position)),
+        base_angular_velocity=truth.base_angular_velocity - turning,
     )
 
 
 def twist_late(delay: float, truth: Truth) -> Truth:
     """Return a motion with the base's twist of a while ago (s)."""
-    return _twist_by(
-        lambda v: np.column_stack([np.interp(truth.time - delay, truth.time, column) for column in v.T]), truth
-    )
+    then, time = truth.time - delay, truth.time
+    return _twist_by(lambda values: np.column_stack([np.interp(then, time, each) for each in values.T]), truth)
 
 
 def twist_in_odometry_axes(truth: Truth) -> Truth:

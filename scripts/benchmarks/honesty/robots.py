@@ -1,7 +1,5 @@
 """Robot descriptions: servicer7 with errors or more parts, and robots of other shapes."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
@@ -19,7 +17,6 @@ from mbaid_ros.core.robot.urdf_edit import replace_inertial
 
 Vector = Sequence[float] | Array
 LINK, BASE = 'link7', 'base_link'
-BARE = BARE_LINK7
 DIRECTION = np.array([1.0, -2.0, 2.0]) / 3.0  # of errors of a place or an orientation
 _MATRIX = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # elements of an inertia
 
@@ -31,27 +28,27 @@ def servicer() -> str:
 
 def bare(urdf: str) -> str:
     """Return servicer7 without the target."""
-    return replace_inertial(urdf, LINK, BARE)
+    return replace_inertial(urdf, LINK, BARE_LINK7)
+
+
+def body_of(urdf: str, link: str) -> Array:
+    """Return the (10,) physical parameters of a link."""
+    return physical(load_model(urdf).link(link).parameters)
 
 
 def scaled(urdf: str, link: str, factor: float) -> str:
     """Return a robot with a link that is denser by a factor."""
-    body = physical(load_model(urdf).link(link).parameters)
-    body[[0, 4, 5, 6, 7, 8, 9]] *= factor
-    return replace_inertial(urdf, link, body)
+    return replace_inertial(urdf, link, body_of(urdf, link) * np.where(np.isin(range(10), (1, 2, 3)), 1.0, factor))
 
 
-def off_centre(urdf: str, distance: float) -> str:
+def off_centre(distance: float, urdf: str) -> str:
     """Return a robot with its base's centre of mass displaced (m)."""
-    body = physical(load_model(urdf).link(BASE).parameters)
-    body[1:4] += distance * DIRECTION
-    return replace_inertial(urdf, BASE, body)
+    return replace_inertial(urdf, BASE, body_of(urdf, BASE) + np.array([0.0, *distance * DIRECTION, *[0.0] * 6]))
 
 
 def exchanged(urdf: str, one: str, other: str) -> str:
     """Return a robot with the inertials of two links exchanged."""
-    bodies = [physical(load_model(urdf).link(link).parameters) for link in (one, other)]
-    return replace_inertial(replace_inertial(urdf, one, bodies[1]), other, bodies[0])
+    return replace_inertial(replace_inertial(urdf, one, body_of(urdf, other)), other, body_of(urdf, one))
 
 
 def in_millimetres(urdf: str) -> str:
@@ -67,12 +64,12 @@ def reversed_axis(urdf: str, joint: str) -> str:
     return _joint_changed(urdf, joint, 'axis', lambda axis: -axis)
 
 
-def misplaced(urdf: str, joint: str, distance: float) -> str:
+def misplaced(joint: str, distance: float, urdf: str) -> str:
     """Return a robot with a joint displaced (m)."""
     return _joint_changed(urdf, joint, 'origin', lambda place: place + distance * DIRECTION)
 
 
-def tilted(urdf: str, joint: str, angle: float) -> str:
+def tilted(joint: str, angle: float, urdf: str) -> str:
     """Return a robot with the axis of a joint tilted (rad)."""
 
     def tilt(axis: Array) -> Array:
@@ -102,11 +99,11 @@ def locked(urdf: str, *names: str) -> str:
 
 def with_flexible_joint(urdf: str, joint: str) -> str:
     """Return a robot with a joint `flexible_joint` in series behind one of its joints, about the same axis."""
-    root, element = _joint(urdf, joint)
-    child = _part(element, 'child')
+    root = ET.fromstring(urdf)
+    child, axis = (_part(root, f"joint[@name='{joint}']/{name}") for name in ('child', 'axis'))
     far = child.get('link', '')
     child.set('link', 'rotor')
-    along = _numbers(_part(element, 'axis').get('xyz', '1 0 0'))
+    along = _numbers(axis.get('xyz', '1 0 0'))
     parts = [_link('rotor', box(0.01, (0.05,) * 3)), _jointed('flexible_joint', 'revolute', ('rotor', far), along)]
     return with_parts(ET.tostring(root, encoding='unicode'), parts)
 
@@ -144,16 +141,16 @@ def chain(axes: Sequence[Sequence[float]], slides: Sequence[int] = (), *, folded
 
 def held_apart(place: Sequence[float]) -> str:
     """Return servicer7 whose hand holds the target by an undeclared joint."""
-    held = load_model(servicer()).link(LINK).parameters - standard(BARE)
+    held = load_model(servicer()).link(LINK).parameters - standard(BARE_LINK7)
     moved = physical(held) - np.concatenate(([0.0], place, np.zeros(6)))
     return with_parts(bare(servicer()), [part('held', LINK, place, (1, 0, 0), moved, 'revolute')])
 
 
 def slipped(place: Sequence[float], angle: float) -> Array:
     """Return the (10,) physical parameters of hand and target after the target has turned in the grasp (rad)."""
-    body = physical(load_model(held_apart(place)).link('held').parameters)
+    body = body_of(held_apart(place), 'held')
     turned = pinocchio.SE3(exp(angle * np.array([1.0, 0.0, 0.0])), np.array(place))
-    hand, held = (pinocchio.Inertia(each[0], each[1:4], each[4:][_MATRIX]) for each in (BARE, body))
+    hand, held = (pinocchio.Inertia(each[0], each[1:4], each[4:][_MATRIX]) for each in (BARE_LINK7, body))
     own = hand + held.se3Action(turned)
     return np.concatenate(([own.mass], own.lever, own.inertia[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]))
 
@@ -166,7 +163,6 @@ def _link(name: str, body: Array) -> str:
 
 
 def _jointed(name: str, kind: str, links: tuple[str, str], axis: Vector, place: Vector = (0.0, 0.0, 0.0)) -> str:
-    """Return a joint between parent and child."""
     limit = '' if kind == 'continuous' else '<limit lower="-3" upper="3" effort="100" velocity="10"/>'
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{links[0]}"/><child link="{links[1]}"/>'
@@ -174,22 +170,15 @@ def _jointed(name: str, kind: str, links: tuple[str, str], axis: Vector, place: 
     )
 
 
-def _joint(urdf: str, name: str) -> tuple[ET.Element, ET.Element]:
-    root = ET.fromstring(urdf)
-    return root, _part(root, f"joint[@name='{name}']")
-
-
 def _part(element: ET.Element, name: str) -> ET.Element:
     found = element.find(name)
-    if found is None:
-        raise ValueError(f'no {name} in {element.tag}')
+    assert found is not None, f'there is {name} in {element.tag}'
     return found
 
 
 def _joint_changed(urdf: str, joint: str, name: str, change: Callable[[Array], Array]) -> str:
-    """Return a robot with another axis or origin of a joint."""
-    root, element = _joint(urdf, joint)
-    changed = _part(element, name)
+    root = ET.fromstring(urdf)
+    changed = _part(root, f"joint[@name='{joint}']/{name}")
     changed.set('xyz', _text(change(_numbers(changed.get('xyz', '1 0 0' if name == 'axis' else '0 0 0')))))
     return ET.tostring(root, encoding='unicode')
 

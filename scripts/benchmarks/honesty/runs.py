@@ -1,10 +1,8 @@
 """Runs of a condition through a session in memory, and the verdict on them."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -12,12 +10,11 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc, ndtri
 
-from benchmarks.data import NOISE, START, history
+from benchmarks.data import NOISE, history
 from benchmarks.frame import PUBLISHED, Runs, declared
 from benchmarks.honesty.disturbed import CATALOGUE
 from benchmarks.honesty.readings import Readings, read
 from benchmarks.honesty.worlds import World, float_freely, swing
-from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.errors import MbaidError
@@ -28,7 +25,7 @@ from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.two_stage import FIRST_ESTIMATE
 from mbaid_ros.replay.campaigns.statistics import QUANTILE, nees
-from mbaid_ros.sensor_messages import joints_of, poses_of
+from mbaid_ros.sensor_messages import Joints, Poses, joints_of, poses_of
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.simulation import Truth
 
@@ -63,9 +60,9 @@ def _moved(name: str, seed: int) -> tuple[World, Truth]:
     return world, swing(world) if world.springs else float_freely(world)
 
 
-def run(work: tuple[str, str, int]) -> Outcome:
-    """Return the outcome of one run: name of a condition, method, seed."""
-    name, method, seed = work
+def run(row: tuple[str, str], seed: int) -> Outcome:
+    """Return the outcome of one run of a row: name of a condition, method."""
+    name, method = row
     condition = CATALOGUE[name]
     world, truth = _moved(name, seed if condition.varies else 0)
     robot = load_model(world.urdf)
@@ -80,28 +77,16 @@ def run(work: tuple[str, str, int]) -> Outcome:
     values = {'method': method, 'target_link': condition.target, **declared(noise)}
     try:
         session = Session(build(EstimatorConfig, values), condition.believed(world.urdf))
-        return _outcome(history(session, messages(session, readings, read_robot, noise)), sought, world.since)
+        return _outcome(history(session, published(readings, read_robot, noise)), sought, world.since)
     except MbaidError as error:
         return _silent(REFUSED, str(error)[:_WORDS])
 
 
-def messages(
-    session: Session, readings: Readings, robot: RobotModel, noise: SensorNoise
-) -> Iterator[tuple[Callable[[Any], Any], Any]]:
-    """Yield the messages of a run in the order of their stamps, each with the method that takes it."""
+def published(readings: Readings, robot: RobotModel, noise: SensorNoise) -> list[Poses | Joints]:
+    """Return the readings as they are published, with a declared noise."""
     covariances = {'pose_covariance': noise.pose_covariance(), 'twist_covariance': noise.twist_covariance()}
-    joints = joints_of(readings.joints, robot.joint_names)
     base = poses_of(replace(readings.base, **covariances), robot.base_link)
-    stamps = [np.round(part.time * 1e9).astype(np.int64) for part in (base, joints)]
-    kind = np.repeat([0, 1], [len(part) for part in stamps])
-    row = np.concatenate([np.arange(len(part)) for part in stamps])
-    stamp = np.concatenate(stamps)
-    for place in np.argsort(stamp, kind='stable'):
-        index, at = int(row[place]), START + int(stamp[place])
-        if kind[place]:
-            yield session.add_joint_state, joints.message(BAG_TYPES, index, at)
-        else:
-            yield session.add_odometry, base.message(BAG_TYPES, index, at)
+    return [base, joints_of(readings.joints, robot.joint_names)]
 
 
 def _outcome(history: list[Estimate], sought: Array, since: float) -> Outcome:
@@ -178,9 +163,8 @@ def judged(outcome: Outcome, condition: str = '') -> Verdict:
     given = good & np.isfinite(outcome.error) & (outcome.std > 0.0)
     deviation = np.abs(outcome.error[given] / outcome.std[given])
     covered = float(np.mean(deviation < QUANTILE)) if len(deviation) else np.nan
-    largest = float(np.max(deviation)) if len(deviation) else np.nan
     together = outcome.jointly[good[:, 0] & np.isfinite(outcome.jointly)]
-    joint = float(np.max(together)) if len(together) else np.nan
+    largest, joint = (float(np.max(values)) if len(values) else np.nan for values in (deviation, together))
     pairs = zip(outcome.status, outcome.causes, strict=True) if condition in _TRUE_CAUSES else ()
     return Verdict(
         statuses=Counter(outcome.status.tolist()),

@@ -1,7 +1,5 @@
 """Robots whose base floats by conservation of momentum while joints follow a path, or swing on springs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -93,7 +91,7 @@ class _Following(Driven):
         del position, velocity
         return self.reference(time)[2]
 
-    def from_time(self, time: float) -> _Following:
+    def from_time(self, time: float) -> '_Following':
         """Return the motion from a time on, s."""
         return _Following(lambda times: self.path(times + time), self.driven)
 
@@ -165,13 +163,6 @@ def integrated(rate: Callable[[int, Array], Array], state: Array, steps: int, pa
     return states
 
 
-def _pose_rate(state: Array, rotation: Array, twist: Array) -> Array:
-    """Return the rate of (quaternion, position), (7,), by the base's twist in its axes."""
-    (x, y, z, w), (a, b, c) = state[:4].tolist(), (0.5 * twist[3:]).tolist()
-    turning = [w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c]
-    return np.concatenate((turning, rotation @ twist[:3]))
-
-
 def _rotation(state: Array) -> Array:
     """Return the rotation matrix of a state, whose quaternion is of about unit length."""
     x, y, z, w = state[:4].tolist()
@@ -195,7 +186,7 @@ class Flow:
     world: World
 
     @staticmethod
-    def of(world: World, urdf: str, joints: Array, rates: Array) -> Flow:
+    def of(world: World, urdf: str, joints: Array, rates: Array) -> 'Flow':
         """Return that of a robot, of joints at K nodes."""
         model = load_model(urdf)
         kinematics = Kinematics(model)
@@ -205,7 +196,7 @@ class Flow:
         twists = kinematics.body_twists(configuration, rates, np.zeros((len(joints), 6)))
         return Flow(np.linalg.inv(inertia_matrix(whole)), np.sum(momentum(bodies, twists), axis=1), whole, world)
 
-    def moving_as(self, other: Flow, node: int, state: Array) -> Array:
+    def moving_as(self, other: 'Flow', node: int, state: Array) -> Array:
         """Return the state of this robot, at its first node, with the motion of another one at a node of its own."""
         rotation, twist = other.twist(node, state)
         own = np.linalg.solve(self.inverse[0], twist) + self.moving[0]
@@ -223,8 +214,10 @@ class Flow:
     def rate(self, node: int, state: Array) -> Array:
         """Return the rate of a state (13,) at a node."""
         rotation, twist = self.twist(node, state)
+        (x, y, z, w), (a, b, c) = state[:4].tolist(), (0.5 * twist[3:]).tolist()
         result = np.zeros(13)
-        result[:7] = _pose_rate(state, rotation, twist)
+        result[:4] = w * a + y * c - z * b, w * b + z * a - x * c, w * c + x * b - y * a, -x * a - y * b - z * c
+        result[4:7] = rotation @ twist[:3]
         if self.world.wrench is not None:
             time = node / (2.0 * self.world.rate)
             result[7:] = self.world.wrench(time, rotation, state[4:7], self.whole[node])

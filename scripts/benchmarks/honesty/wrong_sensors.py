@@ -1,24 +1,20 @@
 """Conditions in which the sensors are not as declared; and benches, on which several small errors come together."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from benchmarks.data import NOISE, drawn
+from benchmarks.data import NOISE, drawn, true_model
 from benchmarks.honesty import paths, readings, robots
 from benchmarks.honesty.conditions import AXES, JOINT, Condition, seen, servicer
 from benchmarks.honesty.paths import DEGREE, ROBOT, Path, pick_and_place, sinusoids
-from benchmarks.honesty.readings import Defect, Readings, View
+from benchmarks.honesty.readings import Defect, Readings, View, changed
 from benchmarks.honesty.worlds import World, Wrench
 from benchmarks.model_errors import DEFAULT
-from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.simulation.quaternions import conjugate
 from mbaid_ros.simulation.simulation import Truth
-from mbaid_ros.simulation.true_robot import true_robot
 
 _JOINTS = ('joint_position', 'joint_velocity')
 _ODOMETRY = tuple(name for name in vars(NOISE) if name.startswith('base'))
@@ -43,8 +39,8 @@ def _fast(_seed: int) -> World:
     return World(robots.servicer(), sinusoids(), seconds=30.0, rate=500.0)
 
 
-def _sliding(_seed: int) -> World:
-    return World(robots.chain(AXES, (2,)), paths.drawn(np.full(len(AXES), 0.2), 1))
+def _w_first(quaternion: Array) -> Array:
+    return np.roll(quaternion, 1, axis=-1)
 
 
 def _late(milliseconds: float) -> Defect:
@@ -85,11 +81,7 @@ SENSORS = (
     _viewed('a joint read 1 % too large', partial(readings.misgeared, 2, 1.01), r'joint3\b'),
     _viewed('a joint read 3 % too large', partial(readings.misgeared, 2, 1.03), r'joint3\b'),
     _viewed('twist in the axes of the odometry frame', readings.twist_in_odometry_axes, 'twist_frame'),
-    _viewed(
-        'twist in degrees a second',
-        lambda truth: replace(truth, base_angular_velocity=np.rad2deg(truth.base_angular_velocity)),
-        'degrees a second',
-    ),
+    _viewed('twist in degrees a second', partial(changed, 'base_angular_velocity', np.rad2deg), 'degrees a second'),
     _viewed(
         'twist of a point 0.3 m away', partial(readings.twist_of_point, np.array([0.3, 0.0, 0.0])), 'twist.* point'
     ),
@@ -103,25 +95,17 @@ SENSORS = (
     Condition(
         'sensors',
         'a prismatic joint in millimetres',
-        _sliding,
+        lambda _: World(robots.chain(AXES, (2,)), paths.drawn(np.full(len(AXES), 0.2), 1)),
         view=partial(readings.misgeared, 2, 1e3),
         cause='prismatic joints are in millimetres|far beyond its limits.*encoder ticks, not m',
     ),
     _viewed(
         'positions in millimetres',
-        lambda truth: replace(truth, base_position=1e3 * truth.base_position),
+        partial(changed, 'base_position', partial(np.multiply, 1e3)),
         'position of the odometry is in millimetres',
     ),
-    _viewed(
-        'orientation turned round',
-        lambda truth: replace(truth, base_orientation=conjugate(truth.base_orientation)),
-        'inverse',
-    ),
-    _viewed(
-        'quaternions with w first',
-        lambda truth: replace(truth, base_orientation=np.roll(truth.base_orientation, 1, axis=-1)),
-        'w first',
-    ),
+    _viewed('orientation turned round', partial(changed, 'base_orientation', conjugate), 'inverse'),
+    _viewed('quaternions with w first', partial(changed, 'base_orientation', _w_first), 'w first'),
     _spoilt('a third of the odometry lost', partial(readings.lossy, 1.0 / 3.0)),
     _spoilt('odometry stamped up to 5 ms early or late', partial(readings.jittering, 5e-3), r'noise\.base|stamp'),
     _spoilt(
@@ -135,63 +119,55 @@ SENSORS = (
 _PLACE, _MOUNT = np.array([2e-3, -1e-3, 1.5e-3]), np.array([1.5e-3, -1e-3, 2e-3])  # m, rad, of the odometry's mount
 
 
-def _off_as_declared(seed: int, path: Path, wrench: Wrench | None = None) -> World:
-    """Return servicer7 with links, origins and axes drawn from the default priors, the target exact."""
-    nominal = load_model(robots.servicer())
-    return World(true_robot(nominal, drawn(ROBOT, DEFAULT, seed), (nominal.last_link,)).urdf, path, wrench=wrench)
+def _bench(
+    name: str,
+    *defects: Defect,
+    path: Callable[[int], Path] = lambda _: sinusoids(),
+    wrench: Wrench | None = None,
+    declared: float = 1.0,
+) -> Condition:
+    """Return servicer7 drawn from the default priors, its noise declared so many times as large as it is."""
 
-
-def _mounted(truth: Truth) -> Truth:
-    return readings.mounted(_PLACE, _MOUNT, readings.zero_off(JOINT, 1e-3, truth))
-
-
-def bench(name: str, world: Callable[[int], World], *defects: Defect, declared: float = 1.0) -> Condition:
-    """Return such a robot, its noise declared so many times as large as it is."""
+    def world(seed: int) -> World:
+        return World(true_model(ROBOT, drawn(ROBOT, DEFAULT, seed)).urdf, path(seed), wrench=wrench)
 
     def spoilt(found: Readings, rng: np.random.Generator) -> Readings:
         for defect in defects:
             found = defect(found, rng)
         return found
 
+    def view(truth: Truth) -> Truth:
+        return readings.mounted(_PLACE, _MOUNT, readings.zero_off(JOINT, 1e-3, truth))
+
     channels = dict.fromkeys(vars(NOISE), declared)
     return Condition(
-        'benches', f'a bench: {name}', world, lambda _: robots.servicer(), _mounted, spoilt, channels, varies=True
+        'benches', f'a bench: {name}', world, lambda _: robots.servicer(), view, spoilt, channels, varies=True
     )
-
-
-def _swinging_bench(seed: int) -> World:
-    return _off_as_declared(seed, sinusoids())
 
 
 def benches(pulse: Wrench) -> tuple[Condition, ...]:
     """Return all benches, one of which a thrust pulse pushes."""
     return (
-        bench('all of the model off by its default', _swinging_bench),
-        bench(
+        _bench('all of the model off by its default'),
+        _bench(
             'encoders of 14 bits, joints 8 ms late, poses at 33 Hz, 0.5 % outliers',
-            _swinging_bench,
             _bits(14),
             _late(8.0),
             partial(readings.outliers, 0.005),
             partial(readings.thinned, 3),
         ),
-        bench(
+        _bench(
             'stops at 5 deg/s, poses correlated over 0.1 s, gyro bias, 2 s without poses',
-            lambda seed: _off_as_declared(seed, pick_and_place(seed, 60.0, 5.0 * DEGREE)),
             partial(readings.correlated, 0.1),
             partial(readings.gyro_biased, 3e-5),
             partial(readings.dropout, 25.0, 27.0),
+            path=lambda seed: pick_and_place(seed, 60.0, 5.0 * DEGREE),
         ),
-        bench(
+        _bench(
             'poses repeated, clocks 50 ppm apart, noise declared twice as small',
-            _swinging_bench,
             partial(readings.joints_late, 2e-3, 5e-5),
             partial(readings.repeated, 3),
             declared=0.5,
         ),
-        bench(
-            'encoders of 12 bits, not declared, and a thrust pulse',
-            lambda seed: _off_as_declared(seed, sinusoids(), pulse),
-            _bits(12),
-        ),
+        _bench('encoders of 12 bits, not declared, and a thrust pulse', _bits(12), wrench=pulse),
     )

@@ -1,7 +1,5 @@
 """The rows of the benchmark: a robot, its sensors, and a difference; and the true motion of each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -9,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.bounds import trajectory_bound
-from benchmarks.data import RATE, Case, drawn, model, motion, simulator_config, true_model
+from benchmarks.data import Case, drawn, model, motion, motion_of, simulator_config, true_model
 from benchmarks.honesty import robots
 from benchmarks.in_mujoco import InMuJoCo
 from benchmarks.model_errors import DEFAULT, attainable, settings
@@ -21,7 +19,7 @@ from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.simulated_robot import make_initial_state, make_motion, make_simulation
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Driven
-from mbaid_ros.simulation.simulation import Simulation, Truth
+from mbaid_ros.simulation.simulation import Truth
 
 ORBIT = {'orbit.mean_motion': 1.1308e-3, 'orbit.nadir': (0.6, 0.0, 0.8), 'orbit.normal': (0.8, 0.0, -0.6)}
 _AWAY = (12.0, -10.0, 13.0)  # m from the origin of the falling frame, in orbit
@@ -34,30 +32,17 @@ _PERIOD, _PACE = 20.0, 0.5  # s, between two stops; fastest pace over that of th
 
 @dataclass(frozen=True)
 class Condition:
-    """One row: several seeds of the same motion.
+    """One row: several seeds of the same motion."""
 
-    Attributes
-    ----------
-    robot : name of a URDF of config/, or of another file, without its ending
-    level : of the sensors' noise
-    differs : difference from a robot that is exactly its URDF, in free fall, moved by the project's simulator
-    recorded : folder with the motion as ReDySim recorded it
-    """
-
-    robot: str
-    level: str
-    differs: str = ''
-    recorded: Path | None = None
+    robot: str  # name of a URDF of config/, or of another file, without its ending
+    level: str  # of the sensors' noise
+    differs: str = ''  # from a robot that is exactly its URDF, in free fall, moved by the project's simulator
+    recorded: Path | None = None  # folder with the motion as ReDySim recorded it
 
     @property
     def name(self) -> str:
         """Short, for tables and files."""
         return ', '.join(filter(None, (f'{Path(self.robot).name} {self.level}', self.differs)))
-
-    @property
-    def case(self) -> Case:
-        """The plain case of robot and sensors."""
-        return Case(self.robot, self.level)
 
 
 NOT_URDF, IN_ORBIT, STOPS = 'not its URDF', 'in orbit', 'slow with stops'
@@ -79,22 +64,13 @@ def of_redysim(clone: Path, folder: Path) -> tuple[Condition, ...]:
 
 @dataclass(frozen=True)
 class Moved:
-    """A run without its sensors.
+    """A run without its sensors."""
 
-    Attributes
-    ----------
-    nominal : the robot of the URDF, the target link true
-    truth : Truth
-    errors : zeros and mount, that the sensors ignore
-    momentum : (6,) total at the begin, about the odometry origin
-    bound : (10,) standard deviations that no unbiased method surpasses; NaN for what the motion leaves open
-    """
-
-    nominal: RobotModel
+    nominal: RobotModel  # of the URDF, the target link true
     truth: Truth
-    errors: ModelErrors | None
+    errors: ModelErrors | None  # zeros and mount, that the sensors ignore
     moving: RobotModel
-    bound: Array
+    bound: Array  # (10,) standard deviations that no unbiased method surpasses; NaN for what the motion leaves open
 
 
 def moved(condition: Condition, seed: int, seconds: float) -> Moved:
@@ -114,15 +90,15 @@ def declared(condition: Condition, seed: int) -> dict[str, object]:
 
 
 def _not_urdf(condition: Condition, seed: int, seconds: float) -> Moved:
-    errors = drawn(condition.robot, DEFAULT, seed)
-    truth = _until(motion(condition.robot, RATE, errors), seconds)
-    bound = attainable(condition.robot, truth, errors, DEFAULT)[0]
-    return Moved(model(condition.robot), truth, errors, true_model(condition.robot, errors), bound)
+    robot, errors = condition.robot, drawn(condition.robot, DEFAULT, seed)
+    moving = true_model(robot, errors)
+    truth = _until(motion_of(robot, moving), seconds)
+    return Moved(model(robot), truth, errors, moving, attainable(robot, truth, errors, DEFAULT)[0])
 
 
 @cache
 def _moved(condition: Condition, seconds: float) -> Moved:
-    robot, differs = model(condition.robot), condition.differs
+    robot, differs, case = model(condition.robot), condition.differs, Case(condition.robot, condition.level)
     recorded = redysim.motion(condition.recorded) if condition.recorded else motion(condition.robot)
     plain = truth = _until(recorded, seconds)
     instants = truth.time
@@ -132,14 +108,13 @@ def _moved(condition: Condition, seconds: float) -> Moved:
         truth = make_simulation(config, robot).advance(instants)
     elif differs == STOPS:
         driven = Stopping(_driven(condition.robot))
-        begin = make_initial_state(simulator_config(condition.robot), robot, driven)
-        plain = truth = Simulation(robot, driven, begin).advance(instants)
+        plain = truth = make_simulation(simulator_config(condition.robot), robot, driven).advance(instants)
     elif differs == OTHER_ENGINE:
         begin = _begin(condition.robot)
         truth = InMuJoCo(robot, _STEP).driven(_driven(condition.robot), begin, instants, robot.joint_names)
     elif differs in {PANEL, KNOWN_PANEL}:
         moving, nominal, truth = _with_panel(condition.robot, instants)
-    return Moved(nominal, truth, None, moving, trajectory_bound(condition.case, plain, (seconds + 1.0,))[0])
+    return Moved(nominal, truth, None, moving, trajectory_bound(case, plain, (seconds + 1.0,))[0])
 
 
 def _until(truth: Truth, seconds: float) -> Truth:
@@ -148,8 +123,7 @@ def _until(truth: Truth, seconds: float) -> Truth:
 
 def _driven(robot: str) -> Driven:
     driven = make_motion(simulator_config(robot), model(robot))
-    if not isinstance(driven, Driven):
-        raise ValueError(f'the joints of {robot} are not driven')
+    assert isinstance(driven, Driven), f'the joints of {robot} are not driven'
     return driven
 
 
@@ -190,6 +164,6 @@ class Stopping(Driven):
         position, velocity, acceleration = self.motion.reference(own)
         return position, pace * velocity, pace * pace * acceleration + change * velocity
 
-    def from_time(self, time: float) -> Stopping:
+    def from_time(self, time: float) -> 'Stopping':
         """Return the same motion, begun at a time (s) of this one."""
         return Stopping(self.motion, self.begin + time)

@@ -1,7 +1,5 @@
 """The data set: for each run a bag, a URDF, declared knowledge and the truth; a manifest with their SHA-256."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
@@ -12,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.bags import write_bag
-from benchmarks.data import model
-from benchmarks.peers.conditions import KNOWN_PANEL, OTHER_ENGINE, Condition, Moved, declared, moved
+from benchmarks.data import LEVELS, model, write_bag
+from benchmarks.peers.conditions import KNOWN_PANEL, OTHER_ENGINE, Condition, declared, moved
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf_edit import replace_inertial
@@ -47,40 +44,42 @@ def make(runs: list[Run], folder: Path) -> dict[str, dict[str, str]]:
     manifest = {}
     for run in runs:
         own = folder / run.name
-        if not _complete(own, run):
+        truth = own / TRUTH  # which is written last
+        if not truth.is_file() or json.loads(truth.read_text(encoding='utf-8'))['seconds'] != run.seconds:
             shutil.rmtree(own, ignore_errors=True)
             _make(run, own)
         files = sorted(path for path in own.rglob('*') if path.suffix in {'.mcap', '.urdf', '.json'})
-        manifest[run.name] = {str(path.relative_to(own)): _sha256(path) for path in files}
-    (folder / MANIFEST).write_text(json.dumps(manifest, indent=2) + '\n', encoding='utf-8')
+        manifest[run.name] = {
+            str(path.relative_to(own)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files
+        }
+    _write(folder / MANIFEST, manifest)
     return manifest
-
-
-def _complete(folder: Path, run: Run) -> bool:
-    """Return whether a run is there: its truth is written last."""
-    file = folder / TRUTH
-    return file.is_file() and json.loads(file.read_text(encoding='utf-8'))['seconds'] == run.seconds
 
 
 def _make(run: Run, folder: Path) -> None:
     motion = moved(run.condition, run.seed, run.seconds)
-    case, target = run.condition.case, model(run.condition.robot).last_link
+    own, target = LEVELS[run.condition.level], model(run.condition.robot).last_link
     # Robots and levels draw apart, and what differs does, too.
     seed = zlib.crc32(run.condition.name.encode()) << 32 | run.seed
     rng = np.random.default_rng([seed, 1])
     truth = motion.truth
     if run.condition.differs == OTHER_ENGINE:
-        truth = replace(truth, joint_effort=_with_torque_errors(truth.joint_effort, rng))
+        effort = truth.joint_effort
+        gain = 1.0 + _TORQUE * rng.normal(size=effort.shape[1])
+        noise = _TORQUE * np.sqrt(np.mean(effort**2, axis=0)) * rng.normal(size=effort.shape)
+        truth = replace(truth, joint_effort=gain * effort + noise)
     folder.mkdir(parents=True)
-    write_bag(folder / BAG, motion.nominal, Sensors(case.noise, seed, motion.errors), [(0.0, truth)])
+    write_bag(folder / BAG, motion.nominal, Sensors(own, seed, motion.errors), [(0.0, truth)])
     body = physical(motion.nominal.link(target).parameters)
     catalogued = _catalogued(body, rng)
     (folder / URDF).write_text(replace_inertial(motion.nominal.urdf, target, catalogued), encoding='utf-8')
     swings = run.condition.differs == KNOWN_PANEL
-    momentum = _momentum(motion)
+    # A panel at rest counts as fixed.
+    robot = motion.moving if motion.moving.joints == motion.nominal.joints else motion.nominal
+    momentum = total_momentum(robot, motion.truth[:1])[0]
     known = {
         'target_link': target,
-        'noise': vars(case.noise),
+        'noise': vars(own),
         'declared': declared(run.condition, run.seed),
         'passive_urdf': replace_inertial(motion.moving.urdf, target, catalogued) if swings else '',
         'momentum': momentum.tolist(),
@@ -90,19 +89,6 @@ def _make(run: Run, folder: Path) -> None:
     bound = [float(value) if np.isfinite(value) else None for value in motion.bound]
     momenta = {'linear': momentum[:3].tolist(), 'angular': momentum[3:].tolist()}
     _write(folder / TRUTH, {**about, **shaped(body), 'parameters': body.tolist(), 'momentum': momenta, 'bound': bound})
-
-
-def _momentum(motion: Moved) -> Array:
-    """Return the total momentum (6,) at the begin; a panel at rest counts as fixed."""
-    robot = motion.moving if motion.moving.joints == motion.nominal.joints else motion.nominal
-    return total_momentum(robot, motion.truth[:1])[0]
-
-
-def _with_torque_errors(effort: Array, rng: np.random.Generator) -> Array:
-    """Return torques (N, n) with a gain error of each joint and noise."""
-    gain = 1.0 + _TORQUE * rng.normal(size=effort.shape[1])
-    noise = _TORQUE * np.sqrt(np.mean(effort**2, axis=0))
-    return np.asarray(gain * effort + noise * rng.normal(size=effort.shape))
 
 
 def _catalogued(body: Array, rng: np.random.Generator) -> Array:
@@ -116,10 +102,6 @@ def _catalogued(body: Array, rng: np.random.Generator) -> Array:
 
 def _write(file: Path, values: object) -> None:
     file.write_text(json.dumps(values, indent=2) + '\n', encoding='utf-8')
-
-
-def _sha256(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def manifest_digest(manifest: dict[str, dict[str, str]]) -> str:

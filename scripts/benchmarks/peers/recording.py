@@ -1,15 +1,13 @@
 """Input and output of a method, and a recording as arrays."""
 
-from __future__ import annotations
-
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.bags import JOINTS, ODOMETRY
+from benchmarks.data import JOINTS, ODOMETRY
 from mbaid_ros.bags import BagReader
 from mbaid_ros.core.geometry import Array, rotate, rotation_from_quaternion, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
@@ -20,25 +18,16 @@ from mbaid_ros.core.samples import Samples, SensorNoise
 
 @dataclass(frozen=True)
 class Known:
-    """The knowledge of a method beside the bag and the URDF, whose inertial of the target link is 10 % off.
+    """The knowledge of a method beside the bag and the URDF, whose inertial of the target link is 10 % off."""
 
-    Attributes
-    ----------
-    target_link : name
-    noise : one standard deviation of each sensor channel
-    declared : parameters of the estimator that declare how far the robot is off its URDF, its orbit, its passive joints
-    momentum : (6,) true total (P, L) about the odometry origin; only for a method that has it in NEEDS
-    passive_urdf : robot description with joints that swing and that no message has, fixed in the URDF; empty: none
-    """
-
-    target_link: str
-    noise: SensorNoise
-    declared: dict[str, Any]
-    momentum: Array
-    passive_urdf: str
+    target_link: str  # name
+    noise: SensorNoise  # one standard deviation of each sensor channel
+    declared: dict[str, Any]  # the estimator's parameters of deviations from the URDF, orbit and passive joints
+    momentum: Array  # (6,) true total (P, L) about the odometry origin; only for a method that has it in NEEDS
+    passive_urdf: str  # robot description with joints that swing, which no message has and the URDF fixes; empty: none
 
     @staticmethod
-    def read(file: Path) -> Known:
+    def read(file: Path) -> 'Known':
         """Return the contents of known.json of a run."""
         values = json.loads(file.read_text(encoding='utf-8'))
         noise, momentum = SensorNoise(**values['noise']), np.array(values['momentum'])
@@ -49,20 +38,15 @@ class Known:
 class Answer:
     """The answer of a method.
 
-    Attributes
-    ----------
-    parameters : (10,) mass, centre of mass (link frame), inertia about it (xx, xy, xz, yy, yz, zz; link axes): kg, m,
-        kg m^2; NaN where the method gives none
-    covariance : (10, 10) of these; None if the method has none
-    doubt : why the method itself does not trust them; empty if it does
+    Parameters are mass, centre of mass (link frame) and inertia about it (xx, xy, xz, yy, yz, zz; link axes).
     """
 
-    parameters: Array
-    covariance: Array | None = None
-    doubt: str = ''
+    parameters: Array  # (10,) kg, m, kg m^2; NaN where the method gives none
+    covariance: Array | None = None  # (10, 10) of these; None if the method has none
+    doubt: str = ''  # why the method itself does not trust them; empty if it does
 
     @staticmethod
-    def standard(parameters: Array, covariance: Array | None = None) -> Answer:
+    def standard(parameters: Array, covariance: Array | None = None) -> 'Answer':
         """Return it from (10,) standard parameters (m, m r_c, inertia about the link's origin) and their covariance."""
         jacobian = physical_jacobian(parameters)
         own = None if covariance is None else jacobian @ covariance @ jacobian.T
@@ -71,20 +55,11 @@ class Answer:
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording as arrays of N samples.
+    """A recording as arrays of N samples."""
 
-    Attributes
-    ----------
-    kernel : the robot's momentum, by its URDF, with the target link unknown
-    samples : positions, velocities, base pose and twist (odometry axes)
-    effort : (N, n) N m
-    start : (10,) standard parameters of the target link that the URDF has
-    """
-
-    kernel: MomentumKernel
-    samples: Samples
-    effort: Array
-    start: Array = field(default_factory=lambda: np.zeros(10))
+    kernel: MomentumKernel  # the robot's momentum, by its URDF, with the target link unknown
+    samples: Samples  # positions, velocities, base pose and twist (odometry axes)
+    effort: Array  # (N, n) N m
 
     def equations(self) -> tuple[Array, Array]:
         """Return the momentum equations A x = b, (N, 6, 16) and (N, 6), of x = (m, m r_c, I_o, P, L).
@@ -114,9 +89,8 @@ def read(bag: Path, urdf: str, known: Known) -> Recording:
     base = [message for topic, message, _ in messages if topic == ODOMETRY]
     model = load_model(urdf)
     order = [joints[0].name.index(name) for name in model.joint_names]
-    position, velocity, effort = (
-        np.array([getattr(each, kind) for each in joints])[:, order] for kind in ('position', 'velocity', 'effort')
-    )
+    kinds = ('position', 'velocity', 'effort')
+    position, velocity, effort = (np.array([getattr(each, kind) for each in joints])[:, order] for kind in kinds)
     stamp = np.array([each.header.stamp.sec + 1e-9 * each.header.stamp.nanosec for each in joints])
     pose, twist = ([getattr(each, kind) for each in base] for kind in ('pose', 'twist'))
     orientation = np.array([[getattr(each.pose.orientation, axis) for axis in 'xyzw'] for each in pose])
@@ -134,8 +108,7 @@ def read(bag: Path, urdf: str, known: Known) -> Recording:
         pose_covariance=np.broadcast_to(known.noise.pose_covariance(), shape),
         twist_covariance=np.broadcast_to(known.noise.twist_covariance(), shape),
     )
-    kernel = MomentumKernel(model, known.target_link)
-    return Recording(kernel, samples, effort, kernel.target.parameters)
+    return Recording(MomentumKernel(model, known.target_link), samples, effort)
 
 
 def least_squares(matrix: Array, right_side: Array, scale: Array) -> tuple[Array, Array]:

@@ -4,8 +4,6 @@ A folder of it has a robot by modified Denavit-Hartenberg parameters (inputs.m) 
 statevar.dat): base position, angles about z, x and y, joint angles, and the rates of all. It has no torques.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The methods: every module of the folder `methods` is one; those of this package are `replay` with parameters."""
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 from collections.abc import Callable
@@ -24,25 +22,15 @@ OURS = ('difference', BEST)
 
 @dataclass(frozen=True)
 class Method:
-    """A method, as its module describes it.
+    """A method, as its module describes it."""
 
-    Attributes
-    ----------
-    name : of its module
-    identify : from bag, URDF and declared knowledge to the answer
-    needs, tuned : the module's NEEDS and TUNED
-    about : first line of its documentation
-    seeds : most runs of a row, the module's SEEDS if it has one: for a method that takes long
-    file : with its code
-    """
-
-    name: str
-    identify: Callable[[Path, str, Known], Answer]
-    needs: str
-    tuned: str
-    about: str
-    seeds: int = 1_000
-    file: Path = Path(__file__)
+    name: str  # of its module
+    identify: Callable[[Path, str, Known], Answer]  # from bag, URDF and declared knowledge to the answer
+    needs: str  # the module's NEEDS
+    tuned: str  # its TUNED
+    about: str  # first line of its documentation
+    seeds: int = 1_000  # most runs of a row, the module's SEEDS if it has one: for a method that takes long
+    file: Path = Path(__file__)  # with its code
 
 
 def _replayed(name: str, about: str, needs: str, tuned: str, **settings: object) -> Method:
@@ -89,13 +77,7 @@ def names() -> list[str]:
 
 
 def load(name: str) -> Method:
-    """Return a method.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        It needs a package that is not installed.
-    """
+    """Return a method; ModuleNotFoundError if it needs a package that is not installed."""
     for each in _REPLAYED:
         if each.name == name:
             return each

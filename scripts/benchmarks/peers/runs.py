@@ -1,14 +1,11 @@
 """Methods on runs, each in a process of its own, and their score; finished runs stay in the run's folder."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import io
 import json
 import multiprocessing
 import os
-import resource
 import signal
 import sys
 import time
@@ -21,15 +18,14 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.frame import resident
 from benchmarks.peers.dataset import BAG, KNOWN, TRUTH, URDF
 from benchmarks.peers.recording import Known
 from benchmarks.peers.registry import load
+from fuzzing.trial import memory_of
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.replay.campaigns.statistics import QUANTILE
 
 LIMIT = 300  # s of processor time, of a run
-_PRELOADED = 'benchmarks.peers.registry'
 FAR = 5.0  # standard deviations: an error beyond is wrong
 FAR_ALONE = 0.1  # the same without standard deviations: of mass, radius of gyration or mean moment
 COVERED = (0.9, 0.98)  # share of 95 % intervals that hold the truth, where they are right
@@ -38,24 +34,14 @@ _MANY = 100  # intervals: of fewer, all may hold the truth by chance
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of a method on a run.
+    """The outcome of a method on a run."""
 
-    Attributes
-    ----------
-    parameters, std : (10,) NaN where there is none
-    doubt : why the method does not trust its numbers
-    failure : why there are none
-    wall, processor : s, without the start of Python
-    memory : MB beyond what the loaded package takes
-    """
-
-    parameters: list[float]
-    std: list[float]
-    doubt: str
-    failure: str
-    wall: float
-    processor: float
-    memory: float
+    parameters: list[float]  # (10,) NaN where there is none
+    std: list[float]  # (10,) NaN where there is none
+    doubt: str  # why the method does not trust its numbers
+    failure: str  # why there are none
+    processor: float  # s, without the start of Python
+    memory: float  # MB beyond what the loaded package takes
 
 
 def outcomes(
@@ -67,13 +53,13 @@ def outcomes(
     """
     if processes == 0:
         for name, folder in work:
-            found = _finished(*_kept_in(name, folder, manifest[folder.name]))
+            *_, found = _finished(name, folder, manifest[folder.name])
             if found is not None:
                 yield name, folder.name, found
         return
     os.environ['PYTHONPATH'] = os.pathsep.join(filter(None, sys.path))  # for the server, which gets it in no other way
     context = multiprocessing.get_context('forkserver')
-    context.set_forkserver_preload([_PRELOADED])
+    context.set_forkserver_preload(['benchmarks.peers.registry'])
 
     def one(task: tuple[str, Path]) -> tuple[str, str, Outcome]:
         name, folder = task
@@ -85,22 +71,18 @@ def outcomes(
             yield result
 
 
-def _kept_in(name: str, folder: Path, files: dict[str, str]) -> tuple[Path, str]:
-    """Return the file of an outcome, and the digests it must have: of this bag and this method."""
+def _finished(name: str, folder: Path, files: dict[str, str]) -> tuple[Path, str, Outcome | None]:
+    """Return the file of an outcome, the digest of this bag and this method, and the outcome if it is of these."""
     made_of = hashlib.sha256(json.dumps(files, sort_keys=True).encode() + load(name).file.read_bytes()).hexdigest()
-    return folder.parent / 'results' / folder.name / f'{name}.json', made_of
-
-
-def _finished(file: Path, made_of: str) -> Outcome | None:
-    """Return the outcome in a file; None where there is none, or one of something else."""
+    file = folder.parent / 'results' / folder.name / f'{name}.json'
     values = json.loads(file.read_text(encoding='utf-8')) if file.is_file() else {}
-    return Outcome(**values) if values.pop('made_of', '') == made_of else None
+    values.pop('wall', None)  # of an older version
+    return file, made_of, Outcome(**values) if values.pop('made_of', '') == made_of else None
 
 
 def _outcome(name: str, folder: Path, files: dict[str, str], context: Any) -> Outcome:
     """Return the finished outcome, or make it."""
-    file, made_of = _kept_in(name, folder, files)
-    found = _finished(file, made_of)
+    file, made_of, found = _finished(name, folder, files)
     if found is not None:
         return found
     ours, theirs = context.Pipe(duplex=False)
@@ -110,7 +92,7 @@ def _outcome(name: str, folder: Path, files: dict[str, str], context: Any) -> Ou
     try:
         outcome = Outcome(**ours.recv())
     except EOFError:
-        outcome = Outcome([np.nan] * 10, [np.nan] * 10, '', 'the process ended', np.nan, np.nan, np.nan)
+        outcome = Outcome([np.nan] * 10, [np.nan] * 10, '', 'the process ended', np.nan, np.nan)
     process.join()
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(json.dumps({'made_of': made_of, **asdict(outcome)}, indent=1) + '\n', encoding='utf-8')
@@ -118,7 +100,6 @@ def _outcome(name: str, folder: Path, files: dict[str, str], context: Any) -> Ou
 
 
 def _work(name: str, folder: str, pipe: Any) -> None:
-    """Run a method in this process, and send its outcome."""
     signal.signal(signal.SIGPROF, _late)
     signal.setitimer(signal.ITIMER_PROF, LIMIT)
     pipe.send(asdict(outcome_of(name, Path(folder))))
@@ -126,12 +107,12 @@ def _work(name: str, folder: str, pipe: Any) -> None:
 
 def outcome_of(name: str, folder: Path) -> Outcome:
     """Return the outcome of a method on a run, in this process."""
-    method, before = load(name), resident()
+    method, before = load(name), memory_of('VmRSS')
     urdf, known = (folder / URDF).read_text(encoding='utf-8'), Known.read(folder / KNOWN)
     parameters: Array = np.full(10, np.nan)
     std: Array = np.full(10, np.nan)
     doubt, failure = '', ''
-    wall, processor = time.perf_counter(), time.process_time()
+    processor = time.process_time()
     try:
         with contextlib.redirect_stdout(io.StringIO()):
             answer = method.identify(folder / BAG, urdf, known)
@@ -140,9 +121,8 @@ def outcome_of(name: str, folder: Path) -> Outcome:
             std = np.sqrt(np.diag(answer.covariance))
     except Exception as error:  # noqa: BLE001 - one method must not stop the others
         failure = ' '.join(f'{type(error).__name__}: {error}'.split())[:200]
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
-    times = (time.perf_counter() - wall, time.process_time() - processor)
-    return Outcome(parameters.tolist(), std.tolist(), doubt, failure, *times, max(peak - before, 0.0))
+    taken, memory = time.process_time() - processor, 1e-6 * max(memory_of('VmHWM') - before, 0)
+    return Outcome(parameters.tolist(), std.tolist(), doubt, failure, taken, memory)
 
 
 def _late(*_: object) -> None:
@@ -157,7 +137,7 @@ class Truth:
     bound: Array  # NaN for what the motion leaves open
 
     @staticmethod
-    def read(run: Path) -> Truth:
+    def read(run: Path) -> 'Truth':
         """Return that in the folder of a run."""
         values = json.loads((run / TRUTH).read_text(encoding='utf-8'))
         return Truth(np.array(values['parameters']), np.array(values['bound'], dtype=float))
@@ -181,7 +161,6 @@ class Score:
     wrong: int  # answers that are wrong with a small interval
     failures: tuple[str, ...]  # why there was no answer
     processor: float  # s, median
-    wall: float
     memory: float  # MB, largest
 
     @property
@@ -226,6 +205,5 @@ def score(outcomes: Sequence[Outcome], truths: Sequence[Truth]) -> Score:
         wrong=wrong,
         failures=tuple(failures),
         processor=float(np.median([each.processor for each in outcomes])),
-        wall=float(np.median([each.wall for each in outcomes])),
         memory=float(np.max([each.memory for each in outcomes])),
     )

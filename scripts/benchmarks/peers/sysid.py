@@ -3,10 +3,9 @@
 Unknown are the target's ten parameters, as the toolbox parametrises them, and the base's first pose and twist.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import mujoco
@@ -16,6 +15,7 @@ from scipy.interpolate import BSpline, make_lsq_spline
 
 from benchmarks.peers.recording import Answer, Known, Recording
 from mbaid_ros.core.geometry import Array, exp, log, quaternion_from_rotation, rotate_back, rotation_from_quaternion
+from mbaid_ros.core.samples import Samples, SensorNoise
 
 if not hasattr(sysid, 'optimize'):
     raise ModuleNotFoundError(f"mujoco.sysid is not installed: pip install 'mujoco[sysid]=={mujoco.__version__}'")
@@ -57,7 +57,7 @@ class _Problem:
     residual: Callable[..., Any]
 
     @staticmethod
-    def of(recording: Recording, urdf: str, known: Known, factor: float) -> _Problem:
+    def of(recording: Recording, urdf: str, known: Known, factor: float) -> '_Problem':
         model, samples, target = recording.kernel.model, recording.samples, known.target_link
         spec = mujoco.MjSpec.from_string(urdf)
         spec.body(model.base_link).add_freejoint()
@@ -80,13 +80,13 @@ class _Problem:
         )
         control = sysid.TimeSeries(samples.time, _control(path, samples.time))
         parameters = sysid.ParameterDict()
-        body_parameters = {'inertia_type': sysid.InertiaType.Pseudo, 'modifier': _put_body(target)}
+        body_parameters = {'inertia_type': sysid.InertiaType.Pseudo, 'modifier': partial(_put_body, target)}
         parameters.add(sysid.body_inertia_param(spec, compiled, target, **body_parameters))
         parameters.add(sysid.Parameter(_BEGIN, np.zeros(12), np.full(12, -1e3), np.full(12, 1e3)))
         residual = sysid.build_residual_fn(
             models_sequences=[sysid.ModelSequences('robot', spec, 'run', first, control, poses)],
-            modify_residual=_whitened(recording, known),
-            custom_rollout=_rollout(recording),
+            modify_residual=partial(_whitened, samples, known.noise),
+            custom_rollout=partial(_rollout, samples),
             n_threads=1,
             resample_true=False,
         )
@@ -102,14 +102,10 @@ class _Problem:
         return np.concatenate(([body.mass], body.ipos, np.array(body.fullinertia)[_ELEMENTS]))
 
 
-def _put_body(target: str) -> Callable[[mujoco.MjSpec, Any], None]:
-    """Return the toolbox's own modifier, without the NaN that MuJoCo 3.17 does not compile."""
-
-    def put(spec: mujoco.MjSpec, parameter: Any) -> None:
-        sysid.apply_body_inertia(spec, target, parameter)
-        spec.body(target).iquat = [1.0, 0.0, 0.0, 0.0]
-
-    return put
+def _put_body(target: str, spec: mujoco.MjSpec, parameter: Any) -> None:
+    """Modify a body as the toolbox does, without the NaN that MuJoCo 3.17 does not compile."""
+    sysid.apply_body_inertia(spec, target, parameter)
+    spec.body(target).iquat = [1.0, 0.0, 0.0, 0.0]
 
 
 def _path(recording: Recording) -> BSpline:
@@ -140,7 +136,6 @@ def _control(path: BSpline, time: Array) -> Array:
 
 
 def _first(recording: Recording, model: mujoco.MjModel, path: BSpline) -> Array:
-    """Return the measured state at the begin."""
     samples, joints = recording.samples, recording.kernel.model.joint_names
     position, velocity = np.zeros(model.nq), np.zeros(model.nv)
     rotation = samples.base_rotation[0]
@@ -152,33 +147,25 @@ def _first(recording: Recording, model: mujoco.MjModel, path: BSpline) -> Array:
     return np.asarray(sysid.create_initial_state(model, position, velocity))
 
 
-def _rollout(recording: Recording) -> Callable[..., Any]:
+def _rollout(samples: Samples, models: Any, initial_states: Any, param_dicts: Any, **given: Any) -> Any:
     """Return rollouts from the first state of the parameters: offsets in units of the sensors' noise."""
-    samples = recording.samples
     size = np.sqrt(np.concatenate([np.diag(each[0]) for each in (samples.pose_covariance, samples.twist_covariance)]))
-
-    def run(models: Any, initial_states: Any, param_dicts: Any, **given: Any) -> Any:
-        states = []
-        for state, parameters in zip(initial_states, param_dicts, strict=True):
-            move, moved, speed = size * parameters[_BEGIN].value, state.copy(), 1 + models[0].nq
-            moved[1:4] += move[:3]
-            rotation = exp(move[3:6]) @ rotation_from_quaternion(np.roll(state[4:8], -1))
-            moved[4:8] = np.roll(quaternion_from_rotation(rotation), 1)
-            moved[speed : speed + 6] += move[6:]
-            states.append(moved)
-        return sysid.sysid_rollout(models=models, initial_states=states, **given)
-
-    return run
+    states = []
+    for state, parameters in zip(initial_states, param_dicts, strict=True):
+        move, moved, speed = size * parameters[_BEGIN].value, state.copy(), 1 + models[0].nq
+        moved[1:4] += move[:3]
+        rotation = exp(move[3:6]) @ rotation_from_quaternion(np.roll(state[4:8], -1))
+        moved[4:8] = np.roll(quaternion_from_rotation(rotation), 1)
+        moved[speed : speed + 6] += move[6:]
+        states.append(moved)
+    return sysid.sysid_rollout(models=models, initial_states=states, **given)
 
 
-def _whitened(recording: Recording, known: Known) -> Callable[..., Any]:
+def _whitened(
+    samples: Samples, noise: SensorNoise, _p: Any, _predicted: Any, measured: Any, *_given: Any, state: Array
+) -> Any:
     """Return the residuals of the poses over their noise."""
-    place, back = recording.samples.base_position[1:], np.swapaxes(recording.samples.base_rotation[1:], 1, 2)
-
-    def whitened(_parameters: Any, _predicted: Any, measured: Any, *_given: Any, state: Array) -> Any:
-        rotation = rotation_from_quaternion(np.roll(state[:, 4:8], -1, axis=1))
-        far, turn = state[:, 1:4] - place, log(rotation @ back)
-        rows = np.concatenate((far / known.noise.base_position, turn / known.noise.base_orientation), axis=1)
-        return rows, measured, measured
-
-    return whitened
+    rotation = rotation_from_quaternion(np.roll(state[:, 4:8], -1, axis=1))
+    far = state[:, 1:4] - samples.base_position[1:]
+    turn = log(rotation @ np.swapaxes(samples.base_rotation[1:], 1, 2))
+    return np.concatenate((far / noise.base_position, turn / noise.base_orientation), axis=1), measured, measured

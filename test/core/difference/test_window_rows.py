@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from benchmarks.accuracy import Identification
+from benchmarks.accuracy import estimates
 from benchmarks.data import Case, momentum_of, motion, observed
 from checked import central_difference
 from linear_problems import EQUATIONS, TRUE, UNKNOWNS, exact_blocks, noise_information, noisy_blocks, with_errors
@@ -258,6 +258,7 @@ def test_a_run_does_not_stay_with_a_body_that_its_data_refuse() -> None:
     """A robot that is known too little for twenty seconds: 301 kg +- 20 and an inertia below -1e7 kg m^2, once."""
     case, truth = Case('table1', 'high'), motion('table1')
     truth = truth[: int(np.searchsorted(truth.time, 20.0))]
-    task = Identification(kernel(case.robot), case.noise, momentum_of(case.robot, truth))
-    residuals: Array = np.array([one.residual for one in task.estimates('difference', *observed(truth, case, 15))])
+    momentum, read = momentum_of(case.robot, truth), observed(truth, case, 15)
+    found = estimates(case.robot, case.noise, momentum, 'difference', read)
+    residuals: Array = np.array([one.residual for one in found])
     assert residuals[-10:].max() < 1.5

@@ -11,7 +11,7 @@ from benchmarks.data import NOISE, history
 from benchmarks.frame import declared
 from benchmarks.honesty.conditions import servicer
 from benchmarks.honesty.readings import read
-from benchmarks.honesty.runs import messages
+from benchmarks.honesty.runs import published
 from benchmarks.honesty.worlds import float_freely
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
@@ -90,7 +90,7 @@ def varying(seed: int) -> tuple[Estimate, Array]:
     config = build(EstimatorConfig, {**EXACT, 'target_link': 'link7', **declared(NOISE), **push})
     session = Session(config, world.urdf)
     readings = read(float_freely(world), NOISE, seed)
-    return history(session, messages(session, readings, model, NOISE))[-1], physical(model.link('link7').parameters)
+    return history(session, published(readings, model, NOISE))[-1], physical(model.link('link7').parameters)
 
 
 @pytest.mark.long

@@ -5,8 +5,6 @@ positions count as exact, joint velocities as inputs with white noise. The measu
 measurement it shares its errors with the inputs, and the filter diverges with the worst encoders.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,7 +45,7 @@ class _Motion:
     start: Array  # (6,) measured twist at the begin, base axes
 
     @staticmethod
-    def of(recording: Recording) -> _Motion:
+    def of(recording: Recording) -> '_Motion':
         samples, kernel = recording.samples, recording.kernel
         count, joints = samples.joint_position.shape
         still, known, target = np.broadcast_to(np.eye(3), (count, 3, 3)), [], []
@@ -72,8 +70,8 @@ class _State:
     covariance: Array
 
     @staticmethod
-    def first(recording: Recording, motion: _Motion) -> _State:
-        samples, body = recording.samples, recording.start
+    def first(recording: Recording, motion: _Motion) -> '_State':
+        samples, body = recording.samples, recording.kernel.target.parameters
         moving = np.concatenate((motion.start, motion.rate[0]))
         own = (motion.known[0] + np.einsum('kip,p->ik', motion.target[0], body)) @ moving
         position, rotation = samples.base_position[0], samples.base_rotation[0]

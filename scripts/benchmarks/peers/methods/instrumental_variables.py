@@ -1,7 +1,5 @@
 """Instrumental variables: least squares on the momentum equations, those of nearby samples as instruments."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ordinary least squares on the momentum equations: body and total momentum, every row alike."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from benchmarks.peers.recording import Answer, Known, least_squares, read

@@ -1,7 +1,5 @@
 """mujoco.sysid (PyPI `mujoco[sysid]`): a servoed rollout matched to the poses, from a start at the URDF."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from benchmarks.peers.recording import Answer, Known, read

@@ -1,7 +1,5 @@
 """mujoco.sysid (PyPI `mujoco[sysid]`), as `mujoco_sysid`, from a start 30 % off the URDF."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from benchmarks.peers.recording import Answer, Known, read

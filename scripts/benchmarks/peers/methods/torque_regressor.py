@@ -5,8 +5,6 @@ once; the inverse dynamics of the free-floating robot then are linear in the tar
 on the base, so that its six rows have the right side zero. Rows are weighted by their own residuals, as there.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -64,12 +62,8 @@ def _motion(recording: Recording, model: pinocchio.Model) -> tuple[Array, Array,
     step = float(samples.time[-1]) / (len(samples) - 1)
     rotation = samples.base_rotation
     sections = butter(_ORDER, _CUT_OFF, fs=1.0 / step, output='sos')
-    measured = (
-        rotate_back(rotation, samples.base_linear_velocity),
-        rotate_back(rotation, samples.base_angular_velocity),
-        samples.joint_velocity,
-    )
-    velocity = sosfiltfilt(sections, np.concatenate(measured, axis=1), axis=0)
+    twist = [rotate_back(rotation, each) for each in (samples.base_linear_velocity, samples.base_angular_velocity)]
+    velocity = sosfiltfilt(sections, np.concatenate((*twist, samples.joint_velocity), axis=1), axis=0)
     angle = sosfiltfilt(sections, samples.joint_position, axis=0)
     configuration = np.empty((len(samples), model.nq))
     configuration[:, :3], configuration[:, 3:7] = samples.base_position, quaternion_from_rotation(rotation)

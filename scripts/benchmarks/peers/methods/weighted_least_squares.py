@@ -1,7 +1,5 @@
 """Weighted least squares on the momentum equations: rows weighted by the sensors' noise, propagated through them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -34,15 +32,9 @@ def identify(bag: Path, urdf: str, known: Known) -> Answer:
 def _disturbed(recording: Recording, known: Known) -> Iterator[Recording]:
     """Yield the recording with each sensor channel off by one standard deviation."""
     noise, samples = known.noise, recording.samples
-    for name, size in (
-        ('joint_position', noise.joint_position),
-        ('joint_velocity', noise.joint_velocity),
-        ('base_position', noise.base_position),
-        ('base_linear_velocity', noise.base_linear_velocity),
-        ('base_angular_velocity', noise.base_angular_velocity),
-    ):
+    for name in ('joint_position', 'joint_velocity', 'base_position', 'base_linear_velocity', 'base_angular_velocity'):
         values: Array = getattr(samples, name)
-        for step in size * np.eye(values.shape[1]):
+        for step in getattr(noise, name) * np.eye(values.shape[1]):
             yield replace(recording, samples=replace(samples, **{name: values + step}))
     for step in noise.base_orientation * np.eye(3):
         yield replace(recording, samples=replace(samples, base_rotation=exp(step) @ samples.base_rotation))
