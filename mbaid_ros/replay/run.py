@@ -121,8 +121,8 @@ def replay_bag(
             _keep(session.process(), session, history, writer)
         _keep(session.finish(), session, history, writer)
         topics = intake.statistics(bag)
-        survey = session.model_summary()
-        warnings = (*bag.warnings, *intake.warnings, *survey.warnings, *intake_warnings(session))
+        model_summary = session.model_summary()
+        warnings = (*bag.warnings, *intake.warnings, *model_summary.warnings, *intake_warnings(session))
     posterior = session.posterior()
     final = history.last or Estimate(method=config.method, status='waiting')
     return Run(
@@ -134,7 +134,7 @@ def replay_bag(
         used=session.used,
         dropped=dict(session.dropped),
         missing_joints=missing_joints(session),
-        model_summary=survey,
+        model_summary=model_summary,
         warnings=warnings,
         urdf=robot.urdf,
         settings=values_of(config),

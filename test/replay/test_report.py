@@ -82,7 +82,7 @@ def cells(text: str, row: str) -> list[str]:
 
 def test_what_the_robot_was_taken_for_stands_before_the_verdict() -> None:
     found = summarise(load_model(hostile_urdf()), chosen=False)
-    text = html([brief(survey=found)])
+    text = html([brief(model_summary=found)])
     assert text.index('kg</li>') < text.index('class="verdict')
     assert '<script' not in text
     assert 'class="model"' not in html([brief()])

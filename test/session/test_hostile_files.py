@@ -157,7 +157,7 @@ def test_results_and_calibrations_of_many_values(tmp_path: Path) -> None:
         is_refused(read, str(path), 'more than 6000000 values')
 
 
-# -- The robot of a run: its survey, and its collision meshes.
+# -- The robot of a run: its summary, and its collision meshes.
 
 FINE = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
 HEAVY = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="3"/>'  # izz > ixx + iyy

@@ -40,8 +40,8 @@ def argument(module: Any, name: str, key: str, parameters: dict[str, object]) ->
     ('name', 'value', 'beside', 'module', 'made', 'key', 'expected'),
     [
         ('maximum_gap', 0.3, {}, segment, 'Identifier', 'maximum_gap', 0.3),
-        ('noise.estimate', True, {}, segment, 'FoundNoise', 'estimate', True),
-        ('noise.trust_declared', True, {}, segment, 'FoundNoise', 'trusted', True),
+        ('noise.estimate', True, {}, segment, 'NoiseEstimator', 'estimate', True),
+        ('noise.trust_declared', True, {}, segment, 'NoiseEstimator', 'trusted', True),
         ('thrust.frames', ['link2'], {}, segment, 'Thrust', 'uncertain', ('link2',)),
         ('capture.detect', True, BEFORE, methods, 'CaptureEstimator', 'detect', True),
         ('disturbance.constant', 'body', {}, methods, 'TrajectorySettings', 'constant', 'body'),

@@ -79,6 +79,7 @@ class SwingCourse:
         self._deflections: OrderedDict[int, tuple[Array, bool]] = OrderedDict()
         self._largest: Array | None = None  # (f,) deflections in the closed ones of these; None where they have changed
 
+    @np.errstate(over='ignore', invalid='ignore')  # a swing without bounds is noticed
     def predict(
         self, stacks: Sequence[Stack], motions: Motions, point: Point
     ) -> tuple[Motions, Prediction, Bodies, Array]:
@@ -137,7 +138,6 @@ class SwingCourse:
                 states[:, window] = _columns_at(columns, before, point)[..., 0]
         return states.reshape(-1, states.shape[-1])
 
-    @np.errstate(over='ignore', invalid='ignore')  # a swing without bounds is noticed
     def _followed(self, parts: Sequence[_Part], passive: PassiveColumns, x: Array, point: Point) -> Array:
         """Return x and its derivatives at all instants, (N, 2 f, 1 + u), along windows in order.
 
