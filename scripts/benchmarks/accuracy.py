@@ -95,7 +95,7 @@ def run(row: tuple[Case, str, Times], seed: int) -> Outcome:
         converged=np.array([estimate.status == 'converged' for estimate in chosen], dtype=float),
         alarms=alarms[places].astype(float),
         estimates=1.0 + places,
-        noise=np.array([(nothing if each.noise is None else each.noise.found) / levels for each in chosen]),
+        noise=np.array([(nothing if each.noise is None else each.noise.estimated) / levels for each in chosen]),
     )
 
 
