@@ -12,7 +12,7 @@ from mbaid_ros.calibration.misfit import bias_corrected
 from mbaid_ros.calibration.result import Calibration
 from mbaid_ros.calibration.unknowns import Prior, StandardNormals, make_prior
 from mbaid_ros.core.errors import DataError
-from mbaid_ros.core.filter.state import MOMENTUM
+from mbaid_ros.core.filter.state import MOMENTUM, Declared
 from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.results.physical_consistency import project
 from mbaid_ros.core.results.status import widening
@@ -20,8 +20,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.solution import thrusters
-from mbaid_ros.core.unknowns.bodies import KnownTarget
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.bodies import KnownTarget, known_bodies
 from mbaid_ros.core.unknowns.environment import Thrusters
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
@@ -39,7 +38,8 @@ class CalibrationSettings:
     # of each of the kernel's unknown links the (10, e) factor of the covariance of its standard parameters; None where
     # nothing is known
     priors: tuple[Array | None, ...]
-    uncertainty: Uncertainty = field(default_factory=Uncertainty)  # of joints, mount, stamps and linear momentum
+    # unknowns but the known bodies, whose errors follow from `priors`, and priors of all else but the target
+    declared: Declared = field(default_factory=Declared)
     window: float = 0.5  # s, longest
     gyro: float = 0.0  # rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
     orientation_measured: bool = True  # whether another sensor measures the orientation of the base
@@ -99,16 +99,17 @@ def _solution(
     # The first of the unknown links has the place of the filter's target, the others are known bodies with errors.
     robot = MomentumKernel(detectors[0].model, prior.links[0].name).with_errors(prior.errors(1))
     robot = robot.with_storage(kernel.storage).with_springs(kernel.springs)
-    uncertainty = replace(settings.uncertainty, target=KnownTarget(prior.mean[:10], prior.roots[0]))
+    declared = settings.declared.with_links(known_bodies(robot.model, robot.errors))
+    declared = replace(declared, target=KnownTarget(prior.mean[:10], prior.roots[0]))
     sensing = (settings.noise, settings.window, settings.gyro, settings.orientation_measured)
-    motions = [Motion.from_windows(run, robot, each, uncertainty, sensing) for run, each in zip(*seen, strict=True)]
+    motions = [Motion.from_windows(run, robot, each, declared, sensing) for run, each in zip(*seen, strict=True)]
     if not any(motion.windows for motion in motions):
         raise DataError(_NO_WINDOWS)
     try:
         solution = bias_corrected(motions, converge(motions, prior.mean[:10]))
     except np.linalg.LinAlgError as error:
         raise DataError(f'the windows cannot be weighed: {error}; noise values above 0 are accepted') from error
-    before = StandardNormals.from_prior(prior, robot, uncertainty)
+    before = StandardNormals.from_prior(prior, robot, declared.unknowns)
     return solution, motions, before.conditioned(solution.iteration, motions[0].variables, detectors[0])
 
 

@@ -15,7 +15,7 @@ from mbaid_ros.core.filter.averaging import KnotAveraging
 from mbaid_ros.core.filter.batch import is_converged, turns_back
 from mbaid_ros.core.filter.square_root import SquareRootInformation, update
 from mbaid_ros.core.filter.start import angular_momentum
-from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, Point, layout_of, near_part
+from mbaid_ros.core.filter.state import BODY, MOMENTUM, Declared, Layout, Point, layout_of, near_part
 from mbaid_ros.core.filter.time_update import UNDISTURBED, advance, at_window_start, new_motion
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import LinearisationCache, WhitenedWindow
@@ -24,7 +24,6 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
 
 _ITERATIONS = 24  # at most: Gauss-Newton steps, halved where they turn back
 _TOGETHER = 30  # windows linearised in one call: the arrays of a whole long motion would fill the memory
@@ -54,7 +53,7 @@ class Motion:
         run: list[Samples],
         kernel: MomentumKernel,
         detector: PlaneDetector,
-        uncertainty: Uncertainty,
+        declared: Declared,
         sensing: tuple[SensorNoise, float, float, bool],
     ) -> Motion:
         """Return the motion in some windows of samples.
@@ -62,13 +61,13 @@ class Motion:
         Parameters
         ----------
         run : windows
-        kernel : of the robot, the errors of its known bodies included
+        kernel : of the robot
         detector : decides whether the motion is planar, and in which plane
-        uncertainty : of the known side, the target link included
+        declared : unknowns, the errors of known bodies included, and priors, that of the target link included
         sensing : noise of the joint sensors, length of a window in s, density of a gyro's noise, whether anything else
         measures the orientation of the base
         """
-        layout = layout_of(kernel, uncertainty, detector)
+        layout = layout_of(kernel, declared, detector)
         noise, length, gyro, orientation_measured = sensing
         fastest = kernel.springs.highest_frequency
         averaging = KnotAveraging(noise, length, gyro, orientation_measured=orientation_measured, fastest=fastest)
@@ -76,7 +75,7 @@ class Motion:
         windows = [each.ready for each in taken if each.ready is not None]
         if taken[-1].still_open is not None:
             windows.append(taken[-1].still_open)
-        return Motion(layout, windows, averaging.origin, variables(layout, detector, uncertainty))
+        return Motion(layout, windows, averaging.origin, variables(layout, detector, declared))
 
 
 @dataclass(frozen=True, eq=False)

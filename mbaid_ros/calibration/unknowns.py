@@ -1,6 +1,6 @@
 """The unknowns of a calibration, as one vector with one covariance: links, joints, mount of the odometry.
 
-All of it is linear in independent normal numbers: those of the target link's prior, then those of the catalogue. The
+All of it is linear in independent normal numbers: those of the target link's prior, then those of the unknowns. The
 filter sees combinations of them (in a plane, fewer than there are); the rest stays at its prior exactly.
 """
 
@@ -29,7 +29,6 @@ from mbaid_ros.core.robot.momentum import body_sizes, physical, pseudo_inertia
 from mbaid_ros.core.trajectory.solution import estimates_of, passive_joints
 from mbaid_ros.core.unknowns.base import OdometryMount
 from mbaid_ros.core.unknowns.bodies import masses
-from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.flexible import SpringErrors, resolved
 from mbaid_ros.core.unknowns.joints import JointPlacements
@@ -54,9 +53,8 @@ class StandardNormals:
     gaussian: UnknownsPrior
 
     @staticmethod
-    def from_prior(prior: Prior, kernel: MomentumKernel, uncertainty: Uncertainty) -> StandardNormals:
+    def from_prior(prior: Prior, kernel: MomentumKernel, unknowns: tuple[Unknown, ...]) -> StandardNormals:
         """Return the prior."""
-        unknowns = catalogue(kernel, uncertainty)
         numbers = 10 + sum(unknown.count for unknown in unknowns)
         return StandardNormals(prior, kernel.model.joints, unknowns, UnknownsPrior.standard_normal(numbers))
 
@@ -102,7 +100,7 @@ class StandardNormals:
     @property
     def of_the_robot(self) -> UnknownsPrior:
         """Mean and covariance of links, joints, mount, wheels and thrusters: all but the sensors."""
-        of_the_run = (each for each in self.unknowns if each.in_readings and not isinstance(each, OdometryMount))
+        of_the_run = (each for each in self.unknowns if each.in_readings and not each.calibrated)
         count = len(self.gaussian.mean) - sum(unknown.count for unknown in of_the_run)
         return UnknownsPrior(self.gaussian.mean[:count], self.gaussian.factor[:count])
 

@@ -29,8 +29,9 @@ from mbaid_ros.replay.calibrated import Calibrated, summary, why_not
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import check_outputs, passive_joints, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.replay.run import read_motions
+from mbaid_ros.session.catalogue import declared
 from mbaid_ros.session.known_robot import declared_mass, link_deviations
-from mbaid_ros.session.settings import declared_uncertainty, springs, storage
+from mbaid_ros.session.settings import springs, storage
 
 CALIBRATED, INCONSISTENT = 'calibrated', 'inconsistent'
 _INERTIA = PARAMETERS[4:]
@@ -102,13 +103,12 @@ def _settings(kernel: MomentumKernel, estimator: EstimatorConfig) -> Calibration
     for link in estimator.known_links.links:
         model.link(link)
     total = declared_mass(estimator.known_links)
+    circle = replace(estimator.orbit, undeclared_rate=0.0, undeclared_eccentricity=0.0)  # no orbit but the declared one
     return CalibrationSettings(
         noise=estimator.noise.declared,
         priors=tuple(_link_prior(link, estimator.known_links) for link in kernel.unknown),
-        uncertainty=replace(
-            declared_uncertainty(estimator, model),
-            orbit=0.0,
-            circle=None,
+        declared=replace(
+            declared(replace(estimator, orbit=circle), kernel),
             total_mass=None if total is None else replace(total, with_target=True),
         ),
         window=estimator.window,

@@ -181,7 +181,13 @@ class Intake:
         self._robot = robot
         self.joint_reader = JointReader(robot.model.independent_joints, config.wheels.names, config.flexible.joints)
         self.odometry_reader = _odometry_reader(config, robot)
-        self.imu_reader: ImuReader = imu_reader(config, robot.model)
+        self.imu_reader: ImuReader = imu_reader(
+            config.imu,
+            robot.model,
+            config.target_link,
+            config.frame_prefix,
+            config.noise.declared.base_orientation,
+        )
         self.stored_momentum = StoredMomentum(robot.model, config.wheels.momentum_frame)
         self.alone = config.imu.alone
         limit, beside = round(REORDER_TIME * 1e9), robot.kernel.storage.count
@@ -271,5 +277,5 @@ def make_gyro(config: EstimatorConfig, model: RobotModel) -> Gyro | None:
     """Return the integrator of an IMU's angular velocity; None without an IMU."""
     if config.imu.noise_density == 0.0:
         return None
-    on_base = imu_link(config, model) is None
+    on_base = imu_link(config.imu, model, config.target_link, config.frame_prefix) is None
     return Gyro(round(config.maximum_gap * 1e9), config.imu.range, on_base=on_base)

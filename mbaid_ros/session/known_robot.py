@@ -11,14 +11,15 @@ from mbaid_ros.config.calibration import CalibrationFile, read_calibration
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import KnownLinksConfig
 from mbaid_ros.core.errors import ParameterError, listing
+from mbaid_ros.core.filter.state import Declared
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.model_errors import BodyDeviations, KnownErrors, calibrated_errors, independent_errors
 from mbaid_ros.core.robot.momentum import body_sizes
 from mbaid_ros.core.unknowns.bodies import KnownTarget, TotalMass
-from mbaid_ros.core.unknowns.catalogue import CalibratedModel, Uncertainty
-from mbaid_ros.session.settings import declared_uncertainty
+from mbaid_ros.core.unknowns.catalogue import CalibratedModel
+from mbaid_ros.session.catalogue import declared
 
 # Largest difference between the two files, which have 12 digits: of a body, relative to its typical size; of a joint's
 # frame, m or rad.
@@ -35,8 +36,8 @@ _ACCEPTED = 'accepted: the URDF that calibrate --output wrote with it'
 class KnownRobot:
     """The nominal model with its uncertainty, as the trajectory filter needs it."""
 
-    kernel: MomentumKernel  # with the errors of its known bodies, as the catalogue of unknowns has them
-    uncertainty: Uncertainty  # of all else, and the joint covariance of everything
+    kernel: MomentumKernel  # with the errors of its known bodies, as the unknowns have them
+    declared: Declared
 
 
 def with_known_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> tuple[MomentumKernel, Array | None]:
@@ -66,12 +67,12 @@ def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot
 
     Raises ParameterError: The parameters contradict each other or the robot, or the calibration cannot be used.
     """
-    uncertainty = declared_uncertainty(config, kernel.model)
+    as_declared = declared(config, kernel)
     if not config.known_links.calibration:
         given = config.known_links.links.get(kernel.target.name)
         if given is not None and not config.debris.report:  # otherwise it is of the <inertial> alone
-            uncertainty = replace(uncertainty, target=_target_prior(config, kernel, given))
-        return KnownRobot(kernel, replace(uncertainty, total_mass=_mass_without_target(config.known_links, kernel)))
+            as_declared = replace(as_declared, target=_target_prior(config, kernel, given))
+        return KnownRobot(kernel, replace(as_declared, total_mass=_mass_without_target(config.known_links, kernel)))
     found = _calibration(kernel.model, config.known_links)
     side = CalibratedModel(
         tuple(kernel.model.link(name) for name in found.links),
@@ -79,7 +80,9 @@ def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot
         found.values[-6:],
         found.covariance,
     )
-    return KnownRobot(*side.with_kernel(kernel, uncertainty))
+    located = not config.imu.alone or config.imu.orientation
+    kernel, unknowns, known = side.with_kernel(kernel, as_declared.unknowns, located=located)
+    return KnownRobot(kernel, replace(as_declared, unknowns=unknowns, joint_prior=known))
 
 
 def declared_mass(config: KnownLinksConfig) -> TotalMass | None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, cast
+
+import numpy as np
 
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.capture.estimator import CaptureEstimator
@@ -18,7 +19,7 @@ from mbaid_ros.core.trajectory.posterior import Continuation
 from mbaid_ros.core.trajectory.target_runs import TrajectorySettings
 from mbaid_ros.core.two_stage import TwoStageEstimator
 from mbaid_ros.core.unknowns.bodies import KnownTarget
-from mbaid_ros.core.unknowns.catalogue import catalogue
+from mbaid_ros.session.catalogue import conventions, hypotheses, suspects
 from mbaid_ros.session.known_robot import KnownRobot, declared_errors, nominal_model
 
 _RELINEARISED_WINDOWS = 120  # at most, before the linearisation of trajectory freezes: bounds the time of an update
@@ -88,10 +89,16 @@ def _trajectory(
     settings = TrajectorySettings(
         noise=config.noise.declared,
         window=config.window,
-        kept=_DESCRIBED_WINDOWS if isinstance(known.uncertainty.target, KnownTarget) else _RELINEARISED_WINDOWS,
-        uncertainty=known.uncertainty,
-        adapt=_ADAPT,
-        constant=cast("Literal['none', 'inertial', 'body']", config.disturbance.constant),
+        kept=_DESCRIBED_WINDOWS if isinstance(known.declared.target, KnownTarget) else _RELINEARISED_WINDOWS,
+        declared=known.declared,
+        hypotheses=hypotheses(
+            float(np.sum(known.kernel.known[:, 0])),
+            config.noise.declared.base_position,
+            config.disturbance.constant,
+            adapt=_ADAPT and not config.imu.alone,  # drifts show in poses only
+        ),
+        suspects=suspects(known.kernel.model),
+        conventions=conventions(known.declared.marker),
         gyro=config.imu.noise_density,
         located=not config.imu.alone,
         orientation_measured=not config.imu.alone or config.imu.orientation,
@@ -102,14 +109,14 @@ def _trajectory(
 
 def _refuse_unused(config: EstimatorConfig, known: KnownRobot) -> None:
     """Raise a ParameterError if something is declared that the difference form by itself does not use."""
-    disturbance, target = config.disturbance, known.uncertainty.target
+    disturbance, target = config.disturbance, known.declared.target
     unused = {
         f"'disturbance.constant' is '{disturbance.constant}'": disturbance.constant != 'none',
         "'disturbance.torque_time' or '.force_time' is above 0": _has_varying_wrench(config),
         f"'known_links.{known.kernel.target.name[:60]}' is of the link that is identified": isinstance(
             target, KnownTarget
         ),
-        f"'known_links.total_mass' is {config.known_links.total_mass:g} kg": known.uncertainty.total_mass is not None,
+        f"'known_links.total_mass' is {config.known_links.total_mass:g} kg": known.declared.total_mass is not None,
         f"'target_prior.mass_std' is {config.target_prior.mass_std:g} kg": config.target_prior.mass_std > 0.0,
     }
     for given, present in unused.items():
@@ -127,8 +134,7 @@ def _difference(config: EstimatorConfig, known: KnownRobot, reporting: Reporting
         kept_windows=_SOLVED_WINDOWS,
         linear_momentum_std=config.momentum.linear_prior_std,
     )
-    unknowns = catalogue(known.kernel, known.uncertainty)
-    return DifferenceEstimator(known.kernel, settings, reporting, unknowns, known.uncertainty.joint_prior)
+    return DifferenceEstimator(known.kernel, settings, reporting, known.declared.unknowns, known.declared.joint_prior)
 
 
 def _paper(config: EstimatorConfig, kernel: MomentumKernel) -> PaperEstimator:

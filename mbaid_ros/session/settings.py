@@ -1,4 +1,4 @@
-"""From parameters and a robot to the core's settings: frames, orbit, stored momentum, and the robot's uncertainty."""
+"""From groups of parameters and a robot to the core's settings: frames, orbit, stored momentum, and each unknown."""
 
 from __future__ import annotations
 
@@ -7,23 +7,62 @@ from typing import cast
 import numpy as np
 
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig, make_orbit, make_storage
-from mbaid_ros.config.estimator import EstimatorConfig, ThrustConfig
-from mbaid_ros.config.model_errors import FlexibleConfig, KnownJointsConfig, TargetPriorConfig
+from mbaid_ros.config.estimator import DisturbanceConfig, MarkerConfig, MomentumConfig, ThrustConfig, TimeOffsetConfig
+from mbaid_ros.config.model_errors import (
+    FlexibleConfig,
+    KnownJointsConfig,
+    OdometryConfig,
+    OdometryMountConfig,
+    TargetPriorConfig,
+)
+from mbaid_ros.config.sensors import ImuConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import rotation_from_quaternion
+from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Kinematics, Springs
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.momentum import Storage
 from mbaid_ros.core.robot.orbit import FallingFrame
 from mbaid_ros.core.sensors.base import AttachedFrame
-from mbaid_ros.core.unknowns.bodies import TargetPrior
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.environment import Circle, DisturbanceAxes, DisturbanceModel
-from mbaid_ros.core.unknowns.sensors import GyroErrors
+from mbaid_ros.core.unknowns.base import (
+    OdometryMount,
+    OdometryScale,
+    TwistBias,
+    odometry_mount,
+    odometry_scale,
+    twist_bias,
+)
+from mbaid_ros.core.unknowns.bodies import SpinInertias, TargetPrior, spin_inertias
+from mbaid_ros.core.unknowns.declaration import Unknown
+from mbaid_ros.core.unknowns.environment import (
+    Circle,
+    DisturbanceAxes,
+    DisturbanceModel,
+    ExternalForce,
+    ExternalTorque,
+    Gravity,
+    OrbitShape,
+    Thrusters,
+    disturbances,
+    gravity,
+    orbit_shape,
+    thrusters,
+)
+from mbaid_ros.core.unknowns.flexible import spring_errors, starting_swing, swing_noise
+from mbaid_ros.core.unknowns.joints import JointPlacements, JointTracking, joint_placements, joint_tracking
+from mbaid_ros.core.unknowns.sensors import (
+    ClockDrift,
+    Gyro,
+    GyroErrors,
+    TimeOffset,
+    clock_drift,
+    gyro,
+    time_offset,
+)
 from mbaid_ros.messages.imu import ImuReader
 
 _UNIT = 1e-3  # largest difference of a quaternion parameter from unit length
-_NO_MOMENTUM = 1e-9  # N s
+_NO_MOMENTUM = 1e-9  # N s, of a frame that nothing locates: it moves with the common centre of mass
 _IMU_DELAY_STD = 5e-3  # s, of stamps that a driver sets on arrival: half a period at 100 Hz
 _WHEEL_SPEED_STD = 0.05  # rad/s, of tachometers and of Hall sensors: 0.5 rpm
 _TRACKING_TIME = 2.0  # s, in which a servo's following error decorrelates: some periods of its slow loop
@@ -32,33 +71,38 @@ _TRACKING_TIME = 2.0  # s, in which a servo's following error decorrelates: some
 # Frames
 
 
-def marker_frame(config: EstimatorConfig) -> AttachedFrame | None:
+def marker_frame(config: MarkerConfig) -> AttachedFrame | None:
     """Return the frame that the parameters place on the base.
 
     Raises ParameterError: The orientation is no unit quaternion.
     """
-    quaternion = np.array(config.marker.orientation)
+    quaternion = np.array(config.orientation)
     length = float(np.linalg.norm(quaternion))
     if abs(length - 1.0) > _UNIT:
         raise ParameterError(
             f"parameter 'marker.orientation' has length {length:g}; accepted: a quaternion x, y, z, w of length 1"
         )
-    if not config.marker.position:
+    if not config.position:
         return None
-    return AttachedFrame(rotation_from_quaternion(quaternion), np.array(config.marker.position))
+    return AttachedFrame(rotation_from_quaternion(quaternion), np.array(config.position))
 
 
-def imu_link(config: EstimatorConfig, model: RobotModel) -> Link | None:
+def imu_link(config: ImuConfig, model: RobotModel, target_link: str, frame_prefix: str) -> Link | None:
     """Return the link of an IMU that joints move; None on the base.
 
     Raises ParameterError: There is no such link, or it moves with the target.
+
+    Parameters
+    ----------
+    target_link : as of the parameters, the last link if empty
+    frame_prefix : before the names of links in frame names
     """
-    given, links = config.imu.frame, {config.frame_prefix + link.name: link for link in model.links}
+    given, links = config.frame, {frame_prefix + link.name: link for link in model.links}
     if not given:
         return None
-    target, ancestors = model.link(config.target_link or model.last_link).body, Kinematics(model).ancestors
+    target, ancestors = model.link(target_link or model.last_link).body, Kinematics(model).ancestors
     carried = [target > 0 and (body == target or bool(ancestors[body, target - 1])) for body in range(len(ancestors))]
-    accepted = [name for name, link in links.items() if not carried[link.body] and not (config.imu.alone and link.body)]
+    accepted = [name for name, link in links.items() if not carried[link.body] and not (config.alone and link.body)]
     if given not in accepted:
         why = ''
         if given in links:
@@ -67,16 +111,22 @@ def imu_link(config: EstimatorConfig, model: RobotModel) -> Link | None:
     return links[given] if links[given].body else None
 
 
-def imu_reader(config: EstimatorConfig, model: RobotModel) -> ImuReader:
+def imu_reader(
+    config: ImuConfig, model: RobotModel, target_link: str, frame_prefix: str, orientation_std: float
+) -> ImuReader:
     """Return the reader of Imu messages: in base axes, or in those of a link that joints move.
 
     Raises ParameterError: The IMU cannot be on the frame that the parameters name.
+
+    Parameters
+    ----------
+    target_link, frame_prefix : as of `imu_link`
+    orientation_std : rad, of an orientation in messages without a covariance
     """
-    axes = {config.frame_prefix + link.name: link.rotation for link in model.links if link.body == 0}
-    if imu_link(config, model) is not None:
-        axes = {config.imu.frame: np.eye(3)}
-    orientation_std = config.noise.declared.base_orientation if config.imu.orientation else None
-    return ImuReader(axes, config.imu.frame, orientation_std)
+    axes = {frame_prefix + link.name: link.rotation for link in model.links if link.body == 0}
+    if imu_link(config, model, target_link, frame_prefix) is not None:
+        axes = {config.frame: np.eye(3)}
+    return ImuReader(axes, config.frame, orientation_std if config.orientation else None)
 
 
 # Environment
@@ -146,61 +196,130 @@ def _spin_deviations(config: WheelsConfig) -> tuple[float, ...]:
     return (*wheels, *((0.0,) * 3 if config.momentum_frame else ()))
 
 
-# Uncertainty
+# Unknowns, one function for each line of the catalogue
 
 
-def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertainty:
-    """Return the declared uncertainty of joints, mount, wheels, thrusters, stamps, target, momentum and orbit.
+def declared_placements(config: KnownJointsConfig, kernel: MomentumKernel) -> JointPlacements:
+    """Return the placements of the joints.
 
-    Raises ParameterError: A name is not that of a joint, or half of a prior is missing.
+    Raises ParameterError: A name is not that of a joint.
     """
-    joints, mount = config.known_joints, config.odometry_mount
-    alone = config.imu.alone  # without odometry there is no mount, and the frame has no momentum
-    tracking = joint_values(joints, 'tracking_std', model)
-    passive = config.flexible.passive(model.joint_names).values()
-    return Uncertainty(
-        zeros=joint_values(joints, 'zero_std', model),
-        origins=joint_values(joints, 'origin_std', model),
-        axes=joint_values(joints, 'axis_std', model),
-        mount_position=0.0 if alone else mount.position_std,
-        mount_orientation=0.0 if alone else mount.orientation_std,
-        marker=marker_frame(config),
-        spin_inertias=_spin_deviations(config.wheels),
-        thrusters=uncertain_thrusters(config.thrust, model),
-        thrust_scale=config.thrust.scale_std,
-        thrust_direction=config.thrust.direction_std,
-        thrust_delay=config.thrust.delay_std,
-        time_offset=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
-        linear_momentum=_NO_MOMENTUM if alone else config.momentum.linear_prior_std,
-        gyro=_gyro(config, model),
-        clock_drift=config.time_offset.drift_std if config.time_offset.estimate else 0.0,
-        odometry_scale=0.0 if alone else config.odometry.scale_std,
-        twist_bias=0.0 if alone else config.odometry.angular_velocity_bias_std,
-        torque=_pushing(config, 'torque'),
-        force=DisturbanceModel() if alone else _pushing(config, 'force'),
-        tracking=tracking,
-        tracking_time=(_TRACKING_TIME,) * len(tracking),
-        spring_frequency=[joint.frequency_relative_std for joint in passive],
-        spring_ratio=[joint.damping_std for joint in passive],
-        spring_start=[joint.initial_std for joint in passive],
-        spring_noise=[joint.disturbance_std for joint in passive],
-        target=_target_prior(config.target_prior),
-        orbit=0.0 if alone or config.orbit.mean_motion > 0.0 else config.orbit.undeclared_rate,
-        circle=_uncertain_circle(config.orbit),
+    parts = (joint_values(config, part, kernel.model) for part in ('zero_std', 'origin_std', 'axis_std'))
+    return joint_placements(kernel, *parts)
+
+
+def declared_wheels(config: WheelsConfig, kernel: MomentumKernel) -> SpinInertias:
+    """Return the spin inertias of wheels."""
+    return spin_inertias(kernel, _spin_deviations(config))
+
+
+def declared_thrusters(config: ThrustConfig, model: RobotModel) -> Thrusters:
+    """Return the thrusters.
+
+    Raises ModelError, ParameterError: A frame is no link, or named twice.
+    """
+    return thrusters(uncertain_thrusters(config, model), config.scale_std, config.direction_std, config.delay_std)
+
+
+def declared_tracking(config: KnownJointsConfig, model: RobotModel) -> JointTracking:
+    """Return the deviations of the joints from their readings.
+
+    Raises ParameterError: A name is not that of a joint.
+    """
+    deviations = joint_values(config, 'tracking_std', model)
+    return joint_tracking(model.joint_names, deviations, (_TRACKING_TIME,) * len(deviations))
+
+
+def declared_springs(config: FlexibleConfig, kernel: MomentumKernel) -> tuple[Unknown, ...]:
+    """Return the springs of passive joints, how these swing at the start, and what else excites them."""
+    own, passive = kernel.springs, config.passive(kernel.model.joint_names).values()
+    if not own.count:
+        return ()
+    names = [kernel.model.joint_names[joint] for joint in own.joints]
+    return (
+        spring_errors(
+            names, [joint.frequency_relative_std for joint in passive], [joint.damping_std for joint in passive]
+        ),
+        starting_swing(names, [joint.initial_std for joint in passive], own.frequency),
+        swing_noise(names, [joint.disturbance_std for joint in passive], own.frequency, own.damping_ratio),
     )
 
 
-def _pushing(config: EstimatorConfig, kind: str) -> DisturbanceModel:
+def declared_mount(config: OdometryMountConfig, *, located: bool) -> OdometryMount:
+    """Return the mount of the odometry, exact where nothing locates the base."""
+    return odometry_mount(config.position_std, config.orientation_std) if located else odometry_mount(0.0, 0.0)
+
+
+def declared_gyro(config: ImuConfig, link: Link | None) -> Gyro:
+    """Return the errors of an IMU, on a link that joints move if there is one; exact without an IMU."""
+    if config.noise_density == 0.0:
+        return gyro(None)
+    errors = GyroErrors(
+        config.bias_std,
+        config.scale_std,
+        config.orientation_std,
+        0.0 if config.alone else _IMU_DELAY_STD,  # alone, its delay is the joints' time offset
+        config.bias_walk,
+        config.cross_axis_std,
+        alone=config.alone and not config.orientation,
+        with_orientation=config.orientation,
+        link=link,
+    )
+    return gyro(errors)
+
+
+def declared_offset(config: TimeOffsetConfig) -> TimeOffset:
+    """Return the offset of the joints' stamps."""
+    return time_offset(config.prior_std if config.estimate else 0.0)
+
+
+def declared_drift(config: TimeOffsetConfig) -> ClockDrift:
+    """Return the drift of the joints' clock."""
+    return clock_drift(config.drift_std if config.estimate else 0.0)
+
+
+def declared_scale(config: OdometryConfig, *, located: bool) -> OdometryScale:
+    """Return the scale of the odometry, exact where nothing locates the base."""
+    return odometry_scale(config.scale_std if located else 0.0)
+
+
+def declared_twist_bias(config: OdometryConfig, *, located: bool) -> TwistBias:
+    """Return the bias of the odometry's angular velocity, exact where nothing locates the base."""
+    return twist_bias(config.angular_velocity_bias_std if located else 0.0, 0.0)
+
+
+def declared_gravity(config: OrbitConfig, *, located: bool) -> Gravity:
+    """Return the gravity gradient of an orbit that may be there undeclared."""
+    return gravity(config.undeclared_rate if located and config.mean_motion == 0.0 else 0.0)
+
+
+def declared_disturbances(
+    config: DisturbanceConfig, orbit: OrbitConfig, window: float, *, located: bool
+) -> tuple[ExternalTorque, ExternalForce]:
+    """Return a torque and a force from outside; no force where nothing locates the base.
+
+    Raises ParameterError: They vary within a window (s), or have the axes of no orbit.
+    """
+    torque = _pushing(config, 'torque', orbit, window)
+    return disturbances(torque, _pushing(config, 'force', orbit, window) if located else DisturbanceModel())
+
+
+def declared_orbit_shape(config: OrbitConfig) -> tuple[OrbitShape, ...]:
+    """Return the shape of the orbit; none where its eccentricity is declared, or there is no orbit."""
+    circle = _uncertain_circle(config)
+    return () if circle is None else (orbit_shape(circle),)
+
+
+def _pushing(config: DisturbanceConfig, kind: str, declared: OrbitConfig, window: float) -> DisturbanceModel:
     """Return how a force or torque from outside varies; a time that windows cannot show, or no orbit, is refused."""
-    disturbance = config.disturbance
-    deviation, time = getattr(disturbance, f'{kind}_std'), getattr(disturbance, f'{kind}_time')
-    if 0.0 < time < config.window:
+    deviation, time = getattr(config, f'{kind}_std'), getattr(config, f'{kind}_time')
+    if 0.0 < time < window:
         raise ParameterError(
-            f"parameter 'disturbance.{kind}_time' is {time:g} s; accepted: 0, or at least window, {config.window:g} s"
+            f"parameter 'disturbance.{kind}_time' is {time:g} s; accepted: 0, or at least window, {window:g} s"
         )
-    axes = cast('DisturbanceAxes', disturbance.axes)
-    orbit = make_orbit(config.orbit) if axes == 'orbit' else None
-    if axes == 'orbit' and (orbit is None or config.orbit.epoch > 0.0):
+    axes = cast('DisturbanceAxes', config.axes)
+    orbit = make_orbit(declared) if axes == 'orbit' else None
+    if axes == 'orbit' and (orbit is None or declared.epoch > 0.0):
         raise ParameterError(
             "parameter 'disturbance.axes' is 'orbit'; accepted with orbit.mean_motion above 0 and orbit.epoch 0"
         )
@@ -215,23 +334,6 @@ def _uncertain_circle(config: OrbitConfig) -> Circle | None:
     return Circle(orbit, config.undeclared_eccentricity, config.twist == 'relative')
 
 
-def _gyro(config: EstimatorConfig, model: RobotModel) -> GyroErrors | None:
-    imu = config.imu
-    if imu.noise_density == 0.0:
-        return None
-    return GyroErrors(
-        imu.bias_std,
-        imu.scale_std,
-        imu.orientation_std,
-        0.0 if imu.alone else _IMU_DELAY_STD,  # alone, its delay is the joints' time offset
-        imu.bias_walk,
-        imu.cross_axis_std,
-        alone=imu.alone and not imu.orientation,
-        with_orientation=imu.orientation,
-        link=imu_link(config, model),
-    )
-
-
 def joint_values(config: KnownJointsConfig, part: str, model: RobotModel) -> tuple[float, ...]:
     """Return a parameter of each joint: the joint's own, or that of all."""
     foreign = [name for name in config.joints if name not in model.joint_names]
@@ -243,7 +345,12 @@ def joint_values(config: KnownJointsConfig, part: str, model: RobotModel) -> tup
     return tuple(config.joints.get(name, {}).get(part, every) for name in model.joint_names)
 
 
-def _target_prior(config: TargetPriorConfig) -> TargetPrior:
+def declared_linear_momentum(config: MomentumConfig, *, located: bool) -> float:
+    """Return the standard deviation of the linear momentum, N s; 0 where nothing is known of it."""
+    return config.linear_prior_std if located else _NO_MOMENTUM
+
+
+def declared_target(config: TargetPriorConfig) -> TargetPrior:
     """Return the prior of the target; a value without its deviation, or the reverse, is refused."""
     given = {
         'mass': f'{config.mass:g} kg' if config.mass else '',

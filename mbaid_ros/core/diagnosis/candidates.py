@@ -1,7 +1,7 @@
 """Candidate causes for a run that contradicts its model: a table, scored by one loop.
 
 The latest windows are passed through the filter once without any jump of the momentum, at the point that the run has
-come to, with more unknowns than the run has (`unknowns/catalogue.py`). The likelihood gain of a wider prior of one
+come to, with more unknowns than the run has. The likelihood gain of a wider prior of one
 unknown follows from this one pass; the likeliest are passed once more. Further candidates are readings in other
 conventions, readings that are left out, vibrations, disturbances, jumps of the momentum and a target that has changed.
 All gains are log-likelihoods over the same pass, which makes them comparable.
@@ -18,11 +18,10 @@ import numpy as np
 from mbaid_ros.core.diagnosis import readings
 from mbaid_ros.core.diagnosis.conventions import (
     FITTED,
+    Convention,
+    ConventionFactory,
     Fit,
-    axis_conventions,
-    conventions,
     fitted,
-    inverted_marker,
     point_as_described,
 )
 from mbaid_ros.core.diagnosis.filter_passes import SLIPPING, FilterPasses, attempted
@@ -38,7 +37,7 @@ from mbaid_ros.core.diagnosis.ranking import (
 from mbaid_ros.core.filter.bank import LONGEST, HypothesisFilter
 from mbaid_ros.core.filter.batch import WhitenedWindows, Work
 from mbaid_ros.core.filter.square_root import SquareRootInformation
-from mbaid_ros.core.filter.state import Layout, Point
+from mbaid_ros.core.filter.state import Declared, Layout, Point
 from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.window import Window, without_twist
 from mbaid_ros.core.geometry import Array
@@ -46,7 +45,7 @@ from mbaid_ros.core.results.estimate import PULSE
 from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.unknowns.base import OF_TWIST, marker_text, vibration
-from mbaid_ros.core.unknowns.catalogue import Uncertainty, candidate_unknowns, deviation_text, target_changed_text
+from mbaid_ros.core.unknowns.catalogue import deviation_text, target_changed_text
 from mbaid_ros.core.unknowns.declaration import Unknown
 
 _EVERY = 2  # one window in so many shows which convention is likely: for half of the work
@@ -80,8 +79,12 @@ class CandidateCauses:
 
     layout: Layout  # of the run's state
     plane: PlaneDetector  # whether the motion is planar
-    uncertainty: Uncertainty  # of the nominal model
+    declared: Declared  # as of the run
     hypotheses: tuple[Hypothesis, ...]  # that the run is followed under
+    # Beside those of the run, each so nearly exact that the run stays as it was. The likelihood gain of a wider prior
+    # follows from its estimate (`core/filter/prior_scale.py`).
+    suspects: tuple[Unknown, ...] = ()
+    conventions: tuple[ConventionFactory, ...] = ()  # that may be mistaken, in the order in which they are tried
 
     def isolate(
         self, windows: Sequence[Window], point: Point | None, jumps: Sequence[float] = (), wrong_twist: str = ''
@@ -213,9 +216,9 @@ class CandidateCauses:
 
     def _fits(self, windows: Sequence[Window]) -> Work[list[Fit]]:
         """Return the fits of windows under the conventions that are possible, the declared ones first."""
-        found = []
-        kernel, marker = self.layout.kernel, self.uncertainty.marker
-        for convention in (*conventions(kernel), *inverted_marker(kernel, marker), *axis_conventions(kernel, marker)):
+        found, kernel = [], self.layout.kernel
+        others = (convention for mistaken in self.conventions for convention in mistaken(kernel))
+        for convention in (Convention('', kernel), *others):
             if convention.possible(windows):
                 found.append(fitted(windows, convention, _EVERY))
                 yield FITTED // _EVERY
@@ -265,11 +268,11 @@ class CandidateCauses:
 
     @property
     def _suspects(self) -> tuple[Unknown, ...]:
-        return candidate_unknowns(self.layout.causes, self.layout.kernel.model.joint_names)
+        return tuple(each for each in self.suspects if not set(each.causes) & set(self.layout.causes))
 
     def extended(self, *more: Unknown) -> FilterPasses:
         """Return passes with more unknowns."""
-        return FilterPasses(self.layout.extended(more), self.plane, self.uncertainty)
+        return FilterPasses(self.layout.extended(more), self.plane, self.declared)
 
 
 def _text_of(passes: FilterPasses, cause: str) -> Callable[[HypothesisFilter], str | None]:
@@ -280,7 +283,7 @@ def _text_of(passes: FilterPasses, cause: str) -> Callable[[HypothesisFilter], s
         value, kernel = passes.value(filtered, cause), passes.layout.kernel
         if kind == 'link' and value[0] <= -_LIGHTER * kernel.known[kernel.model.link(name).body, 0]:
             return None
-        declared = f', or set {marker_text(value, passes.uncertainty.marker)}' if kind == 'mount' else ''
+        declared = f', or set {marker_text(value, passes.declared.marker)}' if kind == 'mount' else ''
         return deviation_text(cause, value) + declared
 
     return text

@@ -15,8 +15,8 @@ from mbaid_ros.core.filter.window import Stack, Window, stacked, without_twist
 from mbaid_ros.core.geometry import Array, exp, log, quaternion_from_rotation, rotation_from_quaternion, skew
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import inertia_matrix
-from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.unknowns.base import marker_text
+from mbaid_ros.core.unknowns.declaration import PlacedFrame
 
 FITTED = 30  # work of fitting all windows, in steps of the filter
 
@@ -53,21 +53,32 @@ class Convention:
         return not self.base_range or _largest(each.knots.base_position for each in windows) > self.base_range
 
 
-def conventions(kernel: MomentumKernel) -> Iterator[Convention]:
-    """Yield the robot as it is described, and all that is tried beside it."""
-    names, count = kernel.model.joint_names, kernel.model.joints
-    order = np.arange(count, dtype=np.int64)
-    yield Convention('', kernel)
-    for joint, name in enumerate(names):
+# What may be mistaken on a robot.
+ConventionFactory = Callable[[MomentumKernel], Iterable[Convention]]
+
+
+def reversed_joints(kernel: MomentumKernel) -> Iterator[Convention]:
+    """Yield each joint with the other sign."""
+    order = np.arange(kernel.model.joints, dtype=np.int64)
+    for joint, name in enumerate(kernel.model.joint_names):
         text = f'the sign of {name} is wrong: reverse it in the driver or the URDF'
         yield Convention(
             text, kernel, partial(_joints, change=partial(np.multiply, np.where(order == joint, -1.0, 1.0)))
         )
+
+
+def swapped_joints(kernel: MomentumKernel) -> Iterator[Convention]:
+    """Yield each pair of joints, the one in the place of the other."""
+    names, count = kernel.model.joint_names, kernel.model.joints
     for one, other in combinations(range(count), 2) if count <= _MOST_PAIRS else ():
-        swapped = order.copy()
+        swapped = np.arange(count, dtype=np.int64)
         swapped[[one, other]] = other, one
         text = f'{names[one]} and {names[other]} are swapped: check the names in the joint states'
         yield Convention(text, kernel, partial(_joints, change=partial(np.take, indices=swapped, axis=1)))
+
+
+def joints_stamped_late(kernel: MomentumKernel) -> Iterator[Convention]:
+    """Yield joints that are stamped too late or too early."""
     for delay in _DELAYS.tolist():
         more = ' or more' if abs(delay) == _DELAYS[-1] else ''
         how = f'{1e3 * abs(delay):.0f} ms{more} {"late" if delay > 0.0 else "early"}'
@@ -75,17 +86,23 @@ def conventions(kernel: MomentumKernel) -> Iterator[Convention]:
             f'the joints are stamped some {how} against the poses: correct the stamps, or raise time_offset.prior_std'
         )
         yield Convention(text, kernel, partial(_stamped, delay=delay), delay=delay)
+
+
+def joints_in_degrees(kernel: MomentumKernel) -> Iterator[Convention]:
+    """Yield joint positions in degrees; none for a robot that only slides, which reads the same in either unit."""
     degrees = np.where(kernel.model.prismatic, 1.0, np.deg2rad(1.0))
-    if np.any(degrees != 1.0):  # a robot that only slides reads the same in either unit
+    if np.any(degrees != 1.0):
         text = 'the joint positions are in degrees: in ROS they are in radians'
         yield Convention(text, kernel, partial(_joints, change=partial(np.multiply, degrees)), joint_range=_TURN)
+
+
+def mistaken_poses(kernel: MomentumKernel) -> Iterator[Convention]:
+    """Yield inverse orientations, quaternions with w first, and positions in millimetres."""
     for text, pose, far in _POSES:
         yield _posed(text, kernel, pose, base_range=far)
-    yield from _targets(kernel)
-    yield from _masses(kernel)
 
 
-def _targets(kernel: MomentumKernel) -> Iterator[Convention]:
+def other_targets(kernel: MomentumKernel) -> Iterator[Convention]:
     """Yield another unknown link on each other body: the last one with an inertia."""
     last = {link.body: link.name for link in kernel.model.links if link.parameters[0] > 0.0}
     for body, name in last.items() if len(kernel.unknown) == 1 else ():
@@ -94,7 +111,7 @@ def _targets(kernel: MomentumKernel) -> Iterator[Convention]:
             yield Convention(text, kernel.with_unknown_link(name), misfit_left=_RIGHT)
 
 
-def _masses(kernel: MomentumKernel) -> Iterator[Convention]:
+def mistaken_masses(kernel: MomentumKernel) -> Iterator[Convention]:
     """Yield links in a wrong unit: each, and all that move."""
     links = [link for link in kernel.model.links if link.parameters[0] > 0.0]
     # Of links fixed to each other.
@@ -149,7 +166,7 @@ def _posed(
     return Convention(text, kernel, changed, base_range=base_range, misfit_left=left)
 
 
-def inverted_marker(kernel: MomentumKernel, marker: AttachedFrame | None) -> Iterator[Convention]:
+def inverted_marker(kernel: MomentumKernel, marker: PlacedFrame | None) -> Iterator[Convention]:
     """Yield the declared marker as the pose of the base link in the marker's frame."""
     if marker is not None:
         mount = np.concatenate(
@@ -162,7 +179,7 @@ def inverted_marker(kernel: MomentumKernel, marker: AttachedFrame | None) -> Ite
         yield _posed(text, kernel, partial(_mounted, mount=mount))
 
 
-def axis_conventions(kernel: MomentumKernel, marker: AttachedFrame | None = None) -> Iterator[Convention]:
+def axis_conventions(kernel: MomentumKernel, marker: PlacedFrame | None = None) -> Iterator[Convention]:
     """Yield the base's frame in the 23 other right-handed axes, and its positions in the 47 others."""
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         axes = np.array(signs)[:, None] * np.eye(3)[list(order)]  # from the readings to the true ones

@@ -13,14 +13,13 @@ from mbaid_ros.core.filter.bank import HypothesisFilter, rare_event_likelihood
 from mbaid_ros.core.filter.batch import BatchIteration, WhitenedWindows, Work
 from mbaid_ros.core.filter.prior_scale import PriorComparison
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
-from mbaid_ros.core.filter.state import BODY, MOMENTUM, Layout, Point
+from mbaid_ros.core.filter.state import BODY, MOMENTUM, Declared, Layout, Point
 from mbaid_ros.core.filter.time_update import Hypothesis, pose_reset, with_process_noise
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.filter.window import Window, in_stacks
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
 # Passes, each linearised nearer to the solution: the rest is far below the gains that decide between causes.
@@ -37,12 +36,12 @@ class FilterPasses:
 
     layout: Layout
     plane: PlaneDetector
-    uncertainty: Uncertainty
+    declared: Declared
 
     @cached_property
     def variables(self) -> Variables:
         """Of the filter."""
-        return variables(self.layout, self.plane, self.uncertainty)
+        return variables(self.layout, self.plane, self.declared)
 
     @property
     def _batch(self) -> BatchIteration:

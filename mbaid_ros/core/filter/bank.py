@@ -10,14 +10,7 @@ import numpy as np
 
 from mbaid_ros.core.filter.square_root import SquareRootInformation, update_together
 from mbaid_ros.core.filter.state import MOMENTUM
-from mbaid_ros.core.filter.time_update import (
-    UNDISTURBED,
-    Hypothesis,
-    advance,
-    at_window_start,
-    momentum_inflation,
-    pose_reset,
-)
+from mbaid_ros.core.filter.time_update import Hypothesis, advance, at_window_start, momentum_inflation, pose_reset
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import Axes, WhitenedWindow
 from mbaid_ros.core.filter.window import Window
@@ -40,43 +33,30 @@ def _constant_force(axes: Axes, where: str, what: str) -> Hypothesis:
     return Hypothesis(name, f'{name}: {what}; set disturbance.constant to {declared}', force=axes)
 
 
-_INERTIAL_FORCES = (
+INERTIAL_FORCES = (
     _constant_force('inertial', 'inertial axes, at the common centre of mass', 'a tilted table, or drag'),
     _constant_force('inertial on the base', 'inertial axes, on the base', 'a cable, or a leak'),
 )
-_BODY_FORCE = _constant_force('body', 'base axes', 'a leak or thrust, or unreported wheels spin up')
+BODY_FORCE = _constant_force('body', 'base axes', 'a leak or thrust, or unreported wheels spin up')
 
 
-def hypotheses(known_mass: float, position_std: float, constant: Axes, *, adapt: bool) -> tuple[Hypothesis, ...]:
-    """Return the hypotheses of a run; the first is the one to beat.
+def drifting_momentum(known_mass: float) -> Hypothesis:
+    """Return the momentum of a robot with known bodies of a mass, kg, as a random walk."""
+    return Hypothesis(
+        'the momentum drifts',
+        'an unreported part moves (wheels, an arm, fuel), or a changing force acts: the momentum drifts',
+        momentum=_CHANGING_FORCE * known_mass,
+        physical=False,
+    )
 
-    Parameters
-    ----------
-    known_mass : kg, of the known bodies
-    position_std : m, of one reading of the base's position
-    constant : axes of a force that is taken to act, wherever; there are no other hypotheses then
-    adapt : whether others than the first are followed
-    """
-    if constant != 'none':
-        return (_BODY_FORCE,) if constant == 'body' else _INERTIAL_FORCES
-    if not adapt:
-        return (UNDISTURBED,)
-    return (
-        UNDISTURBED,
-        *_INERTIAL_FORCES,
-        _BODY_FORCE,
-        Hypothesis(
-            'the momentum drifts',
-            'an unreported part moves (wheels, an arm, fuel), or a changing force acts: the momentum drifts',
-            momentum=_CHANGING_FORCE * known_mass,
-            physical=False,
-        ),
-        Hypothesis(
-            'the odometry position drifts',
-            'the odometry position drifts: check the sensor, or set noise.base_correlation_time',
-            position=position_std,
-            physical=False,
-        ),
+
+def drifting_position(position_std: float) -> Hypothesis:
+    """Return the position of the odometry, of which a reading has a standard deviation in m, as a random walk."""
+    return Hypothesis(
+        'the odometry position drifts',
+        'the odometry position drifts: check the sensor, or set noise.base_correlation_time',
+        position=position_std,
+        physical=False,
     )
 
 

@@ -27,7 +27,6 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.passive import passive_momenta, spring_constants
 from mbaid_ros.core.robot.sensitivity import sensitivity_to_joints
 from mbaid_ros.core.samples import ArrayRecord
-from mbaid_ros.core.unknowns.flexible import SwingNoise
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,7 @@ def _of_swing(
     begin = 0
     for unknown in layout.unknowns:
         count = int(np.sum(np.isfinite(unknown.time_constants)))
-        if isinstance(unknown, SwingNoise):
+        if unknown.noise_driven:
             variance[:, begin : begin + count] = unknown.process_variances(rates)
         begin += count
     ends = np.minimum(1.0 / (np.sqrt(2.0) * springs.frequency), length[:, 0] / np.sqrt(3.0)) * rates

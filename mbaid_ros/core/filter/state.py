@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
@@ -20,9 +21,7 @@ from mbaid_ros.core.robot.kinematics import Configuration, PlaneDetector
 from mbaid_ros.core.robot.model import Link
 from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS, body_sizes, summed_over_bodies
 from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
-from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
-from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown
-from mbaid_ros.core.unknowns.flexible import SwingNoise
+from mbaid_ros.core.unknowns.declaration import NominalModel, PlacedFrame, Unknown, uncertain
 from mbaid_ros.core.unknowns.priors import UnknownsPrior, in_plane_map
 
 POSE, LINEAR, ANGULAR, BODY = slice(0, 6), slice(6, 9), slice(9, 12), slice(12, 22)
@@ -31,6 +30,50 @@ MOMENTUM = slice(LINEAR.start, ANGULAR.stop)
 # Rows of a twist (v, w) in the order (angular, linear) of a pose error.
 ANGULAR_FIRST = np.array([3, 4, 5, 0, 1, 2])
 BODY_PLACES = np.arange(BODY.start, BODY.stop)
+
+
+class BodyPrior(Protocol):
+    """A prior of the target."""
+
+    @property
+    def declared(self) -> bool:
+        """Whether anything is."""
+
+    def apply(self, mean: Array, factor: Array) -> None:
+        """Put it into mean (10,) and covariance factor (10, 10) of (m, h, I_o)."""
+
+
+class WeighedMass(Protocol):
+    """A mass of the whole robot."""
+
+    @property
+    def mass(self) -> float:
+        """Its value, kg."""
+
+    @property
+    def std(self) -> float:
+        """Its standard deviation, kg."""
+
+    @property
+    def with_target(self) -> bool:
+        """Whether all of the target is weighed as well."""
+
+
+@dataclass(frozen=True, eq=False)
+class Declared:
+    """What is declared of a robot and its run: the unknowns, and the priors of all that is none."""
+
+    unknowns: tuple[Unknown, ...] = ()  # in the order of the state: those that are only read come last
+    target: BodyPrior | None = None
+    linear_momentum: float = 0.0  # N s, of the total linear momentum about zero; 0 where nothing is known of it
+    joint_prior: UnknownsPrior | None = None  # of all independent numbers together, after a calibration
+    total_mass: WeighedMass | None = None  # where the whole robot was weighed
+    marker: PlacedFrame | None = None  # that the odometry locates; None for the base link or another link
+    imu: Link | None = None  # the link that an IMU is on, where joints move it
+
+    def with_links(self, links: Unknown) -> Declared:
+        """Return the same with errors of known links, of which there are none yet."""
+        return replace(self, unknowns=uncertain(links, *self.unknowns))
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +225,7 @@ class Layout:
     @cached_property
     def noise_driven(self) -> Array:
         """Which of the unknowns' e numbers the joints' noise drives, too, as ones among zeros."""
-        return numbers_of(self.unknowns, [isinstance(each, SwingNoise) for each in self.unknowns]).astype(float)
+        return numbers_of(self.unknowns, [each.noise_driven for each in self.unknowns]).astype(float)
 
     @cached_property
     def joint_columns(self) -> Array:
@@ -211,9 +254,9 @@ def near_part(parameters: Array, step: Array) -> float:
     return min(1.0, _NEAR / max(change, _NEAR))
 
 
-def layout_of(kernel: MomentumKernel, uncertainty: Uncertainty, detector: PlaneDetector) -> Layout:
-    """Return the layout for the uncertainty of a robot that moves in a plane or in space."""
-    unknowns, known = catalogue(kernel, uncertainty), uncertainty.joint_prior
+def layout_of(kernel: MomentumKernel, declared: Declared, detector: PlaneDetector) -> Layout:
+    """Return the layout for the declared unknowns of a robot that moves in a plane or in space."""
+    unknowns, known = declared.unknowns, declared.joint_prior
     if known is not None:
         # The swing of passive joints at the start of another run does not apply to this one.
         known = known.drawn_anew(numbers_of(unknowns, [each.redrawn_after_gap for each in unknowns]))
@@ -222,7 +265,7 @@ def layout_of(kernel: MomentumKernel, uncertainty: Uncertainty, detector: PlaneD
         known = known and known.of([in_plane_map(*pair) for pair in zip(unknowns, seen, strict=True)])
         unknowns = seen
     layout = Layout.from_unknowns(kernel, unknowns, known, detector.equation_selection() if detector.planar else None)
-    return replace(layout, imu=None if uncertainty.gyro is None else uncertainty.gyro.link)
+    return replace(layout, imu=declared.imu)
 
 
 def mobility_and_joint_momentum(

@@ -9,12 +9,10 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from mbaid_ros.core.errors import DataError
-from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR, MOMENTUM, POSE, Layout, numbers_of
+from mbaid_ros.core.filter.state import ANGULAR, BODY, LINEAR, MOMENTUM, POSE, Declared, Layout, WeighedMass, numbers_of
 from mbaid_ros.core.geometry import Array, Flags, Integers
 from mbaid_ros.core.robot.kernel import unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.unknowns.bodies import KnownBodies, TotalMass
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
 
 _ANGLE, _LENGTH = 1e-3, 1e-2  # rad, m: typical pose errors, which only scale
 _OPEN_ANGLE, OPEN_LENGTH = 1e-2, 0.1  # rad, m: standard deviations of the first pose error: no prior, in effect
@@ -212,19 +210,20 @@ def _solved(rows: Array) -> tuple[Array, Array]:
     return np.linalg.solve(root[:, :-1], root[:, -1]), root[:, :-1]
 
 
-def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty) -> Variables:
+def variables(layout: Layout, detector: PlaneDetector, declared: Declared) -> Variables:
     """Return the filter's variables for a motion in a plane or in space, with the priors of target and momentum."""
-    typical = _typical(layout, uncertainty)
+    typical = _typical(layout, declared)
     sizes = np.ones(layout.size)
     sizes[:3], sizes[3:6] = _ANGLE, _LENGTH
     sizes[LINEAR], sizes[ANGULAR], sizes[BODY] = typical[10:13], typical[13:16], typical[:10]
     deviation = sizes.copy()
     deviation[:3], deviation[3:6] = _OPEN_ANGLE, OPEN_LENGTH
     deviation[MOMENTUM.start : BODY.stop] *= _OPEN
-    if uncertainty.linear_momentum > 0.0:
-        deviation[LINEAR] = uncertainty.linear_momentum
+    if declared.linear_momentum > 0.0:
+        deviation[LINEAR] = declared.linear_momentum
     mean, factor = np.zeros(layout.size), np.diag(deviation)
-    uncertainty.target.apply(mean[BODY], factor[BODY, BODY])
+    if declared.target is not None:
+        declared.target.apply(mean[BODY], factor[BODY, BODY])
     mean[BODY.stop :] = layout.known.mean
     basis, measured = _planar(layout, detector) if detector.planar else (np.eye(layout.size), np.eye(6))
     force = detector.equation_selection().T * (_FORCE * typical[10:16] @ np.abs(detector.equation_selection().T))
@@ -244,17 +243,18 @@ def variables(layout: Layout, detector: PlaneDetector, uncertainty: Uncertainty)
         motion_change=_drawn_anew(numbers_of(unknowns, [each.redrawn_per_motion for each in unknowns]) & constant),
         time_constants=times,
         gap_change=_drawn_anew(numbers_of(unknowns, [each.redrawn_after_gap for each in unknowns])),
-        mass_row=None if uncertainty.total_mass is None else _mass_row(layout, uncertainty.total_mass, basis * scale),
+        mass_row=None if declared.total_mass is None else _mass_row(layout, declared.total_mass, basis * scale),
     )
 
 
-def _mass_row(layout: Layout, total: TotalMass, spread: Array) -> Array:
+def _mass_row(layout: Layout, total: WeighedMass, spread: Array) -> Array:
     """Return the (v + 1,) row of the robot's mass: that of the known bodies, and of the target if it is weighed too."""
     row = np.zeros(layout.size)
     row[BODY.start] = float(total.with_target)
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
-        if isinstance(unknown, KnownBodies):
-            row[place] = unknown.factor[::10].sum(axis=0)
+        own = unknown.mass_row()
+        if own is not None:
+            row[place] = own
     value = total.mass - float(np.sum(layout.kernel.known[:, 0]))
     return np.append(row @ spread, value) / total.std
 
@@ -271,11 +271,12 @@ def _drawn_anew(which: Flags) -> Array:
     return np.asarray(np.sqrt(2.0) * np.eye(len(which))[:, which])
 
 
-def _typical(layout: Layout, uncertainty: Uncertainty) -> Array:
+def _typical(layout: Layout, declared: Declared) -> Array:
     """Return the (16,) typical sizes of body and momentum: those of the target if it is the heavier part."""
     typical = unknown_scale(layout.kernel)
     mean = np.zeros(10)
-    uncertainty.target.apply(mean, np.eye(10))
+    if declared.target is not None:
+        declared.target.apply(mean, np.eye(10))
     typical *= max(1.0, mean[0] / typical[0])
     return typical
 

@@ -117,8 +117,8 @@ class TrajectoryEstimator:
         history = self._history(run, now, distribution, verdict)
         solution = self._solved(run, distribution, prior_scales, verdict, history.flexible)
         estimate = self._reporting.estimate(solution, history)
-        known, uncertainty = estimate.identifiable, self._settings.uncertainty
-        budget = error_budget(distribution, layout, uncertainty, prior_scales, known) if known.any() else None
+        known, declared = estimate.identifiable, self._settings.declared
+        budget = error_budget(distribution, layout, declared, prior_scales, known) if known.any() else None
         estimate = replace(estimate, budget=budget, causes=history.causes)
         if not self._settings.located:  # the frame moves with the common centre of mass
             momentum, covariance = estimate.momentum.copy(), estimate.momentum_covariance.copy()

@@ -11,7 +11,7 @@ import numpy as np
 from mbaid_ros.core.filter.bank import HypothesisFilter
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
-from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Declared, Layout
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.linear_algebra import chi_square_limit
@@ -20,7 +20,6 @@ from mbaid_ros.core.results.parameters import SENSOR_NOISE, DeferredBudget, Erro
 from mbaid_ros.core.results.status import MOST_JUMPS, Reason
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import physical_jacobian
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.environment import Thrusters
 from mbaid_ros.core.unknowns.flexible import FREQUENCY, SpringErrors
@@ -61,7 +60,7 @@ _ROUNDING = 1e-3  # of a variance: a share further below zero is a difference of
 def error_budget(
     distribution: MeanAndCovariance,
     layout: Layout,
-    uncertainty: Uncertainty,
+    declared: Declared,
     prior_scales: PriorScaleFactors,
     known: Flags,
 ) -> ErrorBudget:
@@ -70,14 +69,14 @@ def error_budget(
     Parameters
     ----------
     distribution, layout : of the filter
-    uncertainty : priors of target and momentum, where they are given
+    declared : priors of target and momentum, where they are given
     prior_scales : scale factors of the unknowns' priors
     known : (10,) which parameters are determined
     """
     given = []
-    if uncertainty.target.declared:
+    if declared.target is not None and declared.target.declared:
         given.append(('target prior', distribution.variables.body))
-    if uncertainty.linear_momentum > 0.0:
+    if declared.linear_momentum > 0.0:
         given.append(('momentum prior', slice(distribution.variables.poses, distribution.variables.head)))
     names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
     # Kept with many estimates: without the 150 kB that have been computed from this one.

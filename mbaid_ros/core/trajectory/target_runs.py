@@ -8,16 +8,16 @@ from functools import partial
 import numpy as np
 
 from mbaid_ros.core.diagnosis.candidates import CandidateCauses
+from mbaid_ros.core.diagnosis.conventions import ConventionFactory
 from mbaid_ros.core.diagnosis.fault_isolation import FaultIsolation
 from mbaid_ros.core.diagnosis.filter_passes import another_body
 from mbaid_ros.core.diagnosis.ranking import Change
-from mbaid_ros.core.filter.bank import hypotheses
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.run import FilterRun
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
-from mbaid_ros.core.filter.state import BODY, Layout, layout_of
+from mbaid_ros.core.filter.state import BODY, Declared, Layout, layout_of
+from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.variables import Variables, variables
-from mbaid_ros.core.filter.whitened import Axes
 from mbaid_ros.core.filter.window import Window, without_twist
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Event, changed_by
@@ -27,7 +27,8 @@ from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.trajectory.posterior import Continuation
 from mbaid_ros.core.trajectory.solution import jumps
-from mbaid_ros.core.unknowns.catalogue import Uncertainty, kind_in_words, target_changed_text
+from mbaid_ros.core.unknowns.catalogue import kind_in_words, target_changed_text
+from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
 
@@ -38,10 +39,10 @@ class TrajectorySettings:
     noise: SensorNoise  # of the joint sensors, and of the base where the samples carry none
     window: float  # s
     kept: int  # windows that are relinearised in the initialisation
-    uncertainty: Uncertainty  # of the known side
-    # whether to follow hypotheses of constant forces, drifting momentum and drifting odometry, and take the best
-    adapt: bool
-    constant: Axes = 'none'  # axes of a constant force and torque that is taken to act
+    declared: Declared  # unknowns, and priors of all else
+    hypotheses: tuple[Hypothesis, ...]  # that are followed; the first is the one to beat
+    suspects: tuple[Unknown, ...] = ()  # that a contradicted run is tried with, each nearly exact
+    conventions: tuple[ConventionFactory, ...] = ()  # that a contradicted run may have mistaken
     gyro: float = 0.0  # rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
     located: bool = True  # whether anything locates the base; linear momentum means nothing where not
     orientation_measured: bool = True  # whether anything but a gyro measures the orientation
@@ -143,8 +144,8 @@ class TargetRuns:
         origin : (3,) m, of the runs, in the odometry frame
         """
         if self.run is None or self.run.planar != self._plane.planar:
-            self.layout = layout_of(self._kernel, self._settings.uncertainty, self._plane)
-            self.variables = variables(self.layout, self._plane, self._settings.uncertainty)
+            self.layout = layout_of(self._kernel, self._settings.declared, self._plane)
+            self.variables = variables(self.layout, self._plane, self._settings.declared)
             before = self._settings.before
             if before is not None and before.planar == self._plane.planar:
                 self.variables = self.variables.for_continued_run(before.root, before.bias)
@@ -167,12 +168,12 @@ class TargetRuns:
 
     def _new_run(self, windows: list[Window]) -> FilterRun:
         """Return a run over some windows."""
-        settings, known_mass = self._settings, float(np.sum(self._kernel.known[:, 0]))
-        adapt = settings.adapt and settings.located  # drifts show in poses only
-        bank = hypotheses(known_mass, settings.noise.base_position, settings.constant, adapt=adapt)
-        candidates = CandidateCauses(self.layout, self._plane, settings.uncertainty, bank)
+        settings, layout, bank = self._settings, self.layout, self._settings.hypotheses
+        candidates = CandidateCauses(
+            layout, self._plane, settings.declared, bank, settings.suspects, settings.conventions
+        )
         self.isolation = FaultIsolation(candidates, settings.noise)
-        run = FilterRun(self.layout, self.variables, bank, settings.kept)
+        run = FilterRun(layout, self.variables, bank, settings.kept)
         run.expect(windows)
         for window in windows:
             run.filter_windows(window, None, joints_moved=True)
@@ -204,7 +205,7 @@ class TargetRuns:
         undisturbed = run.prior_scales(run.distribution_of_first()) if hypothesis.disturbed else prior_scales
         beside_prior = prior_scales if hypothesis.physical else undisturbed
         # A declared force has no rival: nothing was estimated without it.
-        declared = self._settings.constant != 'none'
+        declared = self._settings.hypotheses[0].force != 'none'
         instead, gain = ('', 0.0) if declared else undisturbed.likeliest
         return Evidence(
             nis=gaussian.nis / max(gaussian.measured, 1),

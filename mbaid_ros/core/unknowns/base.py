@@ -16,8 +16,16 @@ from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.momentum import inertia_matrix
 from mbaid_ros.core.robot.orbit import orbit_fixed_frame
 from mbaid_ros.core.robot.sensitivity import force_cross, motion_cross
-from mbaid_ros.core.sensors.base import AttachedFrame
-from mbaid_ros.core.unknowns.declaration import Linear, NominalModel, Reading, Unknown, Words, diagonal, twist_in_plane
+from mbaid_ros.core.unknowns.declaration import (
+    Linear,
+    NominalModel,
+    PlacedFrame,
+    Reading,
+    Unknown,
+    Words,
+    diagonal,
+    twist_in_plane,
+)
 
 SCALE, ANGULAR_BIAS, LINEAR_BIAS = 'odometry scale', 'twist bias', 'twist velocity bias'
 TURNING, LATE = 'odometry turning', 'twist late'
@@ -42,6 +50,7 @@ class OdometryMount(Unknown):
         )
     }
     in_readings = True
+    calibrated = True
 
     def equation_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return how the equations of a robot that is measured by its odometry's frame depend on where that is.
@@ -86,14 +95,14 @@ def odometry_mount(position_std: float, orientation_std: float) -> OdometryMount
     return OdometryMount(diagonal(np.repeat((orientation_std, position_std), 3)), ('mount',) * 6)
 
 
-def marker_text(mount: Array, marker: AttachedFrame | None) -> str:
+def marker_text(mount: Array, marker: PlacedFrame | None) -> str:
     """Return the parameters that declare a mount (6,), rad and m, found on top of the declared marker if there is one.
 
     With E = Exp(mu_R) the marker that the poses locate has the axes E^T A and the origin E^T (a - mu_p).
     """
-    declared = marker or AttachedFrame(np.eye(3), np.zeros(3))
+    rotation, position = (np.eye(3), np.zeros(3)) if marker is None else (marker.rotation, marker.position)
     back = exp(mount[:3]).T
-    position, quaternion = back @ (declared.position - mount[3:]), quaternion_from_rotation(back @ declared.rotation)
+    position, quaternion = back @ (position - mount[3:]), quaternion_from_rotation(back @ rotation)
     place, turn = (', '.join(f'{x:.5f}' for x in np.round(each, 5) + 0.0) for each in (position, quaternion))
     return f'marker.position: [{place}], marker.orientation: [{turn}]' + (
         '' if marker else ' (of a child_frame_id that is no link)'

@@ -43,11 +43,16 @@ class KnownBodies(Unknown):
         ),
         'mass': Words(parameter='known_links.relative_std'),
     }
+    calibrated = True
 
     @cached_property
     def parts(self) -> tuple[str, ...]:
         """Of each independent number, the mass of its link where it alone makes that out; or ''."""
         return masses([label.partition(':')[2] for label in self.labels[::10]], self.factor)
+
+    def mass_row(self) -> Array:
+        """Return the sum of the bodies' masses."""
+        return np.asarray(self.factor[::10].sum(axis=0))
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return the bodies' regressors, less the orbit's momentum: momentum is linear in a body's parameters."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -82,6 +82,18 @@ class Reading:
     imu: ImuMotion | None = None  # where there is one
 
 
+class PlacedFrame(Protocol):
+    """A frame on the base."""
+
+    @property
+    def rotation(self) -> Array:
+        """Its axes in the base link's frame, (3, 3)."""
+
+    @property
+    def position(self) -> Array:
+        """Its origin there, (3,) m."""
+
+
 @dataclass(frozen=True)
 class Words:
     """The words for the causes of one kind: 'zero:elbow' is of the kind 'zero'."""
@@ -118,6 +130,10 @@ class Unknown:
     redrawn_after_gap = False
     # Whether it adds to the joints' motion.
     moves_joints = False
+    # Whether a calibration file holds it: links, placements of joints, mount.
+    calibrated = False
+    # Whether the joints' noise drives its numbers beyond their prior.
+    noise_driven = False
 
     @property
     def count(self) -> int:
@@ -149,6 +165,10 @@ class Unknown:
         states : of N samples, all bodies known
         """
         del kernel, states
+        return None
+
+    def mass_row(self) -> Array | None:
+        """Return how the robot's mass depends on its independent numbers, (e,), kg; None where it does not."""
         return None
 
     def equation_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
@@ -196,6 +216,15 @@ class Unknown:
         Its prior is the stationary one, of unit variance; numbers D apart correlate by exp(-D / time).
         """
         return np.full(self.count, np.inf)
+
+    def process_variances(self, rates: Array) -> Array:
+        """Return the variances (B, e) that the joints' noise adds to its numbers, where that drives them.
+
+        Parameters
+        ----------
+        rates : (B, f) that a window's noise adds to each passive joint, rad/s or m/s
+        """
+        raise NotImplementedError(type(self).__name__)
 
     @property
     def joint_columns(self) -> Array | None:
@@ -247,6 +276,11 @@ def diagonal(deviations: Sequence[float] | Array) -> Array:
     """Return the (k, e) factor of independent numbers with these standard deviations (k,); 0 is exact."""
     sizes = np.asarray(deviations, dtype=float)
     return np.diag(sizes)[:, sizes > 0.0]
+
+
+def uncertain(*unknowns: Unknown) -> tuple[Unknown, ...]:
+    """Return those that are not exact, in the same order."""
+    return tuple(unknown for unknown in unknowns if unknown.count and unknown.factor.any())
 
 
 def twist_in_plane(detector: PlaneDetector) -> Array:

@@ -98,6 +98,7 @@ class SwingNoise(Unknown):
         DISTURBANCE: Words('unmodelled excitation of passive joints', 'flexible.<joint>.disturbance_std')
     }
     in_equations = False
+    noise_driven = True
 
     @property
     def time_constants(self) -> Array:

@@ -50,6 +50,7 @@ class JointPlacements(Unknown):
             lambda name, value: f'the axis of {name} is off by {1e3 * np.linalg.norm(value):.3g} mrad: check the URDF',
         ),
     }
+    calibrated = True
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return the change of the momentum by a displaced load of a joint."""
