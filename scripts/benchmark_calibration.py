@@ -16,6 +16,7 @@ from mbaid_ros.calibration.result import Calibration
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
+from mbaid_ros.core.filter.state import Declared
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -23,8 +24,10 @@ from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import RobotModel, displaced
 from mbaid_ros.core.robot.model_errors import BodyDeviations
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.unknowns.catalogue import CalibratedModel, Uncertainty
-from mbaid_ros.core.unknowns.declaration import NominalModel
+from mbaid_ros.core.unknowns.base import odometry_mount
+from mbaid_ros.core.unknowns.catalogue import CalibratedModel
+from mbaid_ros.core.unknowns.declaration import NominalModel, uncertain
+from mbaid_ros.core.unknowns.joints import joint_placements
 from mbaid_ros.session.known_robot import KnownRobot
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.simulation.true_robot import ErrorStds, true_robot
@@ -33,7 +36,6 @@ SECONDS = 120.0
 LINKS = ('link7', 'base_link', *(f'link{index}' for index in range(1, 7)))
 PRIORS = (GENERAL, WEIGHED, *(GENERAL,) * 6)
 SIZES = ErrorStds(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
-UNCERTAIN = Uncertainty([1e-3] * 7, [1e-3] * 7, [1e-3] * 7, mount_position=2e-3, mount_orientation=2e-3)
 NUMBERS = 10 * len(LINKS) + 6 * 7 + 6
 KNOWN = ('URDF taken as exact', 'from the calibration on', 'true robot, known exactly')
 
@@ -95,7 +97,12 @@ def run(_row: str, seed: int) -> Outcome:
 
 def _calibrated(cad: RobotModel, before: list[Samples], priors: tuple[BodyDeviations, ...]) -> Calibration:
     unknown = MomentumKernel(cad, *LINKS)
-    return calibrate(unknown, [before], CalibrationSettings(NOISE, factors(unknown, priors), UNCERTAIN))
+    return calibrate(unknown, [before], CalibrationSettings(NOISE, factors(unknown, priors), _uncertain(unknown)))
+
+
+def _uncertain(kernel: MomentumKernel) -> Declared:
+    """Return joints and a mount that are as uncertain as the true robots are wrong."""
+    return Declared(uncertain(joint_placements(kernel, *([1e-3] * 7,) * 3), odometry_mount(2e-3, 2e-3)))
 
 
 def _with(robot: RobotModel, found: Calibration) -> RobotModel:
@@ -125,18 +132,20 @@ def attainable() -> Array:
     return _sizes(_target(after, *_continued(free_model(), found)).std)
 
 
-def _continued(cad: RobotModel, found: Calibration) -> tuple[MomentumKernel, Uncertainty]:
-    """Return a robot after its calibration, and its uncertainty, as the files of `calibrate` have them."""
+def _continued(cad: RobotModel, found: Calibration) -> tuple[MomentumKernel, Declared]:
+    """Return a robot after its calibration, and what is declared of it, as the files of `calibrate` have them."""
     robot = _with(cad, found)
     links = tuple(robot.link(name) for name in LINKS)
     side = CalibratedModel(links, found.joints[:, 0], found.mount, found.block_covariance)
-    return side.with_kernel(MomentumKernel(robot, 'link7'), UNCERTAIN)
+    kernel = MomentumKernel(robot, 'link7')
+    kernel, unknowns, known = side.with_kernel(kernel, _uncertain(kernel).unknowns)
+    return kernel, Declared(unknowns, joint_prior=known)
 
 
-def _target(after: list[Samples], kernel: MomentumKernel, uncertainty: Uncertainty | None = None) -> Estimate:
-    """Return the last estimate of the target; without an uncertainty joints and mount are exact."""
+def _target(after: list[Samples], kernel: MomentumKernel, known: Declared | None = None) -> Estimate:
+    """Return the last estimate of the target; without a declaration joints and mount are exact."""
     config = build(EstimatorConfig, {**EXACT, **declared(NOISE), 'method': 'trajectory', 'target_link': 'link7'})
-    return make_estimator(config, kernel, KnownRobot(kernel, uncertainty or Uncertainty())).update(after, 0)[-1]
+    return make_estimator(config, kernel, KnownRobot(kernel, known or Declared())).update(after, 0)[-1]
 
 
 def _compared(last: Estimate) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 
 from benchmarks.honesty.paths import following
 from benchmarks.honesty.worlds import Flow, World, integrated, truth_of
+from mbaid_ros.core.filter.state import Declared
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.reporting import Reporting
@@ -18,14 +19,16 @@ from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
 from mbaid_ros.core.trajectory.target_runs import TrajectorySettings
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.bodies import known_bodies
+from mbaid_ros.core.unknowns.sensors import time_offset
+from mbaid_ros.session.catalogue import conventions, hypotheses, suspects
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth
 from observed import nees, true_body, windows
 
 WINDOW = 0.5  # s
 RATE = 100.0  # Hz
-DEFAULT = Uncertainty(time_offset=0.02)  # of the known side, as the parameters have it
+DEFAULT = Declared((time_offset(0.02),))  # of a robot that is known exactly, as the parameters have it
 
 # (time, base rotation, base position) -> rate of change of (P, L) about the odometry origin.
 Push = Callable[[float, Array, Array], Array]
@@ -104,16 +107,18 @@ def make(
     *,
     adapt: bool = False,
     known_std: float = 0.0,
-    uncertainty: Uncertainty = DEFAULT,
+    declared: Declared = DEFAULT,
     kept: int = 40,
 ) -> TrajectoryEstimator:
     """Return an estimator with the defaults of the parameters, and so many windows kept."""
     reporting = Reporting(unknown_scale(kernel)[:10], 0.5, 0.01, 2.0)
-    return TrajectoryEstimator(
-        kernel.with_errors(independent_errors(kernel.known, known_std)),
-        TrajectorySettings(noise, WINDOW, kept, uncertainty, adapt),
-        reporting,
+    robot = kernel.with_errors(independent_errors(kernel.known, known_std))
+    declared = declared.with_links(known_bodies(robot.model, robot.errors))
+    followed = hypotheses(float(np.sum(robot.known[:, 0])), noise.base_position, 'none', adapt=adapt)
+    settings = TrajectorySettings(
+        noise, WINDOW, kept, declared, followed, suspects(robot.model), conventions(declared.marker)
     )
+    return TrajectoryEstimator(robot, settings, reporting)
 
 
 def follow(

@@ -8,30 +8,36 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from declarations import exact_but
+from mbaid_ros.core.filter.state import Declared
 from mbaid_ros.core.geometry import Array, cross, exp, quaternion_from_rotation, rotate, rotation_from_quaternion
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import displaced
 from mbaid_ros.core.robot.model_errors import ModelErrors, with_bodies
 from mbaid_ros.core.unknowns.base import OdometryMount, OdometryScale, TwistBias
 from mbaid_ros.core.unknowns.bodies import KnownBodies
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.joints import JointPlacements
 from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
 from mbaid_ros.simulation.simulation import Truth
 
 LINKS = 0.01  # relative standard deviation of the known bodies
-DECLARED = Uncertainty(  # of the rest of a robot of seven joints
-    zeros=(1e-3,) * 7,
-    origins=(1e-3,) * 7,
-    axes=(1e-3,) * 7,
-    mount_position=2e-3,
-    mount_orientation=2e-3,
-    time_offset=5e-3,
-    clock_drift=5e-5,
-    odometry_scale=1e-3,
-    twist_bias=1e-4,
-)
+
+
+def declared_beside_links(robot: MomentumKernel) -> Declared:
+    """Return how uncertain the rest of a robot is."""
+    return exact_but(
+        robot,
+        known_joints__zero_std=1e-3,
+        known_joints__origin_std=1e-3,
+        known_joints__axis_std=1e-3,
+        odometry_mount__position_std=2e-3,
+        odometry_mount__orientation_std=2e-3,
+        time_offset__prior_std=5e-3,
+        time_offset__drift_std=5e-5,
+        odometry__scale_std=1e-3,
+        odometry__angular_velocity_bias_std=1e-4,
+    )
 
 
 @dataclass(frozen=True)

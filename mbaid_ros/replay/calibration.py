@@ -29,7 +29,7 @@ from mbaid_ros.replay.calibrated import Calibrated, summary, why_not
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.output import check_outputs, passive_joints, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.replay.run import read_motions
-from mbaid_ros.session.catalogue import declared
+from mbaid_ros.session.catalogue import declaration
 from mbaid_ros.session.known_robot import declared_mass, link_deviations
 from mbaid_ros.session.settings import springs, storage
 
@@ -108,7 +108,7 @@ def _settings(kernel: MomentumKernel, estimator: EstimatorConfig) -> Calibration
         noise=estimator.noise.declared,
         priors=tuple(_link_prior(link, estimator.known_links) for link in kernel.unknown),
         declared=replace(
-            declared(replace(estimator, orbit=circle), kernel),
+            declaration(replace(estimator, orbit=circle), kernel),
             total_mass=None if total is None else replace(total, with_target=True),
         ),
         window=estimator.window,

@@ -85,7 +85,7 @@ def unknowns(config: EstimatorConfig, kernel: MomentumKernel, imu: Link | None) 
     )
 
 
-def declared(config: EstimatorConfig, kernel: MomentumKernel) -> Declared:
+def declaration(config: EstimatorConfig, kernel: MomentumKernel) -> Declared:
     """Return the unknowns of a kernel's robot, and the priors of all else.
 
     Raises ModelError, ParameterError: As of `unknowns`; or half of a prior is missing.

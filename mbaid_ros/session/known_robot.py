@@ -19,7 +19,7 @@ from mbaid_ros.core.robot.model_errors import BodyDeviations, KnownErrors, calib
 from mbaid_ros.core.robot.momentum import body_sizes
 from mbaid_ros.core.unknowns.bodies import KnownTarget, TotalMass
 from mbaid_ros.core.unknowns.catalogue import CalibratedModel
-from mbaid_ros.session.catalogue import declared
+from mbaid_ros.session.catalogue import declaration
 
 # Largest difference between the two files, which have 12 digits: of a body, relative to its typical size; of a joint's
 # frame, m or rad.
@@ -67,7 +67,7 @@ def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot
 
     Raises ParameterError: The parameters contradict each other or the robot, or the calibration cannot be used.
     """
-    as_declared = declared(config, kernel)
+    as_declared = declaration(config, kernel)
     if not config.known_links.calibration:
         given = config.known_links.links.get(kernel.target.name)
         if given is not None and not config.debris.report:  # otherwise it is of the <inertial> alone

@@ -45,9 +45,9 @@ from mbaid_ros.core.unknowns.bodies import KnownBodies
 from mbaid_ros.core.unknowns.declaration import Unknown
 from mbaid_ros.core.unknowns.joints import JointPlacements
 from mbaid_ros.replay.campaigns.statistics import coverage, mean, nees, nees_band
+from mbaid_ros.session.catalogue import declaration
 from mbaid_ros.session.known_robot import declared_errors
 from mbaid_ros.session.methods import make_estimator
-from mbaid_ros.session.settings import declared_uncertainty
 from mbaid_ros.simulation.simulation import Truth, total_momentum
 from mbaid_ros.simulation.true_robot import ErrorStds
 
@@ -195,10 +195,10 @@ def attainable(robot: str, truth: Truth, errors: ModelErrors, sizes: ErrorStds) 
     config = build(EstimatorConfig, settings(sizes))
     own = kernel(robot)
     own = own.with_errors(declared_errors(own, config.known_links))
-    uncertainty = declared_uncertainty(config, own.model)
+    uncertain = declaration(config, own)
     windows, origin, detector = _windows(robot, truth, errors, config.window)
-    layout = layout_of(own, uncertainty, detector)
-    own_variables = variables(layout, detector, uncertainty)
+    layout = layout_of(own, uncertain, detector)
+    own_variables = variables(layout, detector, uncertain)
     state = np.zeros(layout.size)
     momentum = total_momentum(true_model(robot, errors), truth[:1])[0]
     momentum[3:] -= cross(origin, momentum[:3])

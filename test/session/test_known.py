@@ -12,6 +12,7 @@ import pytest
 from scipy.linalg import block_diag
 
 from benchmarks.precapture import free_model
+from declarations import exact_but
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
@@ -24,12 +25,10 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.base import TwistBias
-from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.core.unknowns.environment import Gravity
 from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
 from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact, nominal_model, with_known_errors
 from mbaid_ros.session.session import Session
-from mbaid_ros.session.settings import declared_uncertainty
 from servicers import LINKS, standard_parameters
 from simulated import robot
 from streams import run, urdf
@@ -88,7 +87,7 @@ def test_a_run_that_starts_again_goes_on_with_the_calibration_it_began_with(tmp_
     session = Session(config_of(path), free_model().urdf)
     known = session.robot.known
     assert known is not None
-    assert known.uncertainty.joint_prior is not None
+    assert known.declared.joint_prior is not None
     path.write_text('moved on', encoding='utf-8')
     session.reset()
     assert session.robot.known is known
@@ -99,7 +98,7 @@ def test_the_filter_starts_from_all_of_it_with_every_correlation(tmp_path: Path)
     path = tmp_path / 'calibration.json'
     path.write_text(json.dumps(content()), encoding='utf-8')
     known = nominal_model(config_of(path), ROBOT)
-    unknowns, carried = catalogue(known.kernel, known.uncertainty), known.uncertainty.joint_prior
+    unknowns, carried = known.declared.unknowns, known.declared.joint_prior
     assert carried is not None
     parts, sensing = unknowns[:-4], unknowns[-4:]
     assert [type(each) for each in sensing] == [TimeOffset, ClockDrift, TwistBias, Gravity]
@@ -201,8 +200,8 @@ def test_the_mass_of_the_whole_robot_is_known_as_well_as_it_was_weighed() -> Non
     config = build(EstimatorConfig, given)
     kernel, _ = with_known_errors(ROBOT, config.known_links)
     known, detector = nominal_model(config, kernel), PlaneDetector(kernel.model)
-    layout = layout_of(known.kernel, known.uncertainty, detector)
-    filtered = variables(layout, detector, known.uncertainty)
+    layout = layout_of(known.kernel, known.declared, detector)
+    filtered = variables(layout, detector, known.declared)
     mean, root, _ = filtered.prior()
     total = np.zeros(layout.size)
     total[layout.places[0]] = layout.unknowns[0].factor[::10].sum(axis=0)
@@ -249,20 +248,18 @@ def test_a_contradicted_run_doubts_an_exact_robot_and_suspects_unknown_names(
 # -- How uncertain the known side is, as the parameters declare it.
 
 
-def declared(**parameters: object) -> Uncertainty:
-    """Return what parameters (with __ for the dot) say of the paper's robot of four joints."""
-    given = {name.replace('__', '.'): value for name, value in parameters.items()}
-    return declared_uncertainty(build(EstimatorConfig, {**EXACT, **given}), robot('table1'))
-
-
 def test_a_joint_may_have_standard_deviations_of_its_own() -> None:
     first, *_ = names = robot('table1').joint_names
-    found = declared(
-        known_joints__zero_std=1e-3, known_joints__axis_std=2e-3, **{f'known_joints.{first}.zero_std': 5e-3}
+    found = exact_but(
+        MomentumKernel(robot('table1'), 'link4'),
+        known_joints__zero_std=1e-3,
+        known_joints__axis_std=2e-3,
+        **{f'known_joints.{first}.zero_std': 5e-3},
     )
-    assert found.zeros == (5e-3, 1e-3, 1e-3, 1e-3)
-    assert found.axes == (2e-3,) * len(names)
-    assert found.origins == (0.0,) * len(names)
+    each = np.linalg.norm(found.unknowns[0].factor, axis=1).reshape(len(names), 6)
+    assert each[:, 0] == pytest.approx([5e-3, 1e-3, 1e-3, 1e-3])
+    assert np.all(each[:, 1:4] == 0.0)
+    assert each[:, 4:] == pytest.approx(np.full((len(names), 2), 2e-3))
 
 
 @pytest.mark.parametrize(
@@ -281,7 +278,7 @@ def test_a_joint_may_have_standard_deviations_of_its_own() -> None:
 )
 def test_half_of_what_is_declared_is_an_error(parameters: dict[str, object], named: str) -> None:
     with pytest.raises(ParameterError, match='accepted') as caught:
-        declared(**parameters)
+        exact_but(MomentumKernel(robot('table1'), 'link4'), **parameters)
     assert named in str(caught.value)
     assert '\n' not in str(caught.value)
 
@@ -293,4 +290,6 @@ def test_a_captured_body_alone_has_the_uncertainty_that_known_links_declares_of_
     assert own is not None
     assert np.sqrt(own[0, 0]) == pytest.approx(0.05 * ROBOT.target.parameters[0])
     config = build(EstimatorConfig, {**given, 'debris.report': True})
-    assert not nominal_model(config, ROBOT).uncertainty.target.declared
+    target = nominal_model(config, ROBOT).declared.target
+    assert target is not None
+    assert not target.declared

@@ -13,7 +13,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.unknowns.environment import DisturbanceModel
-from mbaid_ros.session import methods, segment, settings
+from mbaid_ros.session import catalogue, methods, segment, settings
 from mbaid_ros.session.planning import plan_settings
 from mbaid_ros.session.session import Session
 from mbaid_ros.session.settings import storage
@@ -44,7 +44,7 @@ def argument(module: Any, name: str, key: str, parameters: dict[str, object]) ->
         ('noise.trust_declared', True, {}, segment, 'NoiseEstimator', 'trusted', True),
         ('thrust.frames', ['link2'], {}, segment, 'Thrust', 'uncertain', ('link2',)),
         ('capture.detect', True, BEFORE, methods, 'CaptureEstimator', 'detect', True),
-        ('disturbance.constant', 'body', {}, methods, 'TrajectorySettings', 'constant', 'body'),
+        ('disturbance.constant', 'body', {}, methods, 'hypotheses', 'constant', 'body'),
         ('momentum.linear_prior_std', 0.1, {}, methods, 'DifferenceSettings', 'linear_momentum_std', 0.1),
         ('paper.forgetting_factor', 0.9, PAPER, methods, 'PaperSettings', 'forgetting_factor', 0.9),
         ('paper.initial_covariance', 1e3, PAPER, methods, 'PaperSettings', 'initial_covariance', 1e3),
@@ -54,17 +54,17 @@ def argument(module: Any, name: str, key: str, parameters: dict[str, object]) ->
         ('orbit.epoch', 12.5, ORBIT, settings, 'FallingFrame', 'epoch', 12_500_000_000),
         ('imu.cross_axis_std', 0.02, {'imu.noise_density': 1e-4}, settings, 'GyroErrors', 'cross', 0.02),
         ('imu.bias_walk', 1e-5, {'imu.noise_density': 1e-4}, settings, 'GyroErrors', 'walk', 1e-5),
-        ('momentum.linear_prior_std', 0.1, {}, settings, 'Uncertainty', 'linear_momentum', 0.1),
-        ('time_offset.estimate', False, {}, settings, 'Uncertainty', 'time_offset', 0.0),
-        ('time_offset.prior_std', 0.1, {}, settings, 'Uncertainty', 'time_offset', 0.1),
-        ('time_offset.drift_std', 1e-4, {}, settings, 'Uncertainty', 'clock_drift', 1e-4),
-        ('odometry.scale_std', 0.01, {}, settings, 'Uncertainty', 'odometry_scale', 0.01),
-        ('odometry.angular_velocity_bias_std', 1e-3, {}, settings, 'Uncertainty', 'twist_bias', 1e-3),
-        ('disturbance.torque_std', 0.02, {}, settings, 'Uncertainty', 'torque', DisturbanceModel(0.02)),
-        ('disturbance.torque_time', 30.0, TORQUE, settings, 'Uncertainty', 'torque', DisturbanceModel(0.1, 30.0)),
-        ('disturbance.force_std', 0.02, {}, settings, 'Uncertainty', 'force', DisturbanceModel(0.02)),
-        ('disturbance.force_time', 30.0, FORCE, settings, 'Uncertainty', 'force', DisturbanceModel(0.1, 30.0)),
-        ('wheels.spin_inertia_relative_std', 0.1, WHEEL, settings, 'Uncertainty', 'spin_inertias', (0.2,)),
+        ('momentum.linear_prior_std', 0.1, {}, catalogue, 'Declared', 'linear_momentum', 0.1),
+        ('time_offset.estimate', False, {}, settings, 'time_offset', 'deviation', 0.0),
+        ('time_offset.prior_std', 0.1, {}, settings, 'time_offset', 'deviation', 0.1),
+        ('time_offset.drift_std', 1e-4, {}, settings, 'clock_drift', 'deviation', 1e-4),
+        ('odometry.scale_std', 0.01, {}, settings, 'odometry_scale', 'deviation', 0.01),
+        ('odometry.angular_velocity_bias_std', 1e-3, {}, settings, 'twist_bias', 'angular', 1e-3),
+        ('disturbance.torque_std', 0.02, {}, settings, 'disturbances', 'torque', DisturbanceModel(0.02)),
+        ('disturbance.torque_time', 30.0, TORQUE, settings, 'disturbances', 'torque', DisturbanceModel(0.1, 30.0)),
+        ('disturbance.force_std', 0.02, {}, settings, 'disturbances', 'force', DisturbanceModel(0.02)),
+        ('disturbance.force_time', 30.0, FORCE, settings, 'disturbances', 'force', DisturbanceModel(0.1, 30.0)),
+        ('wheels.spin_inertia_relative_std', 0.1, WHEEL, settings, 'spin_inertias', 'deviations', (0.2,)),
     ],
 )
 def test_a_parameter_reaches_its_setting(  # noqa: PLR0917 - a row of the table
@@ -75,13 +75,8 @@ def test_a_parameter_reaches_its_setting(  # noqa: PLR0917 - a row of the table
 
 
 def test_an_orbit_that_is_not_declared() -> None:
-    def orbit(**parameters: object) -> float:
-        return settings.declared_uncertainty(
-            build(EstimatorConfig, {name.replace('__', '.'): value for name, value in parameters.items()}),
-            robot('table1'),
-        ).orbit
-
-    assert (orbit(), orbit(orbit__undeclared_rate=5e-4)) == (1.2e-3, 5e-4)
+    assert argument(settings, 'gravity', 'rate', {}) == 1.2e-3
+    assert argument(settings, 'gravity', 'rate', {'orbit.undeclared_rate': 5e-4}) == 5e-4
 
 
 def test_the_noise_of_a_published_momentum() -> None:

@@ -21,7 +21,6 @@ from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust
 from mbaid_ros.core.trajectory.solution import thrusters as estimated_thrusters
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.environment import Thrusters, thrusters
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 from mbaid_ros.session.session import Session
@@ -152,9 +151,8 @@ def test_the_momentum_depends_on_them_by_these_columns() -> None:
 
 def test_calibrate_reports_their_deviations() -> None:
     servicer = kernel('servicer7')
-    uncertainty = Uncertainty(thrusters=['link3'], thrust_scale=0.1, thrust_direction=0.05, thrust_delay=0.02)
     prior = make_prior(servicer, [relative_factor(servicer.target.parameters, 0.01)])
-    before = StandardNormals.from_prior(prior, servicer, uncertainty)
+    before = StandardNormals.from_prior(prior, servicer, (thrusters(['link3'], 0.1, 0.05, 0.02),))
     (found,) = estimated_thrusters(before.values_of(Thrusters))
     assert (found.scale, found.scale_std, found.delay, found.delay_std) == pytest.approx((1.0, 0.1, 0.0, 0.02))
     assert found.turn_std == pytest.approx(np.full(3, 0.05))

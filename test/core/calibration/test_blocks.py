@@ -10,6 +10,7 @@ import pytest
 from scipy.stats import chi2
 
 from benchmarks.precapture import WEIGHED, factors, free_model, perturbed
+from declarations import exact_but
 from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
 from mbaid_ros.calibration.result import Calibration
 from mbaid_ros.core.geometry import Array, vec
@@ -18,7 +19,6 @@ from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.model_errors import BodyDeviations, ModelErrors, calibrated_errors
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.simulation.simulation import Truth
 from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator, true_robot
 from observed import MID, configured_motion, estimator, kernel, nees, observe, true_body, windows
@@ -26,8 +26,14 @@ from servicers import PRIORS, all_unknown, free_motion, motion_of, standard_para
 from simulated import robot
 
 SIZES = ErrorStds(0.0, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)
-SERVICER = Uncertainty([1e-3] * 7, [1e-3] * 7, [1e-3] * 7, 2e-3, 2e-3, time_offset=1e-3)
-TABLE = Uncertainty([1e-3] * 4, [1e-3] * 4, [0.0] * 4, 2e-3, 2e-3)
+TABLE: dict[str, object] = {
+    'known_joints__zero_std': 1e-3,
+    'known_joints__origin_std': 1e-3,
+    'odometry_mount__position_std': 2e-3,
+    'odometry_mount__orientation_std': 2e-3,
+    'time_offset__estimate': False,
+}
+SERVICER = {**TABLE, 'known_joints__axis_std': 1e-3, 'time_offset__estimate': True, 'time_offset__prior_std': 1e-3}
 
 
 def planar_basis(found: Calibration, link: Link) -> Array:
@@ -70,7 +76,9 @@ def found_of(seed: int, sizes: ErrorStds = SIZES) -> tuple[Calibration, Array]:
     cad = perturbed(free_model(), PRIORS, seed)
     run = data(seed, 10 + seed, sizes=sizes)
     unknown = all_unknown(cad)
-    found = calibrate(unknown, [run], CalibrationSettings(MID, factors(unknown, PRIORS), SERVICER))
+    found = calibrate(
+        unknown, [run], CalibrationSettings(MID, factors(unknown, PRIORS), exact_but(unknown, **SERVICER))
+    )
     true = np.concatenate((standard_parameters(free_model()), wrong(cad, errors_of(seed, sizes))))
     return found, found.values - true
 
@@ -119,7 +127,7 @@ def test_a_planar_robot(seed: int) -> None:
     priors = (WEIGHED, *(BodyDeviations(0.05, 0.05, 0.05),) * 4)
     run = windows(observe(configured_motion('table1', 30.0, 50.0, errors), MID, seed, errors))
     unknown = all_unknown(perturbed(model, priors, seed))
-    found = calibrate(unknown, [run], CalibrationSettings(MID, factors(unknown, priors), TABLE))
+    found = calibrate(unknown, [run], CalibrationSettings(MID, factors(unknown, priors), exact_but(unknown, **TABLE)))
     assert found.planar
     assert found.residual == pytest.approx(1.0, abs=0.1)
     bases = [planar_basis(found, link) for link in found.kernel.unknown]

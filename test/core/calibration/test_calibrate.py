@@ -14,7 +14,7 @@ from mbaid_ros.calibration.iteration import Motion, converge
 from mbaid_ros.calibration.misfit import Misfit, bias_corrected
 from mbaid_ros.calibration.result import Calibration
 from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.core.filter.state import BODY
+from mbaid_ros.core.filter.state import BODY, Declared
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
@@ -22,8 +22,7 @@ from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.model_errors import BodyDeviations
 from mbaid_ros.core.robot.momentum import is_physical
 from mbaid_ros.core.unknowns.bodies import KnownTarget
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
-from mbaid_ros.core.unknowns.environment import DisturbanceModel
+from mbaid_ros.core.unknowns.environment import DisturbanceModel, disturbances
 from mbaid_ros.session import methods
 from mbaid_ros.simulation.motion import Sinusoids, random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
@@ -231,7 +230,8 @@ def test_where_a_torque_varies_the_misfit_is_least_at_the_solution() -> None:
     robot_kernel = MomentumKernel(free_model(), 'link7')
     prior, detector = robot_kernel.target.parameters, PlaneDetector(robot_kernel.model)
     scale = 0.05 * np.maximum(np.abs(prior), 0.01)
-    uncertainty = Uncertainty(target=KnownTarget(prior, np.diag(scale)), torque=DisturbanceModel(0.3, 30.0))
+    varying, _ = disturbances(DisturbanceModel(0.3, 30.0), DisturbanceModel())
+    declared = Declared((varying,), target=KnownTarget(prior, np.diag(scale)))
     run = windows(observe(free_motion(1, 10.0), HIGH, 0))
     # The momentum of a varying torque, which the readings of the motion do not have: as if it had been taken up.
     torque = 0.3 * np.sin(np.outer(np.concatenate([each.time for each in run]), [0.2, 0.3, 0.4]))
@@ -241,7 +241,7 @@ def test_where_a_torque_varies_the_misfit_is_least_at_the_solution() -> None:
         replace(each, impulse=each.impulse + np.column_stack((np.zeros((len(part), 3)), part)))
         for each, part in zip(run, parts, strict=True)
     ]
-    motion = Motion.from_windows(run, robot_kernel, detector, uncertainty, (HIGH, 0.5, 0.0, True))
+    motion = Motion.from_windows(run, robot_kernel, detector, declared, (HIGH, 0.5, 0.0, True))
     solution = converge([motion], prior)
     assert motion.has_disturbance
     assert solution.converged

@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from mbaid_ros.core.diagnosis.conventions import Convention, axis_conventions, conventions, fitted, inverted_marker
+from mbaid_ros.core.diagnosis.conventions import Convention, axis_conventions, fitted
 from mbaid_ros.core.diagnosis.rate_checks import twist_check
 from mbaid_ros.core.filter.knots import AFTER, BEFORE, averages
 from mbaid_ros.core.filter.window import Window, WindowNoise
@@ -19,6 +19,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.base import AttachedFrame
+from mbaid_ros.session.catalogue import conventions
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion, kernel, observe, windows
 from simulated import CONFIG
@@ -106,8 +107,9 @@ def test_a_marker_declared_the_wrong_way_round_is_named_with_its_parameters() ->
 
 
 def likeliest(robot: MomentumKernel, samples: Samples, marker: AttachedFrame | None = None) -> str:
-    windows, every = windows_of(samples), (*conventions(robot), *inverted_marker(robot, marker))
-    fits = [fitted(windows, each, 4) for each in every if each.possible(windows)]
+    *factories, _ = conventions(marker)  # all but other axes
+    windows, others = windows_of(samples), (each for mistaken in factories for each in mistaken(robot))
+    fits = [fitted(windows, each, 4) for each in (Convention('', robot), *others) if each.possible(windows)]
     return min((fit for fit in fits if fit.exists), key=lambda fit: fit.misfit).convention.text
 
 

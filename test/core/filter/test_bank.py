@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mbaid_ros.core.filter.bank import Bank, HypothesisFilter, hypotheses, joined, update_bank
+from mbaid_ros.core.filter.bank import Bank, HypothesisFilter, joined, update_bank
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow
+from mbaid_ros.session.catalogue import hypotheses
 from windowed import joint_window, prepare, variables, window
 
 ALL = hypotheses(1.0, 0.1, 'none', adapt=True)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
 
+from declarations import exact_but
 from mbaid_ros.config.parameters import build
 from mbaid_ros.config.simulator import SimulatorConfig
 from mbaid_ros.core.filter.conditional_root import ConditionalRoot
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
-from mbaid_ros.core.filter.state import BODY, Layout
+from mbaid_ros.core.filter.state import BODY, Declared, Layout
 from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.estimate import Estimate
@@ -25,18 +25,23 @@ from mbaid_ros.core.robot.momentum import physical, physical_jacobian
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.trajectory.solution import error_budget
 from mbaid_ros.core.unknowns.bodies import TargetPrior
-from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from mbaid_ros.simulated_robot import make_initial_state, make_motion
 from mbaid_ros.simulation.simulation import Simulation, Truth
 from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator, true_robot
 from observed import MID, configured_motion, estimator, kernel, observe, windows
 
 
-def uncertainty(joints: int, *, given: bool) -> Uncertainty:
-    each = [1e-3] * joints
-    known = TargetPrior(160.0, 2.0, (0.1, 0.2, 0.3), 0.01) if given else TargetPrior()
-    prior: dict[str, Any] = {'target': known, 'linear_momentum': 0.5 if given else 0.0}
-    return Uncertainty(each, each, each, 2e-3, 2e-3, time_offset=0.02, **prior)
+def uncertain(robot: MomentumKernel, *, given: bool) -> Declared:
+    declared = exact_but(
+        robot,
+        known_joints__zero_std=1e-3,
+        known_joints__origin_std=1e-3,
+        known_joints__axis_std=1e-3,
+        odometry_mount__position_std=2e-3,
+        odometry_mount__orientation_std=2e-3,
+    )
+    prior = TargetPrior(160.0, 2.0, (0.1, 0.2, 0.3), 0.01) if given else TargetPrior()
+    return replace(declared, target=prior, linear_momentum=0.5 if given else 0.0)
 
 
 def measured(gaussian: SquareRootInformation, seed: int, truth: Array) -> tuple[SquareRootInformation, Array]:
@@ -63,8 +68,8 @@ def blocks(layout: Layout, filter_variables: Variables, *, given: bool) -> dict[
 @pytest.mark.parametrize('name', ['servicer7', 'table1'])
 def test_each_prior_has_its_share_and_noise_the_rest(name: str, given: bool) -> None:
     robot = kernel(name)
-    detector, known = PlaneDetector(robot.model), uncertainty(robot.model.joints, given=given)
-    unknowns = catalogue(robot, known)
+    detector, known = PlaneDetector(robot.model), uncertain(robot, given=given)
+    unknowns = known.unknowns
     detector.update(observe(configured_motion(name, 0.5, 20.0), MID))
     if detector.planar:
         unknowns = tuple(unknown.in_plane(detector) for unknown in unknowns)

@@ -37,7 +37,7 @@ def momentum(robot: MomentumKernel, servicer: Truth) -> Array:
 def test_a_pulse(robot: MomentumKernel, joints: Sinusoids, momentum: Array, known: float) -> None:
     """Also where the linear momentum was known at first: the pulse is as large as any."""
     truth = float_freely(robot, joints, momentum, SECONDS, pulse=(PULSED, PULSE))
-    following = make(robot, MID, adapt=True, uncertainty=replace(DEFAULT, linear_momentum=known))
+    following = make(robot, MID, adapt=True, declared=replace(DEFAULT, linear_momentum=known))
     last = following.update(windows(observe(truth, MID, 4)), 0)[-1]
     (event,) = last.events
     assert event.kind == 'step'

@@ -15,12 +15,12 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build, values_of
 from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.core.filter.state import Declared
 from mbaid_ros.core.identifier import Estimator, posterior_of
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.trajectory.posterior import Continuation
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.session.continuation import continuation_as_json, read_continuation
 from mbaid_ros.session.known_robot import KnownRobot, with_known_errors
 from mbaid_ros.session.methods import make_estimator
@@ -69,7 +69,7 @@ def test_a_cold_start(case: str, seeds: int, servicer: Truth, satellite: Truth) 
 def test_a_robot_without_unknowns_is_followed_without_a_word_on_the_terminal(
     robot: MomentumKernel, servicer: Truth, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    estimator = make_estimator(build(EstimatorConfig, EXACT), robot, KnownRobot(robot, Uncertainty()))
+    estimator = make_estimator(build(EstimatorConfig, EXACT), robot, KnownRobot(robot, Declared()))
     last = estimator.update(windows(until(observe(servicer, MID, 1), 6.0)), 0)[-1]
     assert last.status in {'estimating', 'converged'}
     assert capfd.readouterr() == ('', '')

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from declarations import exact_but
 from mbaid_ros.core.filter.joint_noise import InformationCorrection
 from mbaid_ros.core.filter.prior_scale import PriorComparison, PriorScaleFactors
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
@@ -16,7 +17,6 @@ from mbaid_ros.core.filter.variables import Variables, variables
 from mbaid_ros.core.filter.whitened import WhitenedWindow
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.unknowns.catalogue import Uncertainty, catalogue
 from observed import kernel
 from windowed import prepare
 from windowed import variables as drawn_variables
@@ -30,9 +30,15 @@ class Case:
 
     def __init__(self, windows: int = 5, unseen: slice = slice(0)) -> None:
         robot = kernel('servicer7')
-        uncertainty = Uncertainty(zeros=(1e-3,) * 7, axes=(2e-3,) * 7, mount_position=2e-3, time_offset=5e-3)
-        self.layout = Layout.from_unknowns(robot, catalogue(robot, uncertainty))
-        self.space: Variables = variables(self.layout, PlaneDetector(robot.model), uncertainty)
+        declared = exact_but(
+            robot,
+            known_joints__zero_std=1e-3,
+            known_joints__axis_std=2e-3,
+            odometry_mount__position_std=2e-3,
+            time_offset__prior_std=5e-3,
+        )
+        self.layout = Layout.from_unknowns(robot, declared.unknowns)
+        self.space: Variables = variables(self.layout, PlaneDetector(robot.model), declared)
         rng = np.random.default_rng(5)
         self.windows = [self._window(rng, unseen) for _ in range(windows)]
         gaussian = SquareRootInformation.prior(self.space)

@@ -11,13 +11,15 @@ from scipy.stats import chi2
 
 from benchmarks.honesty.disturbed import AXES
 from floating import float_freely, follow, make, normalised, true_momentum
+from mbaid_ros.core.filter.state import Declared
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import Storage
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.external_momentum import FAR_THRUST, NOT_FINITE_THRUST, UNKNOWN_FRAME, Thrust
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
+from mbaid_ros.core.unknowns.bodies import spin_inertias
+from mbaid_ros.core.unknowns.sensors import time_offset
 from mbaid_ros.simulation.environment import Environment, Wheels
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
@@ -205,11 +207,11 @@ def test_noisy_speeds_widen_the_intervals_as_they_should(run: Truth, method: str
 @pytest.mark.parametrize('seeds', [1, pytest.param(3, marks=pytest.mark.long)])
 def test_a_wrong_spin_inertia_with_its_prior(run: Truth, seeds: int) -> None:
     """5 % off: with the prior the intervals hold, and the spin inertias are found; without it they do not hold."""
-    uncertainty = Uncertainty(time_offset=0.02, spin_inertias=(0.05 * SPIN,) * 4)
     wrong = reading(factor=1.05)
+    declared = Declared((spin_inertias(wrong, (0.05 * SPIN,) * 4), time_offset(0.02)))
     squares = []
     for seed in range(seeds):
-        method = make(wrong, MID, uncertainty=uncertainty)
+        method = make(wrong, MID, declared=declared)
         last = method.update(windows(inside(run, seed)), 0)[-1]
         squares.append(normalised(last, wrong))
         assert last.status in {'estimating', 'converged'}

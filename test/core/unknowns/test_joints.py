@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from checked import some
+from declarations import exact_but
 from floating import float_freely, make, normalised
 from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.time_update import _gauss_markov_step
@@ -16,7 +17,6 @@ from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.unknowns.catalogue import Uncertainty
 from mbaid_ros.core.unknowns.joints import geared_joints, joint_placements, joint_tracking
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth
@@ -53,10 +53,8 @@ def test_joints_that_deviate_with_their_angle_leave_nothing_in_a_window(
     assert len(state(servicer7, start, nothing)) == layout.size == BODY.stop + 2 * servicer7.model.joints
 
 
-WANDER, TIME = 1e-3, 2.0  # rad, s
+WANDER, TIME = 1e-3, 2.0  # rad, s: the time constant is that of tracking errors that are declared
 LONG = 25.0
-CERTAIN = Uncertainty(time_offset=0.02)
-SERVICER = replace(CERTAIN, tracking=(WANDER,) * 7, tracking_time=(TIME,) * 7)
 
 
 def wandering(rng: np.random.Generator, time: Array, joints: int, size: float = WANDER) -> Array:
@@ -76,10 +74,9 @@ def commanded(tumbling: Truth, seed: int, size: float = WANDER) -> Truth:
     return replace(tumbling, joint_position=reported, joint_velocity=np.gradient(reported, tumbling.time, axis=0))
 
 
-def last(robot: MomentumKernel, tumbling: Truth, seed: int, uncertainty: Uncertainty) -> Estimate:
-    return make(robot, MID, uncertainty=uncertainty).update(windows(observe(commanded(tumbling, seed), MID, seed)), 0)[
-        -1
-    ]
+def last(robot: MomentumKernel, tumbling: Truth, seed: int, tracking_std: float) -> Estimate:
+    declared = exact_but(robot, known_joints__tracking_std=tracking_std)
+    return make(robot, MID, declared=declared).update(windows(observe(commanded(tumbling, seed), MID, seed)), 0)[-1]
 
 
 def test_the_momentum_changes_as_by_the_zeros(servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> None:
@@ -130,11 +127,11 @@ def test_a_servicer_whose_commands_are_logged(servicer7: MomentumKernel, joints:
     tumbling = float_freely(servicer7, joints, start, LONG)
     misfits, silent = [], []
     for seed in range(2):
-        followed = last(servicer7, tumbling, seed, SERVICER)
+        followed = last(servicer7, tumbling, seed, WANDER)
         assert followed.status in {'estimating', 'converged'}
         assert 0.6 < followed.residual < 1.3
         misfits.append(normalised(followed, servicer7))
-        silent.append(last(servicer7, tumbling, seed, CERTAIN))
+        silent.append(last(servicer7, tumbling, seed, 0.0))
     assert max(misfits) < chi2.isf(1e-3, 10)
     # Ignored, it shows.
     assert all(each.status in {'inconsistent', 'not_identifiable'} for each in silent)

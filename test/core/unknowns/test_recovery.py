@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from floating import DEFAULT, RATE, float_freely, make, normalised
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
-from mbaid_ros.core.filter.state import BODY, Layout
+from mbaid_ros.core.filter.state import BODY, Declared, Layout
 from mbaid_ros.core.filter.variables import variables
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
@@ -20,23 +20,22 @@ from mbaid_ros.core.robot.model_errors import ModelErrors, independent_errors
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.unknowns.base import OdometryMount
-from mbaid_ros.core.unknowns.bodies import TargetPrior
-from mbaid_ros.core.unknowns.catalogue import CalibratedModel, Uncertainty, catalogue
+from mbaid_ros.core.unknowns.bodies import TargetPrior, known_bodies
+from mbaid_ros.core.unknowns.catalogue import CalibratedModel
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
-from mbaid_ros.core.unknowns.sensors import GyroErrors
+from mbaid_ros.core.unknowns.sensors import GyroErrors, gyro
 from mbaid_ros.simulation.motion import Sinusoids
 from observed import HIGH, MID, configured_motion, identify, kernel, observe, true_body, windows
-from wrong_robots import DECLARED, LINKS, Wrong
+from wrong_robots import LINKS, Wrong, declared_beside_links
 
 SECONDS = 25.0
 
 
 @dataclass(frozen=True)
 class Case:
-    """A robot, how uncertain it is, and its motion: that of the joints, and the momentum (6,)."""
+    """A robot and its motion: that of the joints, and the momentum (6,)."""
 
     robot: MomentumKernel
-    uncertainty: Uncertainty
     joints: Sinusoids
     momentum: Array
     planar: bool
@@ -64,9 +63,8 @@ def planar_case() -> Case:
     frequency = np.array([[0.05, 0.11], [0.07, 0.13], [0.06, 0.15], [0.09, 0.17]])
     phase = np.arange(8.0).reshape(4, 2)
     joints = Sinusoids(np.array([1.0, -1.0, -1.0, 1.0]), np.full((4, 2), 0.3), frequency, phase)
-    each = (1e-3,) * robot.model.joints
     momentum = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 4600.0])
-    return Case(robot, replace(DECLARED, zeros=each, origins=each, axes=each), joints, momentum, planar=True)
+    return Case(robot, joints, momentum, planar=True)
 
 
 CASES = (('space', 2), ('plane', 2))
@@ -76,13 +74,14 @@ CASES = (('space', 2), ('plane', 2))
 def runs(request: pytest.FixtureRequest, servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> list[Run]:
     """Return runs of robots with errors drawn at their declared size."""
     name, seeds = request.param
-    case = planar_case() if name == 'plane' else Case(servicer7, DECLARED, joints, start, planar=False)
+    case = planar_case() if name == 'plane' else Case(servicer7, joints, start, planar=False)
     return [_run(case, seed) for seed in range(seeds)]
 
 
 def _run(case: Case, seed: int) -> Run:
     robot = case.robot
-    unknowns = catalogue(robot.with_errors(independent_errors(robot.known, LINKS)), case.uncertainty)
+    declared = declared_beside_links(robot)
+    unknowns = declared.with_links(known_bodies(robot.model, independent_errors(robot.known, LINKS))).unknowns
     if case.planar:
         unknowns = tuple(unknown.in_plane(PlaneDetector(robot.model)) for unknown in unknowns)
     rng = np.random.default_rng([seed, 3])
@@ -90,7 +89,7 @@ def _run(case: Case, seed: int) -> Run:
     wrong = Wrong.by(unknowns, numbers, robot.model.joints)
     truth = float_freely(wrong.robot(robot), case.joints, case.momentum, SECONDS)
     samples = observe(wrong.read(truth), MID, seed)
-    estimator = make(robot, MID, known_std=LINKS, uncertainty=case.uncertainty)
+    estimator = make(robot, MID, known_std=LINKS, declared=declared)
     last = estimator.update(windows(samples), 0)[-1]
     assert estimator._runs.run is not None
     distribution = estimator._runs.run.distribution()
@@ -155,7 +154,7 @@ LIMIT = float(chi2.isf(1e-3, 4))
 
 def prior(robot: MomentumKernel, target: TargetPrior) -> tuple[Array, Array]:
     """Return mean (10,) and covariance (10, 10) that the filter starts with."""
-    space = variables(Layout.from_unknowns(robot, ()), PlaneDetector(robot.model), Uncertainty(target=target))
+    space = variables(Layout.from_unknowns(robot, ()), PlaneDetector(robot.model), Declared(target=target))
     distribution = MeanAndCovariance.from_gaussian(SquareRootInformation.prior(space), space)
     factor = distribution.factor[BODY]
     return distribution.mean[BODY], factor @ factor.T
@@ -184,8 +183,8 @@ def test_a_mass_and_a_centre_of_mass_that_are_known(servicer7: MomentumKernel) -
 
 
 def test_a_mass_that_is_held_takes_the_centre_of_mass_along(servicer7: MomentumKernel) -> None:
-    uncertainty = Uncertainty(target=TargetPrior(MASS, MASS_STD, COM, COM_STD))
-    space = variables(Layout.from_unknowns(servicer7, ()), PlaneDetector(servicer7.model), uncertainty)
+    declared = Declared(target=TargetPrior(MASS, MASS_STD, COM, COM_STD))
+    space = variables(Layout.from_unknowns(servicer7, ()), PlaneDetector(servicer7.model), declared)
     held = 100.0
     gaussian = SquareRootInformation.prior(space, mass=held)
     distribution = MeanAndCovariance.from_gaussian(gaussian, space)
@@ -202,7 +201,7 @@ def test_a_mass_that_is_known_is_the_one_to_start_from() -> None:
     cut = windows(observe(configured_motion('table1', 20.0, RATE), HIGH, 3))
     starts = []
     for target in (TargetPrior(), TargetPrior(1.01 * mass, 0.01 * mass)):
-        estimates = make(robot, HIGH, uncertainty=replace(DEFAULT, target=target)).update(cut, 0)
+        estimates = make(robot, HIGH, declared=replace(DEFAULT, target=target)).update(cut, 0)
         reported = [each for each in estimates if each.std[0] > 0.0]
         assert normalised(reported[-1], robot) < LIMIT
         starts.append((reported[0].time, reported[-1].std[0]))
@@ -218,12 +217,11 @@ def test_an_imu_alone_has_no_odometry_mount(alone: bool) -> None:
     joints, rng = robot.model.joints, np.random.default_rng(1)
     factor = 1e-3 * rng.normal(size=(16 + 6 * joints, 16 + 6 * joints))
     side = CalibratedModel((robot.model.links[0],), np.full(joints, 1e-3), np.full(6, 0.01), factor @ factor.T)
-    known, uncertainty = side.with_kernel(robot, Uncertainty(gyro=GyroErrors(bias=1e-3, alone=alone)))
-    unknowns = catalogue(known, uncertainty)
+    declared = (gyro(GyroErrors(bias=1e-3, alone=alone)),)
+    _, unknowns, carried = side.with_kernel(robot, declared, located=not alone)
     assert any(isinstance(unknown, OdometryMount) for unknown in unknowns) is not alone
-    assert uncertainty.joint_prior is not None
-    assert len(uncertainty.joint_prior.mean) == sum(unknown.count for unknown in unknowns)
-    kept = uncertainty.joint_prior.factor[: 10 + 6 * joints]
+    assert len(carried.mean) == sum(unknown.count for unknown in unknowns)
+    kept = carried.factor[: 10 + 6 * joints]
     scale = np.concatenate([np.linalg.norm(unknown.factor, axis=0) for unknown in unknowns])[: len(kept)]
     covariance = kept @ kept.T * scale * scale[:, None]
     assert np.diag(covariance)[10:] == pytest.approx(np.diag(factor @ factor.T)[10:-6], rel=1e-6)
