@@ -47,7 +47,7 @@ class StandardNormals:
 
     prior: Prior  # of the links, the target link first
     joints: int  # number n
-    unknowns: tuple[Unknown, ...]  # all there are, as the catalogue has them: the other links first
+    unknowns: tuple[Unknown, ...]  # all there are, in the order of the catalogue: the other links first
     # of ten numbers for the target link, then of the unknowns'; the first columns of its factor, as many as there are
     # numbers, are what no window sees
     gaussian: UnknownsPrior
