@@ -97,7 +97,7 @@ class Robot:
         self.kernel, self._link_covariance = with_known_errors(kernel, config.known_links)
         # Read once: a run that starts again keeps its calibration.
         self.known = nominal_model(config, self.kernel) if config.known_links.calibration else None
-        self.marker: AttachedFrame | None = marker_frame(config)
+        self.marker: AttachedFrame | None = marker_frame(config.marker)
         self._capture: CaptureEstimator | None = None
 
     def begin(self, capture: CaptureEstimator | None) -> None:

@@ -7,8 +7,9 @@ from typing import cast
 import numpy as np
 
 from mbaid_ros.config.environment import OrbitConfig, WheelsConfig, make_orbit, make_storage
-from mbaid_ros.config.estimator import EstimatorConfig, ThrustConfig
+from mbaid_ros.config.estimator import DisturbanceConfig, EstimatorConfig, MarkerConfig, ThrustConfig
 from mbaid_ros.config.model_errors import FlexibleConfig, KnownJointsConfig, TargetPriorConfig
+from mbaid_ros.config.sensors import ImuConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import rotation_from_quaternion
 from mbaid_ros.core.robot.kinematics import Kinematics, Springs
@@ -32,33 +33,38 @@ _TRACKING_TIME = 2.0  # s, in which a servo's following error decorrelates: some
 # Frames
 
 
-def marker_frame(config: EstimatorConfig) -> AttachedFrame | None:
+def marker_frame(config: MarkerConfig) -> AttachedFrame | None:
     """Return the frame that the parameters place on the base.
 
     Raises ParameterError: The orientation is no unit quaternion.
     """
-    quaternion = np.array(config.marker.orientation)
+    quaternion = np.array(config.orientation)
     length = float(np.linalg.norm(quaternion))
     if abs(length - 1.0) > _UNIT:
         raise ParameterError(
             f"parameter 'marker.orientation' has length {length:g}; accepted: a quaternion x, y, z, w of length 1"
         )
-    if not config.marker.position:
+    if not config.position:
         return None
-    return AttachedFrame(rotation_from_quaternion(quaternion), np.array(config.marker.position))
+    return AttachedFrame(rotation_from_quaternion(quaternion), np.array(config.position))
 
 
-def imu_link(config: EstimatorConfig, model: RobotModel) -> Link | None:
+def imu_link(config: ImuConfig, model: RobotModel, target_link: str, frame_prefix: str) -> Link | None:
     """Return the link of an IMU that joints move; None on the base.
 
     Raises ParameterError: There is no such link, or it moves with the target.
+
+    Parameters
+    ----------
+    target_link : as of the parameters, the last link if empty
+    frame_prefix : before the names of links in frame names
     """
-    given, links = config.imu.frame, {config.frame_prefix + link.name: link for link in model.links}
+    given, links = config.frame, {frame_prefix + link.name: link for link in model.links}
     if not given:
         return None
-    target, ancestors = model.link(config.target_link or model.last_link).body, Kinematics(model).ancestors
+    target, ancestors = model.link(target_link or model.last_link).body, Kinematics(model).ancestors
     carried = [target > 0 and (body == target or bool(ancestors[body, target - 1])) for body in range(len(ancestors))]
-    accepted = [name for name, link in links.items() if not carried[link.body] and not (config.imu.alone and link.body)]
+    accepted = [name for name, link in links.items() if not carried[link.body] and not (config.alone and link.body)]
     if given not in accepted:
         why = ''
         if given in links:
@@ -67,16 +73,22 @@ def imu_link(config: EstimatorConfig, model: RobotModel) -> Link | None:
     return links[given] if links[given].body else None
 
 
-def imu_reader(config: EstimatorConfig, model: RobotModel) -> ImuReader:
+def imu_reader(
+    config: ImuConfig, model: RobotModel, target_link: str, frame_prefix: str, orientation_std: float
+) -> ImuReader:
     """Return the reader of Imu messages: in base axes, or in those of a link that joints move.
 
     Raises ParameterError: The IMU cannot be on the frame that the parameters name.
+
+    Parameters
+    ----------
+    target_link, frame_prefix : as of `imu_link`
+    orientation_std : rad, of an orientation in messages without a covariance
     """
-    axes = {config.frame_prefix + link.name: link.rotation for link in model.links if link.body == 0}
-    if imu_link(config, model) is not None:
-        axes = {config.imu.frame: np.eye(3)}
-    orientation_std = config.noise.declared.base_orientation if config.imu.orientation else None
-    return ImuReader(axes, config.imu.frame, orientation_std)
+    axes = {frame_prefix + link.name: link.rotation for link in model.links if link.body == 0}
+    if imu_link(config, model, target_link, frame_prefix) is not None:
+        axes = {config.frame: np.eye(3)}
+    return ImuReader(axes, config.frame, orientation_std if config.orientation else None)
 
 
 # Environment
@@ -164,7 +176,7 @@ def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertai
         axes=joint_values(joints, 'axis_std', model),
         mount_position=0.0 if alone else mount.position_std,
         mount_orientation=0.0 if alone else mount.orientation_std,
-        marker=marker_frame(config),
+        marker=marker_frame(config.marker),
         spin_inertias=_spin_deviations(config.wheels),
         thrusters=uncertain_thrusters(config.thrust, model),
         thrust_scale=config.thrust.scale_std,
@@ -172,12 +184,12 @@ def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertai
         thrust_delay=config.thrust.delay_std,
         time_offset=config.time_offset.prior_std if config.time_offset.estimate else 0.0,
         linear_momentum=_NO_MOMENTUM if alone else config.momentum.linear_prior_std,
-        gyro=_gyro(config, model),
+        gyro=_gyro(config.imu, model, config.target_link, config.frame_prefix),
         clock_drift=config.time_offset.drift_std if config.time_offset.estimate else 0.0,
         odometry_scale=0.0 if alone else config.odometry.scale_std,
         twist_bias=0.0 if alone else config.odometry.angular_velocity_bias_std,
-        torque=_pushing(config, 'torque'),
-        force=DisturbanceModel() if alone else _pushing(config, 'force'),
+        torque=_pushing(config.disturbance, 'torque', config.orbit, config.window),
+        force=DisturbanceModel() if alone else _pushing(config.disturbance, 'force', config.orbit, config.window),
         tracking=tracking,
         tracking_time=(_TRACKING_TIME,) * len(tracking),
         spring_frequency=[joint.frequency_relative_std for joint in passive],
@@ -190,17 +202,16 @@ def declared_uncertainty(config: EstimatorConfig, model: RobotModel) -> Uncertai
     )
 
 
-def _pushing(config: EstimatorConfig, kind: str) -> DisturbanceModel:
+def _pushing(config: DisturbanceConfig, kind: str, declared: OrbitConfig, window: float) -> DisturbanceModel:
     """Return how a force or torque from outside varies; a time that windows cannot show, or no orbit, is refused."""
-    disturbance = config.disturbance
-    deviation, time = getattr(disturbance, f'{kind}_std'), getattr(disturbance, f'{kind}_time')
-    if 0.0 < time < config.window:
+    deviation, time = getattr(config, f'{kind}_std'), getattr(config, f'{kind}_time')
+    if 0.0 < time < window:
         raise ParameterError(
-            f"parameter 'disturbance.{kind}_time' is {time:g} s; accepted: 0, or at least window, {config.window:g} s"
+            f"parameter 'disturbance.{kind}_time' is {time:g} s; accepted: 0, or at least window, {window:g} s"
         )
-    axes = cast('DisturbanceAxes', disturbance.axes)
-    orbit = make_orbit(config.orbit) if axes == 'orbit' else None
-    if axes == 'orbit' and (orbit is None or config.orbit.epoch > 0.0):
+    axes = cast('DisturbanceAxes', config.axes)
+    orbit = make_orbit(declared) if axes == 'orbit' else None
+    if axes == 'orbit' and (orbit is None or declared.epoch > 0.0):
         raise ParameterError(
             "parameter 'disturbance.axes' is 'orbit'; accepted with orbit.mean_motion above 0 and orbit.epoch 0"
         )
@@ -215,8 +226,7 @@ def _uncertain_circle(config: OrbitConfig) -> Circle | None:
     return Circle(orbit, config.undeclared_eccentricity, config.twist == 'relative')
 
 
-def _gyro(config: EstimatorConfig, model: RobotModel) -> GyroErrors | None:
-    imu = config.imu
+def _gyro(imu: ImuConfig, model: RobotModel, target_link: str, frame_prefix: str) -> GyroErrors | None:
     if imu.noise_density == 0.0:
         return None
     return GyroErrors(
@@ -228,7 +238,7 @@ def _gyro(config: EstimatorConfig, model: RobotModel) -> GyroErrors | None:
         imu.cross_axis_std,
         alone=imu.alone and not imu.orientation,
         with_orientation=imu.orientation,
-        link=imu_link(config, model),
+        link=imu_link(imu, model, target_link, frame_prefix),
     )
 
 
