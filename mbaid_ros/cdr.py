@@ -9,7 +9,7 @@ after every length has been checked against the bytes that there are.
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -198,7 +198,7 @@ _MOST_LAYOUTS = 64  # that are remembered of a topic
 
 _stamp = struct.Struct('<4xiI').unpack_from
 
-Layout = TypeVar('Layout', JointStateLayout, OdometryLayout)
+Layout = TypeVar('Layout', bound=_Layout)
 
 
 class Packets(Sequence[Any], Generic[Layout]):
@@ -226,8 +226,8 @@ class Packets(Sequence[Any], Generic[Layout]):
 class Packer(Generic[Layout]):
     """Makes packets of the messages of a topic, whose type has a kind of layout."""
 
-    def __init__(self, kind: type[Layout]) -> None:
-        self._kind: type[Layout] = kind
+    def __init__(self, kind: Callable[[bytes], Layout]) -> None:
+        self._kind = kind
         self._known: dict[int, list[Layout]] = {}  # by the size of the messages
         self._count = 0
 

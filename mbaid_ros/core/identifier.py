@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
@@ -10,9 +11,7 @@ import numpy as np
 
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.status import Reason, notes, with_reasons
-from mbaid_ros.core.robot.orbit import FallingFrame
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples
-from mbaid_ros.core.sensors.external_momentum import Thrust
 from mbaid_ros.core.sensors.gyro import Gyro
 from mbaid_ros.core.sensors.levels import NoiseEstimator, SensorLevels
 from mbaid_ros.core.sensors.rates import FEWEST, with_rates
@@ -50,6 +49,13 @@ class Estimator(Protocol):
         """Take closed windows, in order, and return the estimates they lead to; origin: ns, stamp at time 0."""
 
 
+class Force(Protocol):
+    """A known change of the momentum: commanded thrust, the gravity gradient of an orbit."""
+
+    def with_momentum(self, window: Samples, origin: int) -> Samples:
+        """Return the next window with the change until each of its samples; `origin` is the stamp at time 0, ns."""
+
+
 @runtime_checkable
 class HasBackgroundTask(Protocol):
     """A method with a background task, which the next `update` completes; its timing does not change the numbers."""
@@ -83,9 +89,9 @@ class Identifier:
     window : s, length of a window
     maximum_gap : s, longest odometry interval that is interpolated
     checks : of windows before they are identified; None makes those of the twist alone
-    thrust : as commanded; None without any
+    forces : known changes of the momentum, in the order in which they are added to windows
     noise : follows how noisy the sensors are; None takes it as declared
-    falling : the frame of the orbit; None where there is none
+    view : from odometry to the frame in which it is used; None: as it is
     gyro : integrates the IMU's angular velocity; None where there is none
     """
 
@@ -95,21 +101,19 @@ class Identifier:
         window: float,
         maximum_gap: float,
         checks: WindowChecks | None = None,
-        thrust: Thrust | None = None,
+        forces: Sequence[Force] = (),
         noise: NoiseEstimator | None = None,
         *,
-        falling: FallingFrame | None = None,
+        view: Callable[[BaseStream], BaseStream] | None = None,
         gyro: Gyro | None = None,
     ) -> None:
         self._estimator = estimator
-        view = None if falling is None else falling.to_falling_frame
         self.synchroniser = Synchroniser(maximum_gap, view, gyro, noise)
         self._windows = Windows(window)
         self._noise = noise
         self._levels: dict[float, SensorLevels] = {}  # by the end of the latest windows, s
         self._checks = checks or WindowChecks()
-        self._thrust = thrust
-        self._falling = falling
+        self._forces = forces
         self._window = window
         self._notes: dict[str, float] = {}  # notes on the data for the user, and since when (s)
         self.used = 0
@@ -163,10 +167,8 @@ class Identifier:
 
     def _prepared(self, windows: list[Samples], *, last: bool) -> list[Samples]:
         """Return closed windows with the velocities their method needs, without those that cannot have them."""
-        if self._thrust is not None:
-            windows = [self._thrust.with_impulse(window, self.origin) for window in windows]
-        if self._falling is not None:
-            windows = [self._falling.with_tide(window, self.origin) for window in windows]
+        for force in self._forces:
+            windows = [force.with_momentum(window, self.origin) for window in windows]
         if self._noise is not None:
             each = self._noise.windows_with_noise(windows, self.origin, last=last)
             windows = [window for window, _ in each]

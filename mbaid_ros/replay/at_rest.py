@@ -19,7 +19,7 @@ from mbaid_ros.core.geometry import Array, log
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise, Stamps
 from mbaid_ros.core.sensors.base import AttachedFrame
 from mbaid_ros.core.sensors.levels import TYPICAL
-from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, Outliers, joint_channels
+from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, POSE, Outliers, joint_channels
 from mbaid_ros.core.sensors.unwrapping import TurnCounter
 from mbaid_ros.messages.fields import PoseReader, source_of, stamps_of
 from mbaid_ros.messages.odometry import OdometryReader
@@ -170,7 +170,7 @@ def _base_stream(bases: Sequence[Any], where: str) -> tuple[BaseStream, list[str
     reader = OdometryReader({}, frame, (), 'inertial', SensorNoise(*TYPICAL.tolist()))
     stream, dropped = reader.read(bases)
     if stream is not None:
-        gate = Outliers[BaseStream](_NEAR)
+        gate = Outliers[BaseStream](_NEAR, POSE)
         stream = gate.push(stream)
         dropped += gate.dropped
     lines = [f'{count} messages not used: {cause}' for cause, count in sorted(dropped.items())]

@@ -11,9 +11,10 @@ import numpy as np
 
 from mbaid_ros.cdr import Packets
 from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.sensors import ImuConfig, PoseConfig
 from mbaid_ros.core.diagnosis.plain_faults import PlainFaults
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream
+from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, SensorNoise
 from mbaid_ros.core.sensors.base import AttachedFrame, measured_orientation
 from mbaid_ros.core.sensors.external_momentum import StoredMomentum
 from mbaid_ros.core.sensors.gyro import DeadReckoning, Gyro
@@ -123,14 +124,17 @@ class BaseSource:
     Attributes
     ----------
     kind, dropped : of the source, None before the first message; number of messages of other sources
+
+    Parameters
+    ----------
+    frame : of poses without a name; empty for one that is no link's
+    needed : whether any source is used
     """
 
-    def __init__(self, config: EstimatorConfig, robot: Robot) -> None:
-        # Of poses without a name: that of the marker, a frame that is no link's.
-        frame = '' if robot.marker is not None else config.frame_prefix + robot.model.base_link
-        self._poses = PoseReader(frame, config.pose.tf_child_frame)
-        self._needed = not config.imu.alone
-        self.kind: Source | None = 'tf' if config.pose.tf_child_frame else None
+    def __init__(self, config: PoseConfig, frame: str, *, needed: bool) -> None:
+        self._poses = PoseReader(frame, config.tf_child_frame)
+        self._needed = needed
+        self.kind: Source | None = 'tf' if config.tf_child_frame else None
         self.dropped: Counter[str] = Counter()
 
     def poses(self, messages: Sequence[Any]) -> Sequence[Any]:
@@ -180,13 +184,10 @@ class Intake:
     def __init__(self, config: EstimatorConfig, robot: Robot) -> None:
         self._robot = robot
         self.joint_reader = JointReader(robot.model.independent_joints, config.wheels.names, config.flexible.joints)
-        self.odometry_reader = _odometry_reader(config, robot)
+        prefix, declared = config.frame_prefix, config.noise.declared
+        self.odometry_reader = _odometry_reader(robot.model, prefix, robot.marker, config.twist_frame, declared)
         self.imu_reader: ImuReader = imu_reader(
-            config.imu,
-            robot.model,
-            config.target_link,
-            config.frame_prefix,
-            config.noise.declared.base_orientation,
+            config.imu, robot.model, config.target_link, prefix, declared.base_orientation
         )
         self.stored_momentum = StoredMomentum(robot.model, config.wheels.momentum_frame)
         self.alone = config.imu.alone
@@ -266,16 +267,26 @@ class Intake:
         return replace(measured, position=position, velocity=velocity)
 
 
-def _odometry_reader(config: EstimatorConfig, robot: Robot) -> OdometryReader:
-    links, prefix = robot.model.links, config.frame_prefix
+def _odometry_reader(
+    model: RobotModel, prefix: str, marker: AttachedFrame | None, twist_frame: str, noise: SensorNoise
+) -> OdometryReader:
+    links = model.links
     attached = {prefix + link.name: AttachedFrame(link.rotation, link.position) for link in links if link.body == 0}
     names = frozenset(prefix + link.name for link in links)
-    return OdometryReader(attached, robot.marker, names, config.twist_frame, config.noise.declared)
+    return OdometryReader(attached, marker, names, twist_frame, noise)
 
 
-def make_gyro(config: EstimatorConfig, model: RobotModel) -> Gyro | None:
-    """Return the integrator of an IMU's angular velocity; None without an IMU."""
-    if config.imu.noise_density == 0.0:
+def make_gyro(
+    config: ImuConfig, model: RobotModel, target_link: str, frame_prefix: str, maximum_gap: float
+) -> Gyro | None:
+    """Return the integrator of an IMU's angular velocity; None without an IMU.
+
+    Parameters
+    ----------
+    target_link, frame_prefix : as of `imu_link`
+    maximum_gap : s, longest interval that is interpolated
+    """
+    if config.noise_density == 0.0:
         return None
-    on_base = imu_link(config.imu, model, config.target_link, config.frame_prefix) is None
-    return Gyro(round(config.maximum_gap * 1e9), config.imu.range, on_base=on_base)
+    on_base = imu_link(config, model, target_link, frame_prefix) is None
+    return Gyro(round(maximum_gap * 1e9), config.range, on_base=on_base)

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbaid_ros.config.calibration import CalibrationFile, read_calibration
 from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import KnownLinksConfig
+from mbaid_ros.config.model_errors import KnownLinksConfig, TargetPriorConfig
 from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.filter.state import Declared
 from mbaid_ros.core.geometry import Array
@@ -71,7 +71,7 @@ def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot
     if not config.known_links.calibration:
         given = config.known_links.links.get(kernel.target.name)
         if given is not None and not config.debris.report:  # otherwise it is of the <inertial> alone
-            as_declared = replace(as_declared, target=_target_prior(config, kernel, given))
+            as_declared = replace(as_declared, target=_target_prior(config.target_prior, kernel, given))
         return KnownRobot(kernel, replace(as_declared, total_mass=_mass_without_target(config.known_links, kernel)))
     found = _calibration(kernel.model, config.known_links)
     side = CalibratedModel(
@@ -186,7 +186,7 @@ def link_deviations(body: Array, config: KnownLinksConfig, given: Mapping[str, f
     )
 
 
-def _target_prior(config: EstimatorConfig, kernel: MomentumKernel, given: Mapping[str, float]) -> KnownTarget:
+def _target_prior(config: TargetPriorConfig, kernel: MomentumKernel, given: Mapping[str, float]) -> KnownTarget:
     """Return the prior of a target link that the robot description describes as well as `given`."""
     target, name = kernel.target, f'known_links.{kernel.target.name[:60]}'
     stds = [given.get(part, 0.0) for part in ('mass_relative_std', 'com_std', 'inertia_relative_std')]
@@ -195,6 +195,6 @@ def _target_prior(config: EstimatorConfig, kernel: MomentumKernel, given: Mappin
             f"parameter '{name}' is of the link that is identified; accepted: mass_relative_std, com_std and "
             'inertia_relative_std, all above 0, and an <inertial> in the robot description, or target_prior.mass'
         )
-    if config.target_prior.mass_std > 0.0:
+    if config.mass_std > 0.0:
         raise ParameterError(f"parameters '{name}' and 'target_prior' are both of the same link; accepted: one")
     return KnownTarget(target.parameters, BodyDeviations(*stds).factor(target.parameters))

@@ -48,16 +48,18 @@ class Segment:
         self._capture = make_capture(config, described, method)
         robot.begin(self._capture)
         self.thrust = Thrust(model, uncertain_thrusters(config.thrust, model))
-        noise, gyro = config.noise, make_gyro(config, model)
+        noise = config.noise
+        gyro = make_gyro(config.imu, model, config.target_link, config.frame_prefix, config.maximum_gap)
         checks: list[Check] = [twist_check(), HeldBase(described)]
         if gyro is not None and gyro.on_base and config.method == 'trajectory':
             checks.append(gyro_check())
+        falling = falling_frame(config.orbit, model, located=not config.imu.alone)
         self.identifier = Identifier(
             self._capture or method(),
             config.window,
             config.maximum_gap,
             WindowChecks(checks, JointRates(model.joint_names)),
-            self.thrust,
+            (self.thrust,) if falling is None else (self.thrust, falling),
             NoiseEstimator(
                 noise.declared,
                 described.model.joints,
@@ -66,7 +68,7 @@ class Segment:
                 trusted=noise.trust_declared,
                 passive=described.springs.joints,
             ),
-            falling=falling_frame(config.orbit, model, located=not config.imu.alone),
+            view=None if falling is None else falling.to_falling_frame,
             gyro=gyro,
         )
 

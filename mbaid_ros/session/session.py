@@ -72,7 +72,10 @@ class Session:
         self._gyro = self.config.imu.noise_density > 0.0
         self.queue = MessageQueue((JOINTS, ODOMETRY, IMU) if self._gyro else (JOINTS, ODOMETRY))
         self.received: Counter[str] = Counter()
-        self.base_source = BaseSource(self.config, self.robot)
+        robot = self.robot
+        # Of poses without a name: that of the marker, a frame that is no link's.
+        frame = '' if robot.marker is not None else self.config.frame_prefix + robot.model.base_link
+        self.base_source = BaseSource(self.config.pose, frame, needed=not self.config.imu.alone)
         self.restarts: list[str] = []
         self.restarted = 0
         self._earlier: Counter[str] = Counter()  # dropped in earlier segments

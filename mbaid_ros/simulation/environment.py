@@ -12,6 +12,7 @@ from mbaid_ros.core.robot.kinematics import Kinematics
 from mbaid_ros.core.robot.model import Link, RobotModel
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.orbit import Orbit
+from mbaid_ros.core.robot.passive import cantilever
 from mbaid_ros.simulation import quaternions
 
 
@@ -30,7 +31,7 @@ class Springs:
     ) -> Springs:
         """Return the springs of joints with natural frequencies, Hz, all else held, and damping ratios."""
         joints = np.array([model.joint_names.index(name) for name in names], dtype=np.intp)
-        inertia = np.sum(Kinematics(model).cantilever[joints] * model.body_parameters(), axis=(1, 2))
+        inertia = np.sum(cantilever(Kinematics(model))[joints] * model.body_parameters(), axis=(1, 2))
         rate = 2.0 * np.pi * np.array(frequencies)
         return Springs(joints, inertia * rate**2, 2.0 * np.array(ratios) * inertia * rate)
 

@@ -111,7 +111,7 @@ def commanded(wrench: Array, delay: float = 0.0, *, late: bool = False) -> tuple
     for place, part in enumerate(parts):
         if late and place == last:
             _reported(thrust, wrench, delay)
-        found.append(thrust.with_impulse(part, 0))
+        found.append(thrust.with_momentum(part, 0))
     impulse, columns = (np.concatenate([getattr(part, name) for part in found]) for name in ('impulse', 'thrust'))
     return impulse, columns.reshape(-1, 6, THRUSTER_ERRORS)
 

@@ -18,11 +18,8 @@ from mbaid_ros.core.filter.run import FilterRun
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.window import Window
-from mbaid_ros.core.linear_algebra import chi_square_limit
 from mbaid_ros.core.results.status import Cause, Verdict
-from mbaid_ros.core.robot.orbit import orbit_fixed_frame
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.unknowns.environment import Gravity, orbit_rate
 
 _FIRST = 24  # windows before the first search: fewer do not discriminate causes
 _AFTER_A_JUMP = 1 + SLIPPING + FEWEST  # windows since a jump that may be a change of the target: enough to see it
@@ -164,22 +161,11 @@ class FaultIsolation:
         return ranked(gains, found.innovations, joint_noise_factor(self._samples, latest.joint_position))
 
 
-_FALSE_ALARM = 1e-9  # chance that noise looks like a gravity gradient as large: each window asks once, for days
-
-
-def with_undeclared_orbit(judgement: Verdict, distribution: MeanAndCovariance, layout: Layout) -> Verdict:
-    """Return a verdict on a run with the gravity gradient of an undeclared orbit as a cause, if the data show one.
-
-    The model is not adequate then: the gradient is estimated to first order, beside a body that it acts on and that is
-    not known either. That suffices to detect it, but not for valid intervals.
-    """
+def with_findings(judgement: Verdict, distribution: MeanAndCovariance, layout: Layout) -> Verdict:
+    """Return a verdict on a run with each unknown's estimate that contradicts the model by itself as a cause."""
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
-        if isinstance(unknown, Gravity) and unknown.count:
-            begin = np.arange(place.start, place.start + 5)  # the others are its rate
-            found = distribution.mean[begin]
-            own = begin - BODY.stop
-            square = float(found @ np.linalg.solve(distribution.unknowns_covariance[own[:, None], own], found))
-            if square > chi_square_limit(_FALSE_ALARM, len(found)):
-                rate = orbit_rate(unknown.factor @ distribution.mean[place])
-                return replace(judgement.with_cause(Cause(orbit_fixed_frame(rate), 0.5 * square)), adequate=False)
+        own = slice(place.start - BODY.stop, place.stop - BODY.stop)
+        found = unknown.finding(distribution.mean[place], distribution.unknowns_covariance[own, own])
+        if found is not None:
+            judgement = replace(judgement.with_cause(Cause(found.text, found.gain or 0.0)), adequate=False)
     return judgement

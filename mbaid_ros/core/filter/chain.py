@@ -16,6 +16,8 @@ from mbaid_ros.core.filter.knots import Midpoints, gradient
 from mbaid_ros.core.filter.measured_window import (
     IntegratedTwist,
     Measurement,
+    gyro_covariance,
+    integral_weights,
     integrated_twist,
     pose_measurement,
     readings,
@@ -78,7 +80,7 @@ def window_models(
     motions: Motions = [stack.motion(point.side, layout.imu, BESIDE if swinging else 1) for stack in stacks]
     swing: Array | None = None
     if swinging:
-        course = course or SwingCourse(layout)
+        course = course or SwingCourse(layout, predict)
         motions, prediction, bodies, swing = course.predict(stacks, motions, point)
     else:
         prediction, bodies = predict(layout, Midpoints.concatenate([motion.flat for motion, _ in motions]), point)
@@ -132,9 +134,11 @@ def _models(
     pose, twist = readings(layout, stack, predicted, motion, slope)
     whole = IntegratedTwist.none(len(stack.windows), layout.size)
     if integrated.any():
-        rates = slope, noise.stored
-        whole = integrated_twist(layout, stack, motion, predicted, errors, point, rates=rates)
+        each = integral_weights(len(middle))
+        rates = [readings(layout, stack, predicted, motion, slope, weights)[1] for weights in each]
+        whole = integrated_twist(stack, prediction, middle, errors, point, by_readings=rates, stored=noise.stored)
         whole = replace(whole, replaces_twist=integrated)
+    of_gyro = gyro_covariance(stack, len(middle)) if middle.gyro.shape[-1] else None
     return WindowModel(
         Measurement(
             *pose_measurement(errors, change, pose, point.readings),
@@ -142,7 +146,7 @@ def _models(
         ),
         Measurement(
             *twist_measurement(errors, prediction, middle, point, twist),
-            twist_covariance(stack, middle, (noise.pose, in_gyro), noise.stored),
+            twist_covariance(stack, middle, (noise.pose, in_gyro), noise.stored, of_gyro),
         ),
         transition=state_rows(errors[-1], np.zeros_like(pose)),
         drift=errors[-1][..., -1],

@@ -262,7 +262,8 @@ class Initialisation:
             return False
         distribution = MeanAndCovariance.from_gaussian(gaussian, self._batch.variables)
         seconds = self.windows[-1].start - self.windows[0].start
-        if not resolved_frequencies(self._batch.layout, distribution, seconds).all():
+        layout = self._batch.layout
+        if layout.kernel.springs.count and not resolved_frequencies(layout, distribution.deviation, seconds).all():
             return False
         factor = distribution.factor_of(self._batch.variables.to_state[BODY])
         body, deviation = distribution.mean[BODY], np.sqrt(np.add.reduce(factor**2, axis=1))
@@ -285,13 +286,13 @@ class Initialisation:
         return int(np.ceil(windows + max(_RETRY, _RETRY_PART * windows) if soon else _GROWTH * windows))
 
 
-def resolved_frequencies(layout: Layout, distribution: MeanAndCovariance, seconds: float) -> Flags:
-    """Return which passive joints' frequencies (f,) the data of some seconds resolve."""
+def resolved_frequencies(layout: Layout, deviation: Array, seconds: float) -> Flags:
+    """Return which passive joints' frequencies (f,) the data of some seconds resolve, the state to (s,) deviations."""
     springs = layout.kernel.springs
     relative: Array = np.zeros(springs.count)
     if not springs.count:
         return relative > 0.0
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, SpringErrors):
-            relative = np.abs(unknown.factor @ distribution.deviation[place])[::2]
+            relative = np.abs(unknown.factor @ deviation[place])[::2]
     return resolved(springs.frequency, springs.damping_ratio, relative, seconds)

@@ -5,6 +5,7 @@ Arrays have a window's m intervals (or m + 1 knots) first, and the B windows of 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -179,29 +180,35 @@ class IntegratedTwist(ArrayRecord):
         return IntegratedTwist(counts, value, rows, value, rows, rows[..., :6], nothing, nothing, nothing)
 
 
+def integral_weights(count: int) -> tuple[Array, Array]:
+    """Return the weights (m,) of a window's twists in its integral, and in the mean of the integrals to its knots."""
+    remaining = count - 1.0 - np.arange(count)
+    return np.full(count, 1.0 / count), remaining / np.sum(remaining)
+
+
 def integrated_twist(
-    layout: Layout,
     stack: Stack,
-    motion: tuple[Midpoints, slice],
-    predicted: Prediction,
+    prediction: Prediction,
+    middle: Midpoints,
     errors: Array,
     point: Point,
     *,
-    rates: tuple[Array, Array],
+    by_readings: Sequence[Array],
+    stored: Array,
 ) -> IntegratedTwist:
-    """Return the integrated twist of a stack's windows; arguments as of `readings` and `twist_measurement`.
+    """Return the integrated twist of a stack's windows; other arguments as of `twist_measurement`.
 
-    `rates` are the slope of the predicted twist, and the noise in it by stored momentum.
+    Parameters
+    ----------
+    by_readings : rates by the unknowns of the readings, as of `readings`, with each of `integral_weights`
+    stored : (B, 6, c) noise in the twist by stored momentum
     """
-    (around, inside), spacing, (slope, stored) = motion, stack.windows[0].spacing, rates
-    middle, count = around[inside], inside.stop - inside.start
-    remaining = count - 1.0 - np.arange(count)
-    of_way, of_mean = np.full(count, 1.0 / count), remaining / np.sum(remaining)  # in the way, in the ways to the knots
+    count, spacing = len(middle), stack.windows[0].spacing
+    share, of_mean = 0.5 * (count - 1.0) / count, integral_weights(count)[1]
     parts: list[tuple[Array, Array]] = []
-    share = 0.5 * (count - 1.0) / count
-    for weights, size in ((of_way, count * spacing), (of_mean, share * count * spacing)):
-        by_readings = readings(layout, stack, predicted, motion, slope, weights)[1]
-        value, rows = twist_measurement(errors, predicted[inside], middle, point, by_readings, weights)
+    sizes = count * spacing, share * count * spacing
+    for weights, rates, size in zip(integral_weights(count), by_readings, sizes, strict=True):
+        value, rows = twist_measurement(errors, prediction, middle, point, rates, weights)
         parts.append((size * value, size * rows))
     way, mean = parts
     white = (count * spacing) ** 2 / stack.samples * _white(stack, middle.base_rotation[count // 2], stored)
@@ -217,11 +224,14 @@ def _white(stack: Stack, rotation: Array, stored: Array) -> Array:
     return np.asarray(axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2) + stored @ np.swapaxes(stored, -1, -2))
 
 
-def twist_covariance(stack: Stack, middle: Midpoints, joints: tuple[Array, Array], stored: Array) -> Array:
+def twist_covariance(
+    stack: Stack, middle: Midpoints, joints: tuple[Array, Array], stored: Array, of_gyro: Array | None = None
+) -> Array:
     """Return the (B, 6, 6) covariance: white noise of the twist and of stored momentum, and the joints', telescoped.
 
     `joints` are its factors in the mean pose, (B, 6, n), and (B, 3, n) that a gyro on a link has beside; `stored`
-    (B, 6, c). With a gyro (B, 9, 9): that has noise of its own, and the latter two in common with the twist.
+    (B, 6, c). With a gyro (B, 9, 9): that has noise of its own, `of_gyro` (B, 3, 3), and the latter two in common with
+    the twist.
     """
     count, weight = len(middle), _weights(len(middle))
     by_joints, in_gyro = joints
@@ -236,9 +246,8 @@ def twist_covariance(stack: Stack, middle: Midpoints, joints: tuple[Array, Array
     if stored.shape[-1]:
         by_readings = white * (stored @ np.swapaxes(stored, -1, -2))
         covariance, common = covariance + by_readings, common + by_readings
-    if not middle.gyro.shape[-1]:
+    if of_gyro is None:
         return covariance
-    of_gyro = _preintegrated(count, stack.windows[0].spacing) * stack.gyro_variance * np.eye(3)
     cross_covariance, of_rate = common[:, :, :3], common[:, :3, :3] + of_gyro
     if in_gyro.any():
         more = growth * by_joints @ np.swapaxes(in_gyro, -1, -2)
@@ -255,6 +264,11 @@ def twist_covariance(stack: Stack, middle: Midpoints, joints: tuple[Array, Array
 def telescoped(count: int, spacing: float) -> float:
     """Return the variance of joint noise in a window's twist over that in its mean pose, 1/s^2."""
     return float(count * np.sum(np.diff(np.pad(_weights(count), 1)) ** 2) / spacing**2)
+
+
+def gyro_covariance(stack: Stack, count: int) -> Array:
+    """Return the (B, 3, 3) covariance of windows' weighted angular velocity by the gyro's own noise; of m intervals."""
+    return np.asarray(_preintegrated(count, stack.windows[0].spacing) * stack.gyro_variance * np.eye(3))
 
 
 @cache

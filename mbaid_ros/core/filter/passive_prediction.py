@@ -12,7 +12,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.momentum import regressor
-from mbaid_ros.core.robot.passive import PassiveInertias, PassiveMotion
+from mbaid_ros.core.robot.passive import PassiveInertias, PassiveMotion, cantilever
 from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.unknowns.bodies import KnownBodies
 from mbaid_ros.core.unknowns.flexible import SpringErrors, StartingSwing, SwingNoise
@@ -49,7 +49,7 @@ def passive_columns(
             (np.einsum('nia,nbak->nibk', vectors, columns) * carried).reshape(len(right), len(joints), -1) @ factor
             for vectors in (inertias.axes, motion.axis_rates)
         )
-        at_zero = kinematics.cantilever[joints][:, bodies].reshape(len(joints), -1) @ factor
+        at_zero = cantilever(kinematics)[joints][:, bodies].reshape(len(joints), -1) @ factor
         along[..., place], force[..., place] = -loads, turned - by_inertia[..., None] * at_zero
     begin = 16
     for unknown in layout.predicted:

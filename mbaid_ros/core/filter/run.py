@@ -144,7 +144,8 @@ class FilterRun:
     def resolved(self) -> Flags:
         """Which passive joints' frequencies (f,) the data resolve."""
         seconds = 0.0 if self._newest is None else self._newest.start + self._newest.length
-        return self._frozen_resolved & resolved_frequencies(self._layout, self.distribution_of_first(), seconds)
+        deviation = self.distribution_of_first().deviation
+        return self._frozen_resolved & resolved_frequencies(self._layout, deviation, seconds)
 
     def curvatures(self, *, consistent: bool) -> tuple[Curvature, ...]:
         """Return the nonlinearity of the windows; about the present estimate only where the model explains the data."""

@@ -18,8 +18,6 @@ from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.flexible import SpringErrors, StartingSwing, SwingNoise
 
 _FIRST = 5  # windows of a mean angular momentum: noise is far below the rate, disturbances have hardly acted
 
@@ -43,7 +41,7 @@ def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Wi
         placed = kernel.kinematics.configure(middle.base_rotation, middle.joint_position)
         joints = kernel.kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
         bodies = express(known, placed.rotation, placed.position)
-        mobility, moving = mobility_and_joint_momentum(kernel, middle, bodies, placed, joints)
+        mobility, moving = mobility_and_joint_momentum(kernel, middle.stored, bodies, placed, joints)
         # V = M^-1 (h - b), no linear momentum: solve with the angular part of M^-1 alone.
         at_rest = (mobility @ moving[..., None])[..., 0]
         rate = rotate(middle.base_rotation, middle.gyro) + at_rest[:, 3:]
@@ -225,20 +223,13 @@ def from_loose_swing(batch: BatchIteration) -> list[BatchIteration]:
     then ever less.
     """
     layout = batch.layout
-    start = [each.factor for each in layout.unknowns if isinstance(each, StartingSwing)]
-    if layout.kernel.springs.highest_frequency < _FAST or not start:
+    if layout.kernel.springs.highest_frequency < _FAST:
         return [batch]
     stages: list[BatchIteration] = []
     for part in _LOOSE:
-        looser = replace(layout, unknowns=tuple(_looser(each, part, start[0]) for each in layout.unknowns))
+        eased = tuple(each.eased(part, layout.unknowns) for each in layout.unknowns)
+        if all(each is own for each, own in zip(eased, layout.unknowns, strict=True)):
+            return [batch]
+        looser = replace(layout, unknowns=eased)
         stages.append(replace(batch, layout=looser, linearised=LinearisationCache(looser, batch.variables)))
     return [*stages, batch]
-
-
-def _looser(unknown: Unknown, part: float, start: Array) -> Unknown:
-    """Return an unknown for a swing that changes by part of its start (2 f, e); the loosest begins anew as declared."""
-    if isinstance(unknown, SwingNoise) and unknown.factor.shape == start.shape:
-        return replace(unknown, factor=np.maximum(unknown.factor, part * start))
-    if isinstance(unknown, SpringErrors | StartingSwing):
-        return replace(unknown, held=part == max(_LOOSE))
-    return unknown

@@ -269,15 +269,15 @@ def layout_of(kernel: MomentumKernel, declared: Declared, detector: PlaneDetecto
 
 
 def mobility_and_joint_momentum(
-    kernel: MomentumKernel, middle: Midpoints, bodies: Array, placed: Configuration, body_twist: Array
+    kernel: MomentumKernel, stored: Array, bodies: Array, placed: Configuration, body_twist: Array
 ) -> tuple[Array, Array]:
     """Return M^-1 and the momentum of the joint motion at a resting base, that stored inside bodies included.
 
-    `bodies` (N, b, 10) are those of `placed`, in common axes about the base's origin.
+    `stored` (N, c) are its readings; `bodies` (N, b, 10) are those of `placed`, in common axes about the base's origin.
     """
     mobility, moving = mobility_and_momentum(bodies, body_twist)
     if kernel.storage.count:
-        moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, middle.stored), axis=1)
+        moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, stored), axis=1)
     return mobility, moving
 
 

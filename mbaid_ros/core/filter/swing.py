@@ -8,7 +8,7 @@ parameters enter those of the predicted twist.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -16,9 +16,9 @@ import numpy as np
 
 from mbaid_ros.core.filter.exponential import transition_steps
 from mbaid_ros.core.filter.knots import Midpoints
-from mbaid_ros.core.filter.passive_prediction import PassiveColumns, starting_columns, starting_states
+from mbaid_ros.core.filter.passive_prediction import starting_columns, starting_states
 from mbaid_ros.core.filter.state import Layout, Point
-from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, predict
+from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, Swing
 from mbaid_ros.core.filter.window import Stack, Window
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.linear_algebra import composed
@@ -33,6 +33,7 @@ _LARGEST = 30.0  # rad or m, of such a change: no appendage swings as far
 _POINTS, _WINDOWS = 8, 1_000  # linearisation points, and windows, that are remembered
 
 Motions = Sequence[tuple[Midpoints, slice]]
+Predict = Callable[[Layout, Midpoints, Point, Array], tuple[Prediction, Bodies]]
 
 
 @dataclass(frozen=True)
@@ -62,10 +63,12 @@ class SwingCourse:
     Parameters
     ----------
     layout : of the state
+    predict : predicts the twist of the base at midpoints, and the swing there, as `twist_prediction.predict`
     """
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: Layout, predict: Predict) -> None:
         self._layout = layout
+        self._predict = predict
         self._bare = replace(layout, unknowns=(), known=UnknownsPrior.standard_normal(0))
         # Time constants of the parameters that are Gauss-Markov processes, s; inf of x itself and of all others.
         times = np.concatenate([np.full(17, np.inf), *(each.time_constants for each in layout.predicted)])
@@ -99,9 +102,9 @@ class SwingCourse:
             layout = self._bare if new and sweep == 0 else self._layout
             position[:, joints] = zeros + x[:, :size]
             placed = replace(flat, joint_position=position, joint_velocity=velocity)
-            prediction, bodies = predict(layout, placed, point, x[:, size:])
+            prediction, bodies = self._predict(layout, placed, point, x[:, size:])
             assert bodies.passive is not None, 'there are passive joints'
-            passive: PassiveColumns = bodies.passive
+            passive: Swing = bodies.passive
             columns = self._followed(parts, passive, x, point)
             step, x = columns[..., 0] - x, columns[..., 0]
             faster = (passive.by_state @ step[..., None])[:, :size, 0]
@@ -138,7 +141,7 @@ class SwingCourse:
                 states[:, window] = _columns_at(columns, before, point)[..., 0]
         return states.reshape(-1, states.shape[-1])
 
-    def _followed(self, parts: Sequence[_Part], passive: PassiveColumns, x: Array, point: Point) -> Array:
+    def _followed(self, parts: Sequence[_Part], passive: Swing, x: Array, point: Point) -> Array:
         """Return x and its derivatives at all instants, (N, 2 f, 1 + u), along windows in order.
 
         `passive` are their rates, linear about x (N, 2 f) and in the first u parameters.

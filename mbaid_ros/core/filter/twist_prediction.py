@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -66,6 +67,52 @@ class Prediction(ArrayRecord):
         ]
 
 
+class SwingInertias(Protocol):
+    """The inertias of f passive joints at N instants, as `PassiveInertias`."""
+
+    @property
+    def gamma(self) -> Array:
+        """Momentum of unit rates, Gamma, (N, f, 6)."""
+
+    @property
+    def mobility(self) -> Array:
+        """M^-1, the passive joints held, (N, 6, 6)."""
+
+    @property
+    def mobility_of_joints(self) -> Array:
+        """Inverse of H - Gamma^T M^-1 Gamma, (N, f, f)."""
+
+    def solve(self, total: Array, along: Array) -> tuple[Array, Array]:
+        """Return base twists (N, 6, c) and rates (N, f, c) with momenta (N, 6, c) and (N, f, c) along the joints."""
+
+
+class Swing(Protocol):
+    """How the state x = (deflections, s) of f passive joints changes at N instants, as `PassiveColumns`."""
+
+    @property
+    def inertias(self) -> SwingInertias:
+        """Of the passive joints."""
+
+    @property
+    def slope(self) -> Array:
+        """Rates of x, (N, 2 f)."""
+
+    @property
+    def by_state(self) -> Array:
+        """Derivatives of these by x, (N, 2 f, 2 f)."""
+
+    @property
+    def by_parameters(self) -> Array:
+        """Derivatives of these by the parameters, (N, 2 f, u)."""
+
+    @property
+    def twist_by_state(self) -> Array:
+        """Derivative of the base's twist by x, (N, 6, 2 f)."""
+
+    def __getitem__(self, index: Integers) -> Swing:
+        """Return that of some instants."""
+
+
 @dataclass(frozen=True, eq=False)
 class Bodies:
     """The bodies of a robot that moves as predicted, at N instants."""
@@ -73,7 +120,7 @@ class Bodies:
     parameters: Array  # (n + 1, 10) standard parameters of each, in its own frame
     mobility: Array  # (N, 6, 6) M^-1; with passive joints (M - Gamma H^-1 Gamma^T)^-1
     states: BodyStates  # as the momentum equations need them
-    passive: PassiveColumns | None = None  # how passive joints swing; None without any
+    passive: Swing | None = None  # how passive joints swing; None without any
 
     def __getitem__(self, index: Integers) -> Bodies:
         """Return those of some instants."""
@@ -97,7 +144,7 @@ def predict(layout: Layout, middle: Midpoints, point: Point, along: Array | None
     placed = kinematics.configure(middle.base_rotation, middle.joint_position)
     body_twist = kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
     expressed = express(known, placed.rotation, placed.position)
-    mobility, moving = mobility_and_joint_momentum(kernel, middle, expressed, placed, body_twist)
+    mobility, moving = mobility_and_joint_momentum(kernel, middle.stored, expressed, placed, body_twist)
     if layout.plane is not None:
         mobility = in_plane(mobility, layout.plane)
     tide = about_points(middle.tide, middle.base_position)

@@ -13,6 +13,7 @@ from mbaid_ros.core.filter.joint_noise import TwistLink, errors_in_variables_bia
 from mbaid_ros.core.filter.measured_window import Measurement
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, POSE, Layout, Point
 from mbaid_ros.core.filter.swing import SwingCourse
+from mbaid_ros.core.filter.twist_prediction import predict
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.window import Stack, Window, stacked
 from mbaid_ros.core.geometry import Array, Integers, skew
@@ -225,7 +226,7 @@ class LinearisationCache:
     def __init__(self, layout: Layout, variables: Variables) -> None:
         self._layout = layout
         self._variables = variables
-        self._course = SwingCourse(layout) if layout.kernel.springs.count else None
+        self._course = SwingCourse(layout, predict) if layout.kernel.springs.count else None
         self._coming: Sequence[Window] = ()
         self._turn: dict[Window, int] = {}
         self._made: dict[Window, WhitenedWindow] = {}

@@ -12,13 +12,11 @@ momentum about its normal.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, rotate, skew, vec
 from mbaid_ros.core.robot.model import Link, RobotModel
-from mbaid_ros.core.robot.momentum import regressor
 from mbaid_ros.core.samples import ArrayRecord, Samples
 
 
@@ -89,14 +87,6 @@ class Kinematics:
         if len(self._sliding):
             twist[:, self._sliding, :3], twist[:, self._sliding, 3:] = axis[:, self._sliding], 0.0
         return Configuration(rotation, position, twist)
-
-    @cached_property
-    def cantilever(self) -> Array:
-        """Derivatives (n, n + 1, 10) of the inertia that each joint carries at zero, by the bodies' parameters."""
-        placed = self.configure(np.eye(3)[None], np.zeros((1, self.model.joints)))
-        axes = placed.joint_twist[0]
-        columns = regressor(placed.rotation, placed.position, axes[:, None])  # (n, n + 1, 6, 10)
-        return np.asarray(self.ancestors.T[..., None] * np.einsum('ia,ibak->ibk', axes, columns))
 
     def body_twists(self, configuration: Configuration, joint_velocity: Array, base_twist: Array) -> Array:
         """Return the twist (u, w) of every body at the base origin (paper, eq. 1), (N, n + 1, 6).

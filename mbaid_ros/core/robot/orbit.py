@@ -184,7 +184,7 @@ class FallingFrame:
             pose_covariance=covariance,
         )
 
-    def with_tide(self, window: Samples, origin: int) -> Samples:
+    def with_momentum(self, window: Samples, origin: int) -> Samples:
         """Return the next window with the tide until each of its samples; `origin` is the stamp at time 0, ns."""
         if self.epoch is None:
             self.epoch = origin

@@ -7,21 +7,31 @@ is differentiated.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.kinematics import Configuration
-from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
+from mbaid_ros.core.robot.kinematics import Configuration, Kinematics
+from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
 from mbaid_ros.core.robot.sensitivity import force_cross, motion_cross
 from mbaid_ros.core.samples import ArrayRecord
+
+
+@lru_cache(maxsize=32)  # of the robots at the latest linearisation points
+def cantilever(kinematics: Kinematics) -> Array:
+    """Return derivatives (n, n + 1, 10) of the inertia that each joint carries at zero, by the bodies' parameters."""
+    placed = kinematics.configure(np.eye(3)[None], np.zeros((1, kinematics.model.joints)))
+    axes = placed.joint_twist[0]
+    columns = regressor(placed.rotation, placed.position, axes[:, None])  # (n, n + 1, 6, 10)
+    return np.asarray(kinematics.ancestors.T[..., None] * np.einsum('ia,ibak->ibk', axes, columns))
 
 
 def spring_constants(kernel: MomentumKernel, known: Array) -> tuple[Array, Array]:
     """Return stiffness and damping (f,) of the passive joints, all bodies (n + 1, 10) known; SI units."""
     springs = kernel.springs
-    inertia = np.sum(kernel.kinematics.cantilever[list(springs.joints)] * known, axis=(1, 2))
+    inertia = np.sum(cantilever(kernel.kinematics)[list(springs.joints)] * known, axis=(1, 2))
     return inertia * springs.frequency**2, 2.0 * springs.damping_ratio * inertia * springs.frequency
 
 

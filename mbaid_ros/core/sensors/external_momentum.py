@@ -127,7 +127,7 @@ class Thrust:
             self._between[frame] += 1
             self.shared = frame if self._between[frame] >= _SHARED else self.shared
 
-    def with_impulse(self, window: Samples, origin: int) -> Samples:
+    def with_momentum(self, window: Samples, origin: int) -> Samples:
         """Return the next window with the impulse of thrust until each of its samples; `origin` is ns at time 0."""
         self._origin = origin
         self._past.extend([window] if self._past else [window[:1], window])

@@ -108,7 +108,7 @@ class Outliers(Generic[Stream]):
     by_channel : how often each channel of one of these was far, by its number
     """
 
-    def __init__(self, maximum_gap: int, channels: Sequence[Channels] = POSE, cause: str = OUTLIER) -> None:
+    def __init__(self, maximum_gap: int, channels: Sequence[Channels], cause: str = OUTLIER) -> None:
         self._near = min(maximum_gap, _NEAR)
         self._channels = channels
         self._cause = cause
@@ -240,9 +240,7 @@ class Repeats(Generic[Stream]):
     interval : s, between the latest two readings that differ
     """
 
-    def __init__(
-        self, channels: Sequence[Channels] = POSE, cause: str = REPEATED_POSE, *, together: bool = False
-    ) -> None:
+    def __init__(self, channels: Sequence[Channels], cause: str = REPEATED_POSE, *, together: bool = False) -> None:
         self._channels, self._cause, self._together = channels, cause, together
         self._last: Stream | None = None  # latest reading
         self._since = 0  # ns, when its value came

@@ -14,7 +14,7 @@ from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, 
 from mbaid_ros.core.sensors.base import hermite
 from mbaid_ros.core.sensors.gyro import Gyro
 from mbaid_ros.core.sensors.levels import NoiseEstimator
-from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, JOINTS_HELD, Outliers, Repeats, joint_channels
+from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, JOINTS_HELD, POSE, Outliers, Repeats, joint_channels
 
 LARGEST_BACKLOG = 100_000  # measurements of one stream waiting for the other: more are memory without an end
 
@@ -57,8 +57,8 @@ class Synchroniser:
         self._origin: int | None = None
         self._previous: int | None = None  # stamp of the last joint measurement that was used
         self._newest: dict[type, int] = {}  # latest stamp of each stream, used up or not
-        self._repeats = Repeats[BaseStream]()
-        self._outliers = Outliers[BaseStream](self._maximum_gap)
+        self._repeats = Repeats[BaseStream](POSE)
+        self._outliers = Outliers[BaseStream](self._maximum_gap, POSE)
         joints = joint_channels(_TYPICAL_NOISE if noise is None else noise.joint_position)
         self._held = Repeats[JointStream](joints, JOINTS_HELD, together=True)
         self._joint_outliers = Outliers[JointStream](self._maximum_gap, joints, JOINT_OUTLIER)

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from mbaid_ros.core.diagnosis.fault_isolation import with_undeclared_orbit
+from mbaid_ros.core.diagnosis.fault_isolation import with_findings
 from mbaid_ros.core.filter.averaging import Averaged, KnotAveraging
 from mbaid_ros.core.filter.initialisation import FIRST
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
@@ -113,7 +113,7 @@ class TrajectoryEstimator:
         layout, distribution = self._runs.layout, run.distribution()
         prior_scales = run.prior_scales(distribution)
         verdict = self._with_causes(run, judge(self._runs.evidence(run, prior_scales)))
-        verdict = with_undeclared_orbit(verdict, distribution, layout)
+        verdict = with_findings(verdict, distribution, layout)
         history = self._history(run, now, distribution, verdict)
         solution = self._solved(run, distribution, prior_scales, verdict, history.flexible)
         estimate = self._reporting.estimate(solution, history)
@@ -181,7 +181,7 @@ class TrajectoryEstimator:
             reasons=(
                 *notes((*self._runs.warnings, *too_small, *estimated, *self._soft)),
                 *(Reason(text, 'contradiction') for text in verdict.reasons),
-                *(implausible_springs(distribution, layout, flexible, run.resolved) if flexible else ()),
+                *(implausible_springs(distribution.mean, layout, flexible, run.resolved) if flexible else ()),
             ),
         )
 

@@ -175,17 +175,18 @@ def passive_joints(
 _FAR = 3.0  # standard deviations of its declaration, beyond which a frequency is another thing's
 
 
-def implausible_springs(
-    distribution: MeanAndCovariance, layout: Layout, joints: Sequence[PassiveJoint], resolved: Flags
-) -> list[Reason]:
-    """Return why passive joints contradict their declaration; `resolved` (f,): whose frequency the data resolve."""
+def implausible_springs(mean: Array, layout: Layout, joints: Sequence[PassiveJoint], resolved: Flags) -> list[Reason]:
+    """Return why passive joints contradict their declaration, by the estimated state (s,).
+
+    `resolved` (f,): whose frequency the data resolve.
+    """
     model, springs = layout.kernel.model, layout.kernel.springs
     reasons = []
     away, found = {}, springs.frequency / (2.0 * np.pi)
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         if isinstance(unknown, SpringErrors):
-            away = dict(zip(unknown.causes, distribution.mean[place].tolist(), strict=True))
-            found = found * np.exp((unknown.factor @ distribution.mean[place])[::2])
+            away = dict(zip(unknown.causes, mean[place].tolist(), strict=True))
+            found = found * np.exp((unknown.factor @ mean[place])[::2])
     for joint, index, rate, hertz, seen in zip(joints, springs.joints, springs.frequency, found, resolved, strict=True):
         far = abs(away.get(f'{FREQUENCY}:{joint.joint}', 0.0))
         if far > _FAR and seen:

@@ -10,6 +10,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, mounted_base
+from mbaid_ros.core.results.status import Reason
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples
@@ -235,6 +236,27 @@ class Unknown:
         """Return the linearisation point (k,) of an estimate (k,) with standard deviations (k,)."""
         del deviation
         return value
+
+    def eased(self, part: float, unknowns: Sequence[Unknown]) -> Unknown:
+        """Return it as a search takes it that begins with a loose swing of passive joints: itself, where of none.
+
+        Parameters
+        ----------
+        part : 1 in the loosest stage: the swing's change from window to window, relative to that at the start
+        unknowns : all of the state
+        """
+        del part, unknowns
+        return self
+
+    def finding(self, mean: Array, covariance: Array) -> Reason | None:
+        """Return why its estimate by itself contradicts the model, with the likelihood gain; None where it does not.
+
+        Parameters
+        ----------
+        mean, covariance : (e,), (e, e) of its independent numbers
+        """
+        del mean, covariance
+        return None
 
     def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with this value (k,)."""

@@ -17,13 +17,16 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, skew, unvec
+from mbaid_ros.core.linear_algebra import chi_square_limit
+from mbaid_ros.core.results.status import Reason
 from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS
-from mbaid_ros.core.robot.orbit import Orbit
+from mbaid_ros.core.robot.orbit import Orbit, orbit_fixed_frame
 from mbaid_ros.core.unknowns.declaration import Linear, NominalModel, Reading, Unknown, Words, diagonal
 
-GRAVITY, SHAPE, TORQUE, FORCE = 'gravity gradient', 'orbit shape', 'external torque', 'external force'
+GRAVITY, SHAPE = 'gravity gradient', 'orbit shape'
+TORQUE, FORCE = 'external torque', 'external force'
 DisturbanceAxes = Literal['body', 'inertial', 'orbit']
 
 # Orthonormal symmetric matrices without trace, (5, 3, 3).
@@ -36,6 +39,7 @@ _TRACELESS = np.array(
         np.diag([1.0, 1.0, -2.0]) / np.sqrt(6.0),
     ]
 )
+_FALSE_ALARM = 1e-9  # chance that noise looks like a gradient as large: each window asks once, for days
 _NEAR = 200.0  # m from its origin, beyond which a frame does not count as one that falls with the robot
 
 
@@ -70,6 +74,20 @@ class Gravity(_Disturbance):
         del rotation
         rates = gravity_gradient_rates(_TRACELESS, whole, origin if np.linalg.norm(origin) < _NEAR else np.zeros(3))
         return np.concatenate((rates, time[:, None, None] * rates), axis=2)
+
+    def finding(self, mean: Array, covariance: Array) -> Reason | None:
+        """Return that there is an undeclared orbit, if the data show one.
+
+        The model is not adequate then: the gradient is estimated to first order, beside a body that it acts on and that
+        is not known either. That suffices to detect it, but not for valid intervals.
+        """
+        if not self.count:
+            return None
+        now = slice(5)  # the others are its rate
+        square = float(mean[now] @ np.linalg.solve(covariance[now, now], mean[now]))
+        if square <= chi_square_limit(_FALSE_ALARM, 5):
+            return None
+        return Reason(orbit_fixed_frame(orbit_rate(self.factor @ mean)), 'contradiction', 0.5 * square)
 
 
 def gravity_gradient_rates(gradients: Array, whole: Array, origin: Array) -> Array:

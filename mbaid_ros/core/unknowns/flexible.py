@@ -26,6 +26,10 @@ class _OfSprings(Unknown):
         del deviation
         return np.zeros_like(value) if self.held else value
 
+    def eased(self, part: float, unknowns: Sequence[Unknown]) -> Unknown:
+        """Return it held in the loosest stage, which begins as declared; itself where no swing at the start is free."""
+        return self if _at_the_start(unknowns) is None else replace(self, held=part >= 1.0)
+
 
 @dataclass(frozen=True, eq=False)
 class SpringErrors(_OfSprings):
@@ -80,6 +84,11 @@ class StartingSwing(_OfSprings):
         return replace(side, kernel=side.kernel.with_springs(replace(springs, initial_state=state)))
 
 
+def _at_the_start(unknowns: Sequence[Unknown]) -> Array | None:
+    """Return the factor (2 f, e) of the swing at the start; None where it is exact."""
+    return next((each.factor for each in unknowns if isinstance(each, StartingSwing)), None)
+
+
 @dataclass(frozen=True, eq=False)
 class SwingNoise(Unknown):
     """Unmodelled excitation of each passive joint, as two quadratures of a swing, Gauss-Markov processes.
@@ -112,6 +121,13 @@ class SwingNoise(Unknown):
         """
         joints = np.argmax(np.abs(self.factor), axis=0) // 2
         return np.asarray(0.5 * (rates / np.sqrt(np.sum(self.factor[1::2] ** 2, axis=1)))[:, joints] ** 2)
+
+    def eased(self, part: float, unknowns: Sequence[Unknown]) -> Unknown:
+        """Return it for a swing that changes by part of its start at least."""
+        start = _at_the_start(unknowns)
+        if start is None or start.shape != self.factor.shape:
+            return self
+        return replace(self, factor=np.maximum(self.factor, part * start))
 
     def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model as it is: windows are linearised without."""

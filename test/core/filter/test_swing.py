@@ -12,6 +12,7 @@ from mbaid_ros.core.filter.averaging import KnotAveraging
 from mbaid_ros.core.filter.exponential import transition_steps
 from mbaid_ros.core.filter.state import BODY, LINEAR, Layout, Point
 from mbaid_ros.core.filter.swing import BESIDE, SwingCourse
+from mbaid_ros.core.filter.twist_prediction import predict
 from mbaid_ros.core.filter.window import in_stacks, stacked
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -87,7 +88,7 @@ class Case:
 
     def predicted(self, parameters: Array) -> tuple[Array, Array, Array]:
         """Return the twists of own intervals, their derivatives, and the deflections there, window by window."""
-        point, course = self.point(parameters), SwingCourse(self.layout)
+        point, course = self.point(parameters), SwingCourse(self.layout, predict)
         twists: list[Array] = []
         derivatives: list[Array] = []
         deflections: list[Array] = []
@@ -129,7 +130,10 @@ def test_windows_that_were_linearised_while_they_were_open_do_not_count(first: s
     closed, still_open = case.windows[:4], case.still_open[:4]
     pairs = zip(closed, still_open, strict=True) if first == 'closed' else zip(still_open, closed, strict=True)
     together = [window for pair in pairs for window in pair]
-    point, alone, beside = case.point(case.state[case.layout.parameters]), *(SwingCourse(case.layout) for _ in range(2))
+    point, alone, beside = (
+        case.point(case.state[case.layout.parameters]),
+        *(SwingCourse(case.layout, predict) for _ in range(2)),
+    )
     for course, some in ((alone, closed), (beside, together)):
         stacks = stacked(some)
         course.predict(stacks, [stack.motion(point.side, None, BESIDE) for stack in stacks], point)

@@ -196,7 +196,7 @@ def test_the_rows_lack_what_the_orbit_has_brought(seed: int) -> None:
         joint_rate_gain=np.zeros((0, 0)),
         rate_tilt=np.zeros((0, 0)),
     )
-    with_tide = FallingFrame(orbit(0.5), model, relative_twist=True).with_tide(samples, 0)
+    with_tide = FallingFrame(orbit(0.5), model, relative_twist=True).with_momentum(samples, 0)
     plain, rows = (
         window_rows(kernel, [each[k : k + 1] for k in range(len(each))], MID, np.zeros(3))
         for each in (samples, with_tide)
@@ -220,7 +220,7 @@ def test_what_is_left_of_a_simulated_robot_is_constant(name: str) -> None:
     config = simulator_config(name, {**declared(mean_motion=0.02), 'initial.base_position': [8.0, -4.0, 6.0]})
     model = robot(name)
     truth = make_simulation(config, model).advance(np.arange(1200) * 0.05)
-    samples = FallingFrame(orbit(0.02), model, relative_twist=True).with_tide(observe(truth, MID), 0)
+    samples = FallingFrame(orbit(0.02), model, relative_twist=True).with_momentum(observe(truth, MID), 0)
     total = total_momentum(model, truth)
     columns = about_points(samples.tide, np.zeros((len(samples), 3)))
     left = total - summed_over_bodies(columns, model.body_parameters())
@@ -240,7 +240,7 @@ def test_it_is_the_gravity_gradient_torque_about_the_common_centre_of_mass() -> 
     orbit = Orbit.inertial(RATE, np.array([0.3, 0.2, 1.0]), np.array([0.0, 1.0, -0.2]))
     samples = observe(pushed(), MID)[:2]
     frame = FallingFrame(orbit, model, relative_twist=True, located=False)
-    tide = frame.with_tide(samples, 0).tide
+    tide = frame.with_momentum(samples, 0).tide
     bodies, length = model.body_parameters(), float(samples.time[1] - samples.time[0])
     rate = summed_over_bodies(tide.reshape(2, -1, 6, 10), bodies)[1] / length
     placed = Kinematics(model).configure(samples.base_rotation, samples.joint_position)

@@ -9,9 +9,8 @@ import pinocchio
 import pytest
 
 from mbaid_ros.core.filter.knots import Midpoints
-from mbaid_ros.core.filter.passive_prediction import PassiveColumns
 from mbaid_ros.core.filter.state import BODY, LINEAR, Layout, Point
-from mbaid_ros.core.filter.twist_prediction import predict
+from mbaid_ros.core.filter.twist_prediction import Swing, predict
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import Springs
@@ -62,7 +61,7 @@ class Case:
         values[LINEAR.start : LINEAR.start + 6], values[BODY] = momentum, self.kernel.target.parameters
         return self.layout.point(values)
 
-    def moving(self, state: State, along: Array, turn: Array | None = None) -> tuple[PassiveColumns, Array]:
+    def moving(self, state: State, along: Array, turn: Array | None = None) -> tuple[Swing, Array]:
         """Return how x changes by s (f,) at a state's configuration, with the momentum of the case, and base twist.
 
         `turn` (3, 3) are the base's axes, in which the momentum is as in its own; else those of the odometry.

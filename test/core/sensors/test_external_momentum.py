@@ -46,7 +46,7 @@ def samples() -> Samples:
 
 
 def impulses(thrust: Thrust, parts: list[Samples]) -> Array:
-    return np.concatenate([thrust.with_impulse(part, EPOCH).impulse for part in parts])
+    return np.concatenate([thrust.with_momentum(part, EPOCH).impulse for part in parts])
 
 
 def test_the_impulse_is_what_the_momentum_changes_by() -> None:

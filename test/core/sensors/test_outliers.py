@@ -16,6 +16,7 @@ from mbaid_ros.core.sensors.outliers import (
     JOINT_OUTLIER,
     JOINTS_HELD,
     OUTLIER,
+    POSE,
     REPEATED_POSE,
     Outliers,
     Repeats,
@@ -49,7 +50,7 @@ def thrown(base: BaseStream, hit: Flags, seed: int, length: float = 0.2, angle: 
 
 def passed(base: BaseStream, cuts: list[int] | None = None) -> tuple[Stamps, int]:
     """Return the stamps of what passes, handed over in pieces, and how many are dropped."""
-    outliers = Outliers(GAP)
+    outliers = Outliers(GAP, POSE)
     parts = [
         outliers.push(piece(base, begin, end)) for begin, end in pairwise([0, *sorted(cuts or []), len(base.stamp)])
     ]
@@ -136,7 +137,7 @@ def repeated_poses(plateaus: list[int], step: int = 10_000_000) -> tuple[BaseStr
 
 def without_repeats(base: BaseStream, cuts: list[int]) -> tuple[Stamps, int]:
     """Return the stamps of what passes, handed over in pieces, and how many are dropped."""
-    repeats = Repeats()
+    repeats = Repeats(POSE)
     ends = [0, *sorted(cuts), len(base.stamp)]
     parts = [repeats.push(piece(base, begin, end)) for begin, end in pairwise(ends)]
     stamps = [part.stamp for part in parts if part is not None]

@@ -146,7 +146,7 @@ def test_the_momentum_changes_by_the_impulse(frame: str, passive: bool) -> None:
     known.odometry_frame = ODOM
     known.add_command(frame, round(BEGIN * 1e9), WRENCH, None)
     known.add_command(frame, round(END * 1e9), np.zeros(6), None)
-    expected = known.with_impulse(observe(truth, LOW), 0).impulse
+    expected = known.with_momentum(observe(truth, LOW), 0).impulse
     assert np.linalg.norm(expected[-1, :3]) == pytest.approx((END - BEGIN) * np.linalg.norm(WRENCH[:3]), rel=1e-3)
     # Between two samples it takes the mean of both poses.
     assert momentum - momentum[0] == pytest.approx(expected, abs=3e-4)
