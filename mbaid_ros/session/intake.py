@@ -270,6 +270,7 @@ class Intake:
 def _odometry_reader(
     model: RobotModel, prefix: str, marker: AttachedFrame | None, twist_frame: str, noise: SensorNoise
 ) -> OdometryReader:
+    """Return the reader of poses and twists of the base, for the frames on it; `noise` is that of unmarked messages."""
     links = model.links
     attached = {prefix + link.name: AttachedFrame(link.rotation, link.position) for link in links if link.body == 0}
     names = frozenset(prefix + link.name for link in links)
