@@ -133,7 +133,7 @@ def attainable() -> Array:
 
 
 def _continued(cad: RobotModel, found: Calibration) -> tuple[MomentumKernel, Declared]:
-    """Return a robot after its calibration, and what is declared of it, as the files of `calibrate` have them."""
+    """Return a robot after its calibration, and its declaration, as the files of `calibrate` have them."""
     robot = _with(cad, found)
     links = tuple(robot.link(name) for name in LINKS)
     side = CalibratedModel(links, found.joints[:, 0], found.mount, found.block_covariance)

@@ -61,7 +61,7 @@ class WeighedMass(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Declared:
-    """What is declared of a robot and its run: the unknowns, and the priors of all that is none."""
+    """The declaration of a robot and its run: the unknowns, and the priors of all that is none."""
 
     unknowns: tuple[Unknown, ...] = ()  # in the order of the state: those that are only read come last
     target: BodyPrior | None = None
@@ -72,8 +72,9 @@ class Declared:
     imu: Link | None = None  # the link that an IMU is on, where joints move it
 
     def with_links(self, links: Unknown) -> Declared:
-        """Return the same with errors of known links, of which there are none yet."""
-        return replace(self, unknowns=uncertain(links, *self.unknowns))
+        """Return the same with these errors of known links."""
+        others = (each for each in self.unknowns if each.mass_row() is None)
+        return replace(self, unknowns=uncertain(links, *others))
 
 
 @dataclass(frozen=True, eq=False)
