@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,6 +10,7 @@ import pytest
 
 from mbaid_ros.core.diagnosis.candidates import FEWEST, Candidate, CandidateCauses
 from mbaid_ros.core.diagnosis.ranking import CandidateCause, IsolationResult, explains, likeliest_kinds, ranked
+from mbaid_ros.core.filter.batch import Work
 from mbaid_ros.core.results.status import Innovations
 
 Row = tuple[float, str]  # gain, and what it is: a thing, something of the twist, or a walk without a mechanism
@@ -47,56 +47,60 @@ def gaussian(misfit: float, log_likelihood: float) -> Any:
     return SimpleNamespace(misfit=misfit, log_likelihood=log_likelihood)
 
 
+def candidate(windows: int, part: float = 1.0, text: Any = 'the thing') -> list[CandidateCause]:
+    """Return the causes that a candidate makes whose pass has a misfit of 30, and a log-likelihood of -130.
+
+    Without it the misfit is 100, and the log-likelihood -200. A negative number of windows is of no robot that can be.
+    """
+
+    def refined(*_: object) -> Work[Any]:
+        yield 1
+        if windows < 0:
+            raise np.linalg.LinAlgError
+        return SimpleNamespace(gaussian=gaussian(30.0, -130.0))
+
+    passes: Any = SimpleNamespace(refined=refined)
+    point: Any = 'a point'
+    causes: Any = SimpleNamespace(hypotheses=('undisturbed',))
+    made = Candidate(text, passes, [None] * abs(windows), point, of_twist=True, part=part)  # type: ignore[list-item]
+    found: list[CandidateCause] = []
+
+    def kept() -> Work[None]:
+        found.extend((yield from CandidateCauses._scored(causes, made, gaussian(100.0, -200.0))))
+
+    assert sum(kept()) == (1 if abs(windows) >= FEWEST else 0)
+    return found
+
+
 @pytest.mark.parametrize(
     ('part', 'gain'),
     # The likelihoods are 70 apart. Of data left out the misfits count: half of the windows have half of the misfit.
     [(1.0, 70.0), (0.5, 100.0 - 2.0 * 30.0), (0.25, 100.0 - 4.0 * 30.0)],
 )
 def test_what_a_candidate_gains(part: float, gain: float) -> None:
-    def refined(*_: object) -> Iterator[int]:
-        yield 1
-        return SimpleNamespace(gaussian=gaussian(30.0, -130.0))
-
-    passes: Any = SimpleNamespace(refined=refined)
-    point: Any = 'a point'
-    windows: Any = [None] * FEWEST
-    causes: Any = SimpleNamespace(hypotheses=('undisturbed',))
-    candidate = Candidate('the thing', passes, windows, point, of_twist=True, part=part)
-    found, work = run(CandidateCauses._scored(causes, candidate, gaussian(100.0, -200.0)))
-    assert found == [CandidateCause('the thing', gain, of_twist=True)]
-    assert work == 1
-    # A value that cannot be is none, and so is what leaves too few windows.
-    nothing = Candidate(lambda filtered: None, passes, windows, point)
-    assert run(CandidateCauses._scored(causes, nothing, gaussian(100.0, -200.0)))[0] == []
-    short = Candidate('the thing', passes, windows[1:], point)
-    assert run(CandidateCauses._scored(causes, short, gaussian(100.0, -200.0)))[0] == []
+    assert candidate(FEWEST, part) == [CandidateCause('the thing', gain, of_twist=True)]
 
 
-def test_a_robot_that_cannot_be_is_no_candidate() -> None:
-    def refined(*_: object) -> Iterator[int]:
-        yield 1
-        raise np.linalg.LinAlgError
+def test_what_leaves_few_windows_or_cannot_be_is_no_candidate() -> None:
+    def impossible(filtered: object) -> None:
+        del filtered
 
-    passes: Any = SimpleNamespace(refined=refined)
-    point: Any = 'a point'
-    windows: Any = [None] * FEWEST
-    causes: Any = SimpleNamespace(hypotheses=('undisturbed',))
-    candidate = Candidate('the thing', passes, windows, point)
-    assert run(CandidateCauses._scored(causes, candidate, gaussian(100.0, -200.0)))[0] == []
-
-
-def run(work: Any) -> tuple[Any, int]:
-    """Return the outcome of a long computation, and its cost."""
-    spent = 0
-    while True:
-        try:
-            spent += next(work)
-        except StopIteration as end:
-            return end.value, spent
+    assert candidate(FEWEST - 1) == []
+    assert candidate(-FEWEST) == []
+    assert candidate(FEWEST, text=impossible) == []
+    assert candidate(FEWEST, text=lambda filtered: f'{filtered.gaussian.misfit:.0f} left')[0].text == '30 left'
 
 
 def test_three_of_a_kind_are_tried_and_five_in_all() -> None:
-    gains = {'link:a': 90.0, 'link:b': 80.0, 'link:c': 70.0, 'link:d': 60.0, 'zero:a': 20.0, 'mount': 50.0, 'axis': 11.0}
+    gains = {
+        'link:a': 90.0,
+        'link:b': 80.0,
+        'link:c': 70.0,
+        'link:d': 60.0,
+        'zero:a': 20.0,
+        'mount': 50.0,
+        'axis': 11.0,
+    }
     assert likeliest_kinds(gains) == ['link:a', 'link:b', 'link:c', 'mount', 'zero:a']
     assert likeliest_kinds({}) == []
 
