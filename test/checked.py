@@ -64,3 +64,28 @@ def central_difference(function: Callable[[Array], Array], point: Array, step: f
         change[index] = size
         columns.append((np.asarray(function(point + change)) - np.asarray(function(point - change))) / (2.0 * size))
     return np.stack(columns, axis=-1)
+
+
+def generic(seed: int, *shape: int) -> Array:
+    """Return numbers of either sign, of which none is near zero and no two vectors, along the last axis, are parallel.
+
+    A wrong sign, factor or index changes whatever is computed at such a point.
+    """
+    rng = np.random.default_rng(seed)
+    while True:
+        point = rng.uniform(0.3, 1.0, shape) * rng.choice([-1.0, 1.0], shape)
+        vectors = point.reshape(-1, shape[-1])
+        cosines = np.triu(vectors @ vectors.T / np.outer(*(np.linalg.norm(vectors, axis=1),) * 2), 1)
+        if shape[-1] < 2 or np.abs(cosines).max() < 0.95:
+            return point
+
+
+def assert_derivative(found: Array, function: Callable[[Array], Array], point: Array, *, step: float = 1e-5) -> None:
+    """Compare a derivative (..., n) with central differences of a function at a point (n,), and require its change.
+
+    A derivative of which all is zero there would be no test: each coordinate has to change the function.
+    """
+    expected = central_difference(function, point, step)
+    size = np.abs(expected).max(axis=tuple(range(expected.ndim - 1)))
+    assert np.all(size > 0.0), 'the function does not depend on some coordinates at this point'
+    assert found == pytest.approx(expected, abs=1e-7 * float(size.max()))

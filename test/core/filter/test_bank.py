@@ -17,11 +17,11 @@ JUMPING = (0, 3)  # the undisturbed one, and a force in base axes
 AT = 3  # window of the jump
 
 
-def windows(seed: int, space: Variables) -> list[WhitenedWindow]:
+def windows(seed: int, space: Variables, at: int = AT) -> list[WhitenedWindow]:
     """Return windows, one of which no hypothesis explains."""
     rng = np.random.default_rng(seed)
     made = [prepare(window(rng, 0.1), space) for _ in range(6)]
-    made[AT] = replace(made[AT], value=made[AT].value + 30.0)
+    made[at] = replace(made[at], value=made[at].value + 30.0)
     return made
 
 
@@ -75,3 +75,13 @@ def test_the_first_hypothesis_joins_the_others() -> None:
     assert_alike(followed(bank, made[AT:], space)[0], alone, space)
     (jumped,) = followed((first,), made[AT : AT + 1], space)
     assert joined((jumped, *rest))[0] is jumped
+
+
+def test_the_first_window_is_no_jump_even_if_it_contradicts_the_prior() -> None:
+    """There is no momentum before it that it could have jumped from: the prior is wrong."""
+    space = variables(np.random.default_rng(1))
+    for at, jumps in ((0, 0), (1, 1)):
+        made = windows(2, space, at)[: at + 1]
+        (found,) = followed((filtered(0, SquareRootInformation.prior(space)),), made, space)
+        assert found.gaussian.last_nis > 1000.0 or jumps
+        assert len(found.jumps) == found.inflations == jumps

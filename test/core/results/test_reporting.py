@@ -184,12 +184,14 @@ def test_an_impossible_body_is_moved_to_the_nearest_real_one() -> None:
 
 
 def test_the_momentum_is_given_about_the_origin_of_the_odometry() -> None:
-    origin = np.array([10.0, -20.0, 30.0])
+    origin = np.array([10.0, 20.0, 30.0])  # not parallel to the momentum
     estimate = report(solution(0.01, origin=origin))
     assert estimate.momentum[:3] == pytest.approx(MOMENTUM[:3])
     assert estimate.momentum[3:] == pytest.approx(MOMENTUM[3:] + np.cross(origin, MOMENTUM[:3]))
     # Var(L_x) = Var(L0_x) + z^2 Var(P_y) + y^2 Var(P_z)
     assert estimate.momentum_covariance[3, 3] == pytest.approx(4.0 + 30.0**2 * 2.0 + 20.0**2 * 3.0)
+    # Cov(L_x, P_y) = -z Var(P_y), Cov(L_x, P_z) = y Var(P_z)
+    assert estimate.momentum_covariance[3, :3] == pytest.approx([0.0, -30.0 * 2.0, 20.0 * 3.0])
 
 
 def test_in_a_plane_four_parameters_are_published() -> None:

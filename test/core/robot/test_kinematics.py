@@ -231,6 +231,27 @@ def test_turning_out_of_the_plane_is_spatial_for_good(axis: Array) -> None:
     assert np.array_equal(detector.equation_selection(), np.eye(6))
 
 
+@pytest.mark.parametrize(('tilt', 'planar'), [(1.0, True), (3.0, False), (10.0, False)])
+def test_a_plane_is_left_by_a_tilt_beyond_the_noise_of_a_windows_mean(tilt: float, planar: bool) -> None:
+    """By standard deviations of one sample: of fifty a limit of 6 sqrt(2) sqrt(3 / 50) of them."""
+    still = turning_about(Z, 50)
+    detector = PlaneDetector(robot('table1'))
+    detector.update(still)
+    lean = exp(np.array([tilt * MID.base_orientation, 0.0, 0.0]))
+    detector.update(replace(still, base_rotation=lean @ still.base_rotation))
+    assert detector.planar is planar
+
+
+@pytest.mark.parametrize(('rate', 'planar'), [(0.5, True), (2.0, False)])
+def test_a_plane_is_left_by_a_rate_beyond_the_noise_of_a_windows_mean(rate: float, planar: bool) -> None:
+    still = turning_about(Z, 50)
+    detector = PlaneDetector(robot('table1'))
+    detector.update(still)
+    turning = still.base_angular_velocity + np.array([0.0, rate * MID.base_angular_velocity, 0.0])
+    detector.update(replace(still, base_angular_velocity=turning))
+    assert detector.planar is planar
+
+
 def test_the_unknowns_of_a_plane(planar: Truth) -> None:
     servicer = kernel('table1')
     part = windows(observe(planar, MID))[:3]

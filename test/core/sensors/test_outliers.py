@@ -83,6 +83,15 @@ def test_the_first_poses_may_be_outliers(place: int) -> None:
         np.testing.assert_array_equal(passed(base)[0], base.stamp[~hit])
 
 
+@pytest.mark.parametrize(('after', 'kept'), [(3, True), (4, False)])
+def test_an_outlier_beside_a_gap_is_kept_as_one_neighbour_after_it_shows_no_motion(after: int, kept: bool) -> None:
+    """So many readings after it, of which the first two are suspicious, too, then nothing for ten seconds."""
+    hit = np.arange(100) == 50
+    base = thrown(noisy(100, 0), hit, 0)
+    base = replace(base, stamp=base.stamp + 10_000_000_000 * (np.arange(100) > 50 + after))
+    assert passed(base)[1] == (not kept)
+
+
 @pytest.mark.parametrize(('length', 'angle'), [(0.2, 0.0), (0.0, 0.087)])
 def test_a_pose_that_is_off_in_one_part_is_an_outlier(length: float, angle: float) -> None:
     hit = hits(0.01, 2000, 1)

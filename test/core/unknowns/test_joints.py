@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from checked import some
+from checked import assert_derivative, generic, some
 from declarations import exact_but
 from floating import float_freely, make, normalised
 from mbaid_ros.core.filter.state import BODY, Layout
@@ -51,6 +51,19 @@ def test_joints_that_deviate_with_their_angle_leave_nothing_in_a_window(
         found.append(np.abs(residuals(model, x)[1]).max())
     assert found[1] < 0.05 * found[0]
     assert len(state(servicer7, start, nothing)) == layout.size == BODY.stop + 2 * servicer7.model.joints
+
+
+def test_a_gear_moves_its_joint_at_the_rate_of_its_deflection() -> None:
+    """By sine and by cosine of the angle; of no other joint."""
+    unknown = geared_joints(['elbow', 'wrist', 'hand'])
+    angle, rate = generic(0, 1, 3), generic(1, 1, 3)
+    places, rates = unknown.deflections(angle, rate)
+    assert places[0, 1] == pytest.approx([0.0, 0.0, np.sin(angle[0, 1]), np.cos(angle[0, 1]), 0.0, 0.0])
+
+    def deflected(time: Array) -> Array:
+        return unknown.deflections(angle + time * rate, rate)[0][0]
+
+    assert_derivative(rates[0][..., None], deflected, np.zeros(1))
 
 
 WANDER, TIME = 1e-3, 2.0  # rad, s: the time constant is that of tracking errors that are declared

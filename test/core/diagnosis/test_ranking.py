@@ -1,0 +1,121 @@
+"""From evidence to verdict, by tables: which cause leads, what a candidate gains, which are tried."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.diagnosis.candidates import FEWEST, Candidate, CandidateCauses
+from mbaid_ros.core.diagnosis.ranking import CandidateCause, IsolationResult, explains, likeliest_kinds, ranked
+from mbaid_ros.core.filter.batch import Work
+from mbaid_ros.core.results.status import Innovations
+
+Row = tuple[float, str]  # gain, and what it is: a thing, something of the twist, or a walk without a mechanism
+
+
+@pytest.mark.parametrize(
+    ('rows', 'leads'),
+    [
+        ([], False),
+        ([(11.0, 'thing')], True),
+        ([(30.0, 'thing'), (25.0, 'thing')], False),
+        ([(30.0, 'thing'), (15.0, 'thing')], True),
+        ([(30.0, 'thing'), (20.0, 'thing')], False),  # by exactly as much
+        ([(30.0, 'twist'), (25.0, 'twist')], True),  # both are of the twist
+        ([(30.0, 'twist'), (25.0, 'thing')], False),
+        ([(30.0, 'thing'), (25.0, 'twist')], False),
+        ([(30.0, 'thing'), (25.0, 'walk')], True),
+        ([(31.0, 'walk'), (30.0, 'thing')], True),  # 5 % more by what explains anything
+        ([(40.0, 'walk'), (30.0, 'thing')], False),
+        ([(40.0, 'walk')], False),
+    ],
+)
+def test_a_cause_leads_where_no_other_explains_the_data_nearly_as_well(rows: list[Row], leads: bool) -> None:
+    causes = tuple(
+        CandidateCause(f'{place}', gain, physical=kind != 'walk', of_twist=kind == 'twist')
+        for place, (gain, kind) in enumerate(rows)
+    )
+    first = next((each for each in causes if each.physical), None)
+    assert IsolationResult(causes, Innovations.none(6)).leading is (first if leads else None)
+
+
+def gaussian(misfit: float, log_likelihood: float) -> Any:
+    """Return what is compared of the Gaussian after a pass."""
+    return SimpleNamespace(misfit=misfit, log_likelihood=log_likelihood)
+
+
+def candidate(windows: int, part: float = 1.0, text: Any = 'the thing') -> list[CandidateCause]:
+    """Return the causes that a candidate makes whose pass has a misfit of 30, and a log-likelihood of -130.
+
+    Without it the misfit is 100, and the log-likelihood -200. A negative number of windows is of no robot that can be.
+    """
+
+    def refined(*_: object) -> Work[Any]:
+        yield 1
+        if windows < 0:
+            raise np.linalg.LinAlgError
+        return SimpleNamespace(gaussian=gaussian(30.0, -130.0))
+
+    passes: Any = SimpleNamespace(refined=refined)
+    point: Any = 'a point'
+    causes: Any = SimpleNamespace(hypotheses=('undisturbed',))
+    made = Candidate(text, passes, [None] * abs(windows), point, of_twist=True, part=part)  # type: ignore[list-item]
+    found: list[CandidateCause] = []
+
+    def kept() -> Work[None]:
+        found.extend((yield from CandidateCauses._scored(causes, made, gaussian(100.0, -200.0))))
+
+    assert sum(kept()) == (1 if abs(windows) >= FEWEST else 0)
+    return found
+
+
+@pytest.mark.parametrize(
+    ('part', 'gain'),
+    # The likelihoods are 70 apart. Of data left out the misfits count: half of the windows have half of the misfit.
+    [(1.0, 70.0), (0.5, 100.0 - 2.0 * 30.0), (0.25, 100.0 - 4.0 * 30.0)],
+)
+def test_what_a_candidate_gains(part: float, gain: float) -> None:
+    assert candidate(FEWEST, part) == [CandidateCause('the thing', gain, of_twist=True)]
+
+
+def test_what_leaves_few_windows_or_cannot_be_is_no_candidate() -> None:
+    def impossible(filtered: object) -> None:
+        del filtered
+
+    assert candidate(FEWEST - 1) == []
+    assert candidate(-FEWEST) == []
+    assert candidate(FEWEST, text=impossible) == []
+    assert candidate(FEWEST, text=lambda filtered: f'{filtered.gaussian.misfit:.0f} left')[0].text == '30 left'
+
+
+def test_three_of_a_kind_are_tried_and_five_in_all() -> None:
+    gains = {
+        'link:a': 90.0,
+        'link:b': 80.0,
+        'link:c': 70.0,
+        'link:d': 60.0,
+        'zero:a': 20.0,
+        'mount': 50.0,
+        'axis': 11.0,
+    }
+    assert likeliest_kinds(gains) == ['link:a', 'link:b', 'link:c', 'mount', 'zero:a']
+    assert likeliest_kinds({}) == []
+
+
+@pytest.mark.parametrize(('nis', 'measured', 'enough'), [(149.0, 100, True), (151.0, 100, False)])
+def test_a_pass_explains_the_data_by_innovations_as_large_as_the_noise(nis: float, measured: int, enough: bool) -> None:
+    filtered: Any = SimpleNamespace(gaussian=SimpleNamespace(nis=nis, measured=measured))
+    assert explains(filtered) is enough
+
+
+def test_noise_values_gain_what_the_innovations_of_all_sensors_explain() -> None:
+    """Of n numbers with nine times the variance n / 2 (9 - 1 - log 9); smaller ones than declared, or none, nothing."""
+    innovations = Innovations.none(6)
+    for _ in range(50):
+        innovations = innovations.with_window(np.repeat([3.0, 0.1, 1.0, 1.0], 3), np.arange(12))
+    (cause,) = ranked({}, innovations, 1.4)
+    assert cause.gain == pytest.approx(0.5 * 150.0 * (8.0 - np.log(9.0)))
+    assert ranked({}, innovations, 1.2) == ()

@@ -1,0 +1,57 @@
+"""The steps of poses and rates against each other: their noise, on white noise of a base at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.diagnosis.rate_checks import Motion, _gyro_motion, _twist_motion
+from mbaid_ros.core.geometry import exp
+from mbaid_ros.core.samples import Samples
+
+WINDOWS, COUNT, STEP = 500, 30, 0.02  # samples of a window, and s between them
+
+
+def resting(position: float, orientation: float, velocity: float, rate: float) -> list[Samples]:
+    """Return windows of a base at rest whose sensors have white noise of these standard deviations, as declared."""
+    rng, found = np.random.default_rng(0), []
+    pose = np.diag(np.repeat([position, orientation], 3)) ** 2
+    twist = np.diag(np.repeat([velocity, rate], 3)) ** 2
+    for _ in range(WINDOWS):
+        noise = rng.normal(size=(4, COUNT, 3))
+        found.append(
+            Samples(
+                STEP * np.arange(COUNT),
+                np.zeros((COUNT, 1)),
+                np.zeros((COUNT, 1)),
+                position * noise[0],
+                exp(orientation * noise[1]),
+                velocity * noise[2],
+                rate * noise[3],
+                np.broadcast_to(pose, (COUNT, 6, 6)),
+                np.broadcast_to(twist, (COUNT, 6, 6)),
+                gyro=np.zeros((COUNT, 3)),
+            )
+        )
+    return found
+
+
+@pytest.mark.parametrize(
+    'sizes', [(1e-3, 1e-5, 1e-7, 1e-7), (1e-5, 1e-3, 1e-7, 1e-7), (1e-7, 1e-7, 1e-3, 1e-5), (1e-7, 1e-7, 1e-5, 1e-3)]
+)
+def test_twists_are_as_far_from_the_steps_of_the_poses_as_their_noise_makes_them(
+    sizes: tuple[float, float, float, float],
+) -> None:
+    """Angular and linear ones, by the noise of the poses, and by that of the twist."""
+    motions = Motion.concatenate([motion for each in resting(*sizes) if (motion := _twist_motion(each))])
+    normalised = (motions.step - motions.read) / motions.noise
+    for part in np.split(normalised, 2, axis=1):
+        # Of 1500 numbers a mean square is known to 3.7 %; weights of the twist are those of trapezoids, nearly.
+        assert np.mean(part**2) == pytest.approx(1.0, abs=0.2)
+    assert motions.misfit(motions.read) == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_gyro_is_as_far_from_the_steps_of_the_poses_as_their_noise_makes_it() -> None:
+    found = [motion for each in resting(1e-1, 1e-4, 1.0, 1.0) if (motion := _gyro_motion(each))]
+    motions = Motion.concatenate(found)
+    assert motions.misfit(motions.read) == pytest.approx(1.0, abs=0.15)
