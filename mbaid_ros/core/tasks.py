@@ -7,6 +7,7 @@ A fixed number of steps is run before each window, so live and replayed runs tak
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum, auto
 from functools import cached_property
@@ -124,6 +125,13 @@ class Tasks:
         else:
             self._tasks[kind] = task
         return True
+
+
+def outcome_or_none(work: Work[Outcome], error: type[Exception]) -> Work[Outcome | None]:
+    """Return the outcome of a computation; None where it raises this error."""
+    with suppress(error):
+        return (yield from work)
+    return None
 
 
 class Method:

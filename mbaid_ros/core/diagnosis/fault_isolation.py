@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -15,13 +14,13 @@ from mbaid_ros.core.diagnosis.rate_checks import twist_check
 from mbaid_ros.core.diagnosis.readings import joint_noise_factor
 from mbaid_ros.core.filter.run import Run
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
-from mbaid_ros.core.filter.state import BODY, Layout, Point
+from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.linear_algebra import chi_square_limit
 from mbaid_ros.core.results.status import Cause, Verdict
 from mbaid_ros.core.robot.orbit import orbit_fixed_frame
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.tasks import AT_ONCE, Kind, Tasks, Work
+from mbaid_ros.core.tasks import AT_ONCE, Kind, Tasks, outcome_or_none
 from mbaid_ros.core.unknowns.environment import Gravity, orbit_rate
 
 _FIRST = 24  # windows before the first search: fewer do not discriminate causes
@@ -94,18 +93,11 @@ class FaultIsolation:
             self._about = tuple(time for time in run.jump_times if time >= since)
             wrong_twist = self._twist.reason()
             text = wrong_twist.text if wrong_twist else ''
-            work = self._isolated(list(self._windows), point, run.jump_times, text)
-            size = self._candidates.layout.size
+            isolated = self._candidates.isolate(list(self._windows), point, run.jump_times, text)
+            # The point may be of no robot that can be: a later one may be.
+            work, size = outcome_or_none(isolated, np.linalg.LinAlgError), self._candidates.layout.size
             self._tasks.begin(Kind.CAUSES, work, self._accept, size=size, steps=AT_ONCE, due=False)
             self._due = self._seen + -(-len(self._windows) // _PACE)
-
-    def _isolated(
-        self, windows: list[Window], point: Point | None, jumps: tuple[float, ...], wrong_twist: str
-    ) -> Work[IsolationResult | None]:
-        """Return the result of a search; None where the point is of no robot that can be: a later one may be."""
-        with suppress(np.linalg.LinAlgError):
-            return (yield from self._candidates.isolate(windows, point, jumps, wrong_twist))
-        return None
 
     def _accept(self, found: IsolationResult | None) -> None:
         """Accept the result of a search."""

@@ -177,12 +177,8 @@ def _updated(
     group: Sequence[HypothesisFilter], window: Window, white: WhitenedWindow, variables: Variables
 ) -> list[HypothesisFilter]:
     """Return hypotheses that share a root, updated by a window; those under which the momentum jumps share another."""
-
-    def after(root: SquareRootInformation, hypotheses: Sequence[HypothesisFilter]) -> list[SquareRootInformation]:
-        return update_together([each.gaussian.sharing(root) for each in hypotheses], white)
-
     before = at_window_start(group[0].gaussian, window, white, variables)
-    usual = dict(zip(group, after(before, group), strict=True))
+    usual = dict(zip(group, update_together(before, [each.gaussian for each in group], white), strict=True))
     limit = chi_square_limit(_FALSE_ALARM, len(white.value))
     unlikely = [
         each for each, found in usual.items() if found.last_nis > limit and found.measured > found.last_measured
@@ -191,10 +187,11 @@ def _updated(
     if not jumping:
         return [each.updated(before, found) for each, found in usual.items()]
     loose = momentum_inflation(before, white, variables, _JUMP * variables.typical_momentum)
-    jumped = dict(zip(jumping, after(loose, jumping), strict=True))
+    jumped = dict(zip(jumping, update_together(loose, [each.gaussian for each in jumping], white), strict=True))
     broken = [each for each in jumping if jumped[each].last_nis > limit]
     if broken:  # more than a jump of the momentum: of the pose error, too
-        jumped |= zip(broken, after(pose_reset(loose, variables), broken), strict=True)
+        reset = pose_reset(loose, variables)
+        jumped |= zip(broken, update_together(reset, [each.gaussian for each in broken], white), strict=True)
     return [
         each.jumped_in(window, before, replace(jumped[each], log_likelihood=rare_event_likelihood(found)), variables)
         if each in jumped

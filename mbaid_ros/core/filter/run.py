@@ -26,7 +26,7 @@ from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.robot.momentum import body_sizes
-from mbaid_ros.core.tasks import AT_ONCE, Kind, Tasks, Work
+from mbaid_ros.core.tasks import AT_ONCE, Kind, Tasks, outcome_or_none
 
 _CONFIRMING = 8  # windows that show whether a jump was an impulse: if the target has moved, so many do not fit
 
@@ -271,17 +271,11 @@ class Run:
             self._searched = len(self._windows)
             points: list[Callable[[], Point | None]] = [self._best_point] if self.converged else []
             points += [] if self._offered is None else [self._offered]
-            self._tasks.begin(Kind.SEARCH, self._search(self._windows, points), self._take_over, size=self._layout.size)
+            search = outcome_or_none(self._multi_start.search(self._windows, points), np.linalg.LinAlgError)
+            self._tasks.begin(Kind.SEARCH, search, self._take_over, size=self._layout.size)
         elif not self.converged and len(self._windows) > self._kept:
             self._drop(len(self._windows) // 2)
             self._due = min(self._due, len(self._windows) + _RETRY)
-
-    def _search(self, windows: list[Window], points: Sequence[Callable[[], Point | None]]) -> Work[Start | None]:
-        """Return the start that windows lead to; None where nothing leads to a robot that can exist."""
-        try:
-            return (yield from self._multi_start.search(windows, points))
-        except np.linalg.LinAlgError:
-            return None
 
     def _best_point(self) -> Point | None:
         if not self._bank:
@@ -290,7 +284,7 @@ class Run:
         return self._layout.point(distribution.mean, distribution.deviation)
 
     def _take_over(self, start: Start | None) -> None:
-        """Go on from the outcome of a search."""
+        """Go on from the outcome of a search; None where it has led to no robot that can exist."""
         if start is None:  # later windows may help
             self._due = self._searched + _RETRY
             return
