@@ -38,9 +38,9 @@ class LinearisationPoint:
         distribution = MeanAndCovariance.from_gaussian(gaussian, variables)
         gather, root = variables.from_state[variables.persistent], _known(gaussian.triangle, variables)
         distance = root @ (gather @ (distribution.mean - self.reference))
-        return self._moved(distribution, root, layout) if distance @ distance > _HELD else self
+        return self._relinearised(distribution, root, layout) if distance @ distance > _HELD else self
 
-    def _moved(self, distribution: MeanAndCovariance, root: Array, layout: Layout) -> LinearisationPoint:
+    def _relinearised(self, distribution: MeanAndCovariance, root: Array, layout: Layout) -> LinearisationPoint:
         """Return it moved to the estimate, along eigenvectors of the information R^T R of the lasting variables."""
         variables, held = distribution.variables, self.point
         lasting, state = variables.persistent, held.state

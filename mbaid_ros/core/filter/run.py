@@ -226,7 +226,7 @@ class Run:
         self._due = min(self._due, len(self._windows)) if self._windows else FIRST
 
     def add(self, ready: Window | None, still_open: Window | None, *, joints_moved: bool) -> None:
-        """Filter the next window, and for the latest estimate the one after it; all work due by now has been done.
+        """Filter the next window, and for the latest estimate the one after it; finish the work that is due before.
 
         Parameters
         ----------

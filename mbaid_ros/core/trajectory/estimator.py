@@ -115,7 +115,7 @@ class TrajectoryEstimator:
             self._plane.update(window)
             self._samples += len(window)
             run = self._current_run()  # a new one if motion or target have changed
-            ready, still_open = (each and self._usable(each) for each in (knots.ready, knots.still_open))
+            ready, still_open = (each and self._usable_part(each) for each in (knots.ready, knots.still_open))
             # Predict the twist, linearise, update every hypothesis, choose.
             has_prior = self._variables.has_body_prior or self._variables.previous_bias is not None
             joints_moved = knots.joints_moved or has_prior
@@ -125,7 +125,7 @@ class TrajectoryEstimator:
             estimates.append(self._estimate(run, window, origin, joints_moved=joints_moved))
         return estimates
 
-    def _usable(self, window: Window) -> Window:
+    def _usable_part(self, window: Window) -> Window:
         """Return the part of a window that the run uses."""
         return without_twist(window) if self._wrong_twist else window
 
@@ -133,7 +133,7 @@ class TrajectoryEstimator:
         """Take the windows that are going to come, in order."""
         self._coming = windows
         if self.run is not None:
-            self.run.expect([self._usable(window) for window in windows])
+            self.run.expect([self._usable_part(window) for window in windows])
 
     def _current_run(self) -> Run:
         """Return the run for the next window: a new one if the motion is not planar, target or twist have changed."""
@@ -150,7 +150,7 @@ class TrajectoryEstimator:
             self.run = self._run_after(self.run, change)
         elif (wrong := self._isolation.wrong_twist) and not self._wrong_twist:
             self._wrong_twist = wrong
-            self.run = self._new_run([self._usable(window) for window in self._isolation.windows_since(-np.inf)])
+            self.run = self._new_run([self._usable_part(window) for window in self._isolation.windows_since(-np.inf)])
         return self.run
 
     def _new_run(self, windows: list[Window]) -> Run:
@@ -165,7 +165,7 @@ class TrajectoryEstimator:
         for window in windows:
             run.add(window, None, joints_moved=True)
             self.tasks.finish_due()
-        run.expect([self._usable(window) for window in self._coming])
+        run.expect([self._usable_part(window) for window in self._coming])
         return run
 
     def _run_after(self, run: Run, change: Change) -> Run:
