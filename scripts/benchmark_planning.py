@@ -12,7 +12,7 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
-from mbaid_ros.core.identifier import Estimator, posterior_of
+from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.parameters import BAND
@@ -81,7 +81,7 @@ def run(case: Case, seed: int) -> Outcome:
     method = make_estimator(build(EstimatorConfig, {**EXACT, **declared(NOISE)}), own)
     samples = sampled(truth, Sensors(NOISE, seed), NOISE)[:-1]
     _updated(method, samples)
-    posterior = posterior_of(method)
+    posterior = method.posterior()
     assert posterior is not None, f'{case}: a solution after {FIRST:g} s'
     reporting = make_reporting(EstimatorConfig(), own)
     base = BaseLimits(rotation=TURN) if case.limited else BaseLimits()

@@ -13,7 +13,7 @@ PACKAGE = ROOT / 'mbaid_ros'
 PAGE = ROOT / 'docs' / 'reference' / 'thresholds.md'
 # By subject: folders and modules of the package.
 SECTIONS = {
-    'Method `trajectory`': ('core/two_stage.py', 'core/trajectory', 'core/filter'),
+    'Method `trajectory`': ('core/two_stage.py', 'core/trajectory', 'core/filter', 'core/tasks.py'),
     'Fault isolation': ('core/diagnosis', 'core/window_checks.py'),
     'Method `difference`, the first stage of `trajectory`': ('core/difference',),
     'Methods `paper_main` and `paper_difference`': ('core/paper.py',),

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.data import last_state
 from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.identifier import Estimator, posterior_of
+from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -51,7 +51,7 @@ class Begun:
     @property
     def posterior(self) -> Posterior:
         """What the method has come to know."""
-        known = posterior_of(self.method)
+        known = self.method.posterior()
         assert known is not None
         return known
 

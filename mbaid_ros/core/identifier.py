@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from mbaid_ros.core.sensors.levels import NoiseEstimator, SensorLevels
 from mbaid_ros.core.sensors.rates import FEWEST, with_rates
 from mbaid_ros.core.sensors.streams import Windows
 from mbaid_ros.core.sensors.synchroniser import Synchroniser
+from mbaid_ros.core.tasks import Tasks
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.core.window_checks import WindowChecks
 
@@ -45,8 +46,15 @@ class Estimator(Protocol):
     method: str
     needs_rates: bool  # whether it works with measured velocities, of the joints and of the base
 
+    @property
+    def tasks(self) -> Tasks:
+        """Its background work, of which the next `update` completes what it needs; when it runs changes no numbers."""
+
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
         """Take closed windows, in order, and return the estimates they lead to; origin: ns, stamp at time 0."""
+
+    def posterior(self) -> Posterior | None:
+        """Return the posterior, from which a motion is planned; None where the method has none, or not yet."""
 
 
 class Force(Protocol):
@@ -54,27 +62,6 @@ class Force(Protocol):
 
     def with_momentum(self, window: Samples, origin: int) -> Samples:
         """Return the next window with the change until each of its samples; `origin` is the stamp at time 0, ns."""
-
-
-@runtime_checkable
-class HasBackgroundTask(Protocol):
-    """A method with a background task, which the next `update` completes; its timing does not change the numbers."""
-
-    def run_slice(self) -> bool:
-        """Run a few milliseconds of the background task, if there is any; return whether work is left."""
-
-
-@runtime_checkable
-class HasPosterior(Protocol):
-    """A method with a posterior, from which a motion is planned."""
-
-    def posterior(self) -> Posterior | None:
-        """Return it; None while the method has not converged."""
-
-
-def posterior_of(method: object) -> Posterior | None:
-    """Return the posterior of a method; None where it has none, or not yet."""
-    return method.posterior() if isinstance(method, HasPosterior) else None
 
 
 class Identifier:
@@ -107,7 +94,7 @@ class Identifier:
         view: Callable[[BaseStream], BaseStream] | None = None,
         gyro: Gyro | None = None,
     ) -> None:
-        self._estimator = estimator
+        self.estimator = estimator
         self.synchroniser = Synchroniser(maximum_gap, view, gyro, noise)
         self._windows = Windows(window)
         self._noise = noise
@@ -123,10 +110,6 @@ class Identifier:
     def add_note(self, text: str) -> None:
         """Add a warning to every estimate."""
         self._notes[text] = -np.inf
-
-    def posterior(self) -> Posterior | None:
-        """Return the posterior of the method; None where it has none, or not yet."""
-        return posterior_of(self._estimator)
 
     @property
     def origin(self) -> int:
@@ -156,14 +139,10 @@ class Identifier:
         closed = self._prepared(windows, last=last)
         if not closed:
             return []
-        estimates = self._estimator.update(closed, self.synchroniser.origin)
+        estimates = self.estimator.update(closed, self.synchroniser.origin)
         if self._levels:
             estimates = [replace(each, noise=self._levels.get(each.time)) for each in estimates]
         return [with_reasons(each, self._reasons(each.time)) for each in estimates]
-
-    def run_slice(self) -> bool:
-        """Run a time slice of the method's background task; return whether work is left."""
-        return isinstance(self._estimator, HasBackgroundTask) and self._estimator.run_slice()
 
     def _prepared(self, windows: list[Samples], *, last: bool) -> list[Samples]:
         """Return closed windows with the velocities their method needs, without those that cannot have them."""
@@ -180,7 +159,7 @@ class Identifier:
         """Return a window with the velocities its method needs, None if it cannot have them; note the source."""
         start = float(window.time[0])
         joints, base = window.missing_rates
-        if not self._estimator.needs_rates:
+        if not self.estimator.needs_rates:
             if base:
                 self._notes.setdefault(_measured(window), start)
             return window

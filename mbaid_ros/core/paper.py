@@ -24,6 +24,7 @@ from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.momentum import standard
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.tasks import Method
 
 UNKNOWNS = 10  # parameters of the body
 
@@ -140,7 +141,7 @@ class PaperSettings:
     settled: float  # largest relative change over the last ten windows that counts as converged
 
 
-class PaperEstimator:
+class PaperEstimator(Method):
     """Identifies one link by the paper's recursion (total linear momentum zero).
 
     Raises ParameterError: The main form without the total angular momentum.

@@ -20,6 +20,7 @@ from mbaid_ros.core.results.parameters import PARAMETERS
 from mbaid_ros.core.results.status import Reason, with_reasons
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.sensors.rates import FEWEST, with_rates
+from mbaid_ros.core.tasks import AT_ONCE, Kind, Work
 from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
 from mbaid_ros.core.trajectory.posterior import Posterior
 
@@ -90,17 +91,20 @@ class TwoStageEstimator:
     ----------
     first : the weighted difference form
     second : the trajectory filter
+
+    Attributes
+    ----------
+    tasks : background work, of the second stage and of the first beside it
     """
 
     needs_rates = False
 
     def __init__(self, first: Estimator, second: TrajectoryEstimator) -> None:
-        self.method = second.method
+        self.method, self.tasks = second.method, second.tasks
         self._first: Estimator | None = first
         self._second = second
         self._windows = 0
         self._agreed = 0  # windows in a row
-        self._waiting: tuple[Samples, int, Estimate] | None = None  # window of stage 1, origin, estimate of stage 2
         self._began = np.inf  # s, of the first published number
         self._alone_since = np.inf  # s, of the first stage's first number
         self._doubted = False  # whether that stage's numbers have contradicted the data, or lack a twist
@@ -117,42 +121,34 @@ class TwoStageEstimator:
         """
         estimates: list[Estimate] = []
         for place, window in enumerate(windows):
-            self._update_first_stage()
+            self.tasks.finish_due()  # of the windows before: the first stage may go by that
             if self._first is None:
                 estimates += self._second.update(windows[place:], origin)
                 break
-            estimates.append(self._update_both(self._first, window, origin))
+            self._windows += 1
+            first, leading = self._first, self._agreed > 0
+            early = None if leading else self._first_stage_estimate(first, window, origin)
+            (late,) = self._second.update([window], origin)
+            if leading and self._second.settled and not self._second.changed:
+                self._compare_later(first, window, origin, late)
+            else:
+                early = self._first_stage_estimate(first, window, origin) if leading else early
+                late = self._chosen(first, early, late)
+            estimates.append(late)
         return [self._with_warnings(estimate) for estimate in estimates]
 
     def posterior(self) -> Posterior | None:
         """Return the posterior of the second stage."""
         return self._second.posterior()
 
-    def run_slice(self) -> bool:
-        """Update stage 1 with the window that waits, or run a slice of stage 2; return whether work is left."""
-        waited = self._waiting is not None
-        self._update_first_stage()
-        return waited or self._second.run_slice()
+    def _compare_later(self, first: Estimator, window: Samples, origin: int, late: Estimate) -> None:
+        """Update the first stage in the background, where the second leads, and compare the two."""
 
-    def _update_both(self, first: Estimator, window: Samples, origin: int) -> Estimate:
-        """Update both stages with a window; the first one later, where the second leads and has just agreed."""
-        self._windows += 1
-        if not self._agreed:
-            early = self._first_stage_estimate(first, window, origin)
-            (late,) = self._second.update([window], origin)
-            return self._chosen(first, early, late)
-        (late,) = self._second.update([window], origin)
-        if self._second.settled and not self._second.changed:
-            self._waiting = window, origin, late
-            return late
-        return self._chosen(first, self._first_stage_estimate(first, window, origin), late)
+        def updated() -> Work[Estimate | None]:
+            yield 1
+            return self._first_stage_estimate(first, window, origin)
 
-    def _update_first_stage(self) -> None:
-        """Update stage 1 with the window that waits, and compare the two stages."""
-        if self._waiting is not None and self._first is not None:
-            window, origin, late = self._waiting
-            self._chosen(self._first, self._first_stage_estimate(self._first, window, origin), late)
-        self._waiting = None
+        self.tasks.begin(Kind.FIRST_STAGE, updated(), lambda early: self._chosen(first, early, late), steps=AT_ONCE)
 
     def _chosen(self, first: Estimator, early: Estimate | None, late: Estimate) -> Estimate:
         """Return the estimate to publish after a window, of one of the stages."""

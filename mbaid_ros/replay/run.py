@@ -18,6 +18,7 @@ from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Debris, Estimate
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.tasks import Method
 from mbaid_ros.core.trajectory.posterior import Posterior
 from mbaid_ros.estimate_messages import Frames, Publications
 from mbaid_ros.messages.fields import stamps_of
@@ -210,7 +211,7 @@ class BagMotions:
     heard: tuple[str, ...] = ()  # joints that the messages name
 
 
-class _Collector:
+class _Collector(Method):
     """A method that keeps the windows; its estimates hold no numbers and carry the notes on the data."""
 
     method = 'calibration'

@@ -151,12 +151,12 @@ class Session:
         return self._process(last=True)
 
     def run_slice(self) -> bool:
-        """Run a time slice of the method's background task; return whether some of it is left.
+        """Run a slice of the background work; return whether some is left before the next window.
 
         Call it after the estimates of a window are published. When it runs makes no difference to the numbers.
         """
         try:
-            return self._segment.identifier.run_slice()
+            return self._segment.identifier.estimator.tasks.run_slice()
         except UNSOLVABLE as error:
             self._start_again(_unsolved(error))
             return False
@@ -182,7 +182,7 @@ class Session:
 
     def posterior(self) -> Posterior | None:
         """Return the posterior of the run; None if its method has none, or none yet."""
-        return self._segment.identifier.posterior()
+        return self._segment.identifier.estimator.posterior()
 
     @property
     def frames(self) -> Frames:

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from checked import same
 from floating import make
 from mbaid_ros.core.geometry import exp
-from mbaid_ros.core.identifier import Estimator, HasBackgroundTask
+from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.session import methods
@@ -96,8 +96,7 @@ def followed(method: str) -> list[Estimate]:
         estimates += made.update([window], 0)
         # What is put off is done in between, all of it or some, or at the next window.
         for _ in range(number % 3 * 2):
-            if isinstance(made, HasBackgroundTask):
-                made.run_slice()
+            made.tasks.run_slice()
     return estimates
 
 

@@ -19,7 +19,7 @@ from mbaid_ros.core import two_stage
 from mbaid_ros.core.identifier import Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples, Stamps
-from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.core.tasks import Method, Tasks
 from mbaid_ros.core.two_stage import DISAGREE, FIRST_STAGE, LATE, TwoStageEstimator
 from observed import MID, configured_motion, observe, windows
 from windowed import base_stream, joint_stream, piece
@@ -27,7 +27,7 @@ from windowed import base_stream, joint_stream, piece
 START = 1_700_000_000_000_000_000
 
 
-class Recorder:
+class Recorder(Method):
     """A method that keeps the windows it is given."""
 
     method = 'recorder'
@@ -76,7 +76,7 @@ def test_pieces_do_not_matter(cuts: int) -> None:
 MASS, INERTIA = slice(0, 1), slice(4, 10)
 
 
-class Stage:
+class Stage(Method):
     """Says one estimate after another, whatever it is given."""
 
     settled, disturbed, changed = True, False, False
@@ -97,14 +97,6 @@ class Stage:
     def restart(self) -> None:
         """Count it."""
         self.restarts += 1
-
-    def run_slice(self) -> bool:
-        """Have nothing to do."""
-        return False
-
-    def posterior(self) -> Posterior | None:
-        """Know nothing."""
-        return None
 
 
 def knowing(known: slice, *, mass: float = 100.0) -> Estimate:
@@ -166,7 +158,8 @@ def test_a_first_stage_goes_in_the_end_unless_it_contradicts_the_second(agrees: 
 
 def published(*statuses: str, twist: bool = True) -> list[Estimate]:
     """Return the estimates of a second stage that never starts beside a first one of some statuses, a second each."""
-    second: Any = SimpleNamespace(method='trajectory', changed=False, settled=False, offer=lambda _: None)
+    second: Any = SimpleNamespace(method='trajectory', tasks=Tasks(), changed=False, settled=False)
+    second.offer = lambda _: None
     second.update = lambda _windows, _origin: [estimate(status='not_identifiable')]
     made = iter(estimate(status=status, time=float(time)) for time, status in enumerate(statuses))
     first: Any = SimpleNamespace(method='difference', update=lambda _windows, _origin: [next(made)])
@@ -209,8 +202,8 @@ def test_a_second_stage_that_leads_publishes_before_the_first_one_works() -> Non
         return [estimate()]
 
     first: Any = SimpleNamespace(method='difference', update=take_first)
-    second: Any = SimpleNamespace(method='trajectory', changed=False, settled=True, disturbed=False, update=take_second)
-    second.offer, second.run_slice = lambda _: None, lambda: False
+    second: Any = SimpleNamespace(method='trajectory', tasks=Tasks(), changed=False, settled=True, disturbed=False)
+    second.offer, second.update = lambda _: None, take_second
     second.restart = lambda: restarts.append(len(calls))
     stages = TwoStageEstimator(first, second)
     window: Any = SimpleNamespace(missing_rates=(False, False))
@@ -218,7 +211,7 @@ def test_a_second_stage_that_leads_publishes_before_the_first_one_works() -> Non
     for _ in range(4):
         calls.clear()
         found += stages.update([window], 0)
-        before, _ = list(calls), stages.run_slice()
+        before, _ = list(calls), stages.tasks.run_slice()
         assert before == (['first', 'second'] if len(found) in {1, 4} else ['second'])
         assert sorted(calls) == ['first', 'second']
     # The contradiction that the third window holds is found once its estimate is out, and said with the fourth.

@@ -24,6 +24,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.tasks import Method
 from mbaid_ros.core.unknowns.base import TwistBias
 from mbaid_ros.core.unknowns.environment import Gravity
 from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
@@ -213,7 +214,7 @@ def test_the_mass_of_the_whole_robot_is_known_as_well_as_it_was_weighed() -> Non
         nominal_model(build(EstimatorConfig, {'known_links.total_mass': 3.0}), kernel)
 
 
-class Contradicted:
+class Contradicted(Method):
     """A method whose data contradict the model in every window."""
 
     method, needs_rates = 'trajectory', False

@@ -21,6 +21,7 @@ from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.tasks import AT_ONCE, Kind, Method, Work
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.session.known_robot import KnownRobot
 from mbaid_ros.session.methods import make_estimator
@@ -165,7 +166,7 @@ def test_an_estimate_comes_with_the_message_that_completes_its_window(stream: st
 FAILS_AT, MANY_SECONDS = 4.0, 12.0  # s
 
 
-class Failing:
+class Failing(Method):
     """A method that fails once."""
 
     def __init__(self, method: Estimator, failures: list[Exception]) -> None:
@@ -187,13 +188,14 @@ class FailingLater(Failing):
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
         """Do what the method does."""
         self._time = float(windows[-1].time[-1])
+        self.tasks.begin(Kind.CAUSES, self._fail(), lambda _: None, steps=AT_ONCE)
         return self._method.update(windows, origin)
 
-    def run_slice(self) -> bool:
+    def _fail(self) -> Work[None]:
         """Fail if it has not done so."""
+        yield 1
         if self._failures and self._time > FAILS_AT - 0.5:
             raise self._failures.pop()
-        return False
 
 
 @pytest.mark.parametrize('kind', [Failing, FailingLater])

@@ -10,12 +10,13 @@ import numpy as np
 
 from mbaid_ros.core.capture.known_momentum import ENOUGH, Capture, KnownMomentum
 from mbaid_ros.core.geometry import Array, unvec
-from mbaid_ros.core.identifier import Estimator, HasBackgroundTask, posterior_of
+from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import CapturePhase, Estimate, determined
 from mbaid_ros.core.results.status import Reason, notes, with_reasons
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.momentum import momentum_change
 from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.tasks import Tasks
 from mbaid_ros.core.trajectory.posterior import Posterior
 
 BEFORE = 'before the capture only the known model is checked; nothing is identified'
@@ -72,9 +73,14 @@ class CaptureEstimator:
             return 'pre_capture'
         return 'post_capture' if self._estimates else 'capture'
 
+    @property
+    def tasks(self) -> Tasks:
+        """The background work of the method since the capture."""
+        return self._method.tasks
+
     def posterior(self) -> Posterior | None:
         """Return the posterior of the method since the capture."""
-        return posterior_of(self._method)
+        return self._method.posterior()
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
         """Return the estimates of closed windows, of the momentum alone before the capture; origin: ns, at time 0."""
@@ -117,10 +123,6 @@ class CaptureEstimator:
     def _robot_parameters(self) -> Array:
         """Return the (n + 1, 10) standard parameters of the robot alone."""
         return self.kernel.body_parameters(self.kernel.target.parameters)
-
-    def run_slice(self) -> bool:
-        """Run a time slice of the method's background task, if it has one; return whether work is left."""
-        return isinstance(self._method, HasBackgroundTask) and self._method.run_slice()
 
     def capture(self, body: Array | None) -> Capture | None:
         """Return the capture, None while there was none.

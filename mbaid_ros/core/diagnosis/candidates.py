@@ -35,7 +35,7 @@ from mbaid_ros.core.diagnosis.ranking import (
     likeliest_kinds,
 )
 from mbaid_ros.core.filter.bank import LONGEST, HypothesisFilter
-from mbaid_ros.core.filter.batch import WhitenedWindows, Work
+from mbaid_ros.core.filter.batch import WhitenedWindows
 from mbaid_ros.core.filter.square_root import SquareRootInformation
 from mbaid_ros.core.filter.state import Declared, Layout, Point
 from mbaid_ros.core.filter.time_update import Hypothesis
@@ -44,6 +44,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PULSE
 from mbaid_ros.core.results.status import LARGEST_NIS
 from mbaid_ros.core.robot.kinematics import PlaneDetector
+from mbaid_ros.core.tasks import Work
 from mbaid_ros.core.unknowns.base import OF_TWIST, marker_text, vibration
 from mbaid_ros.core.unknowns.catalogue import deviation_text, target_changed_text
 from mbaid_ros.core.unknowns.declaration import Unknown

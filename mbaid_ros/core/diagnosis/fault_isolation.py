@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -13,13 +12,13 @@ from mbaid_ros.core.diagnosis.filter_passes import SLIPPING
 from mbaid_ros.core.diagnosis.ranking import CandidateCause, Change, IsolationResult, ranked
 from mbaid_ros.core.diagnosis.rate_checks import twist_check
 from mbaid_ros.core.diagnosis.readings import joint_noise_factor
-from mbaid_ros.core.filter.initialisation import AT_ONCE, BackgroundTask
-from mbaid_ros.core.filter.run import FilterRun
+from mbaid_ros.core.filter.run import Run
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import BODY, Layout
 from mbaid_ros.core.filter.window import Window
 from mbaid_ros.core.results.status import Cause, Verdict
 from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.tasks import AT_ONCE, Kind, Tasks, outcome_or_none
 
 _FIRST = 24  # windows before the first search: fewer do not discriminate causes
 _AFTER_A_JUMP = 1 + SLIPPING + FEWEST  # windows since a jump that may be a change of the target: enough to see it
@@ -44,9 +43,10 @@ class FaultIsolation:
     ----------
     candidates : the candidate causes
     noise : as declared
+    tasks : run its searches; that of a run before it is given up
     """
 
-    def __init__(self, candidates: CandidateCauses, noise: SensorNoise) -> None:
+    def __init__(self, candidates: CandidateCauses, noise: SensorNoise, tasks: Tasks) -> None:
         self._candidates = candidates
         self._noise = noise
         self._samples: deque[Samples] = deque(maxlen=_LATEST)
@@ -55,9 +55,9 @@ class FaultIsolation:
         self._seen = 0
         self._onset, self._next = 0, _FIRST  # windows until the run was suspicious, and until the next search
         self.suspicious = False
-        self._search = BackgroundTask[IsolationResult](candidates.layout.size)
-        self._outcome: IsolationResult | None = None  # of a search, until its result is due
-        self._due: int | None = None  # number of windows at which it is
+        self._tasks = tasks
+        tasks.cancel(Kind.CAUSES)
+        self._due: int | None = None  # number of windows at which the result of a search is
         self._found: IsolationResult | None = None
         self._over = False  # whether the contradiction has ended since
         self._about: tuple[float, ...] = ()  # s, of the jumps that the latest search was begun for
@@ -70,8 +70,10 @@ class FaultIsolation:
         if window is not None:
             self._windows.append(window)
             self._seen += 1
+            if self._seen == self._due:
+                self._tasks.require(Kind.CAUSES)
 
-    def begin_if_due(self, run: FilterRun, *, suspicious: bool) -> None:
+    def begin_if_due(self, run: Run, *, suspicious: bool) -> None:
         """Begin a search for the causes in a suspicious run, if one is due."""
         self.suspicious = suspicious
         if not suspicious:
@@ -88,28 +90,20 @@ class FaultIsolation:
             self._about = tuple(time for time in run.jump_times if time >= since)
             wrong_twist = self._twist.reason()
             text = wrong_twist.text if wrong_twist else ''
-            self._search.begin(self._candidates.isolate(list(self._windows), point, run.jump_times, text))
-            self._search.allot_steps(AT_ONCE)
+            isolated = self._candidates.isolate(list(self._windows), point, run.jump_times, text)
+            # The point may be of no robot that can be: a later one may be.
+            work, size = outcome_or_none(isolated, np.linalg.LinAlgError), self._candidates.layout.size
+            self._tasks.begin(Kind.CAUSES, work, self._accept, size=size, steps=AT_ONCE, due=False)
             self._due = self._seen + -(-len(self._windows) // _PACE)
 
-    def run_slice(self) -> bool:
-        """Run a time slice of a search; return whether work is left."""
-        with suppress(np.linalg.LinAlgError):  # the point is of no robot that can be: a later one may be
-            self._outcome = self._search.run_slice() or self._outcome
-        return self._search.under_way
-
-    def accept_result(self) -> None:
-        """Accept the result of a search if it is due, its work finished first: live and replay agree."""
-        if self._due is None or self._seen < self._due:
-            return
-        while self.run_slice():
-            pass
-        found, self._outcome, self._due = self._outcome, None, None
+    def _accept(self, found: IsolationResult | None) -> None:
+        """Accept the result of a search."""
+        self._due = None
         # The cause of a contradiction may have died down: it is not in the latest windows any more.
         if found is not None and (found.causes or self._over or self._found is None):
             self._found, self._over = found, False
 
-    def open_jumps(self, run: FilterRun) -> tuple[float, ...]:
+    def open_jumps(self, run: Run) -> tuple[float, ...]:
         """Return when the momentum of a run seems to have jumped, s, where a search for the cause is under way.
 
         A leading constant force explains changes that are jumps without it.
@@ -121,7 +115,7 @@ class FaultIsolation:
         left = {jump.time for jump in run.best.jumps} if run.best.hypothesis.physical else set(run.jump_times)
         return tuple(time for time in run.jump_times if time in self._about and time > since and time in left)
 
-    def _since_a_jump(self, run: FilterRun) -> float:
+    def _since_a_jump(self, run: Run) -> float:
         """Return how many windows there have been since the first jump, if nothing drifts; infinitely many without."""
         if not run.jump_times or not self._windows:
             return np.inf
@@ -145,7 +139,7 @@ class FaultIsolation:
         """Return the windows that begin at a time, s, or later."""
         return [window for window in self._windows if window.start >= time]
 
-    def causes(self, run: FilterRun) -> tuple[Cause, ...]:
+    def causes(self, run: Run) -> tuple[Cause, ...]:
         """Return the causes found by the latest search, the likeliest first; none before one."""
         found = self._found
         if found is None:

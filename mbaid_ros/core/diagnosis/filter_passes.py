@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from mbaid_ros.core.filter.bank import HypothesisFilter, rare_event_likelihood
-from mbaid_ros.core.filter.batch import BatchIteration, WhitenedWindows, Work
+from mbaid_ros.core.filter.batch import BatchIteration, WhitenedWindows
 from mbaid_ros.core.filter.prior_scale import PriorComparison
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
 from mbaid_ros.core.filter.state import BODY, MOMENTUM, Declared, Layout, Point
@@ -20,6 +20,7 @@ from mbaid_ros.core.filter.whitened import LinearisationCache
 from mbaid_ros.core.filter.window import Window, in_stacks
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.kinematics import PlaneDetector
+from mbaid_ros.core.tasks import Work
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
 # Passes, each linearised nearer to the solution: the rest is far below the gains that decide between causes.

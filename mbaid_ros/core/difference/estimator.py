@@ -26,6 +26,7 @@ from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.momentum import momentum_change
 from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.tasks import Method
 from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown
 from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
@@ -150,7 +151,7 @@ class DifferenceRun:
             yield Reason(f'{100.0 * share:.0f} % of the variance is due to the uncertainty of the robot model')
 
 
-class DifferenceEstimator:
+class DifferenceEstimator(Method):
     """Identifies one link and the total momentum, which may have any constant value.
 
     Parameters

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
@@ -130,63 +129,55 @@ def joined(bank: Bank) -> Bank:
     return bank
 
 
-def update_bank(bank: Bank, window: Window, white: WhitenedWindow, variables: Variables) -> Bank:
-    """Return the hypotheses at the first knot after a window."""
+def update_bank(
+    bank: Bank, window: Window, white: WhitenedWindow, variables: Variables, *, advancing: bool = True
+) -> Bank:
+    """Return hypotheses updated by a window, at the first knot after it, or as yet in it unless `advancing`.
 
-    def advanced(group: Bank) -> Bank:
-        step = advance(group[0].gaussian, white, variables, group[0].hypothesis)
-        return tuple(each.advanced(step, white) for each in group)
-
-    return _by_root(update_hypotheses(bank, window, white, variables), advanced)
-
-
-def update_hypotheses(bank: Bank, window: Window, white: WhitenedWindow, variables: Variables) -> Bank:
-    """Return hypotheses updated by a window, with a jump of the momentum where the window is too unlikely without."""
-    return _by_root(bank, partial(_update_group, window=window, white=white, variables=variables))
-
-
-def _by_root(bank: Bank, step: Callable[[Bank], Bank]) -> Bank:
-    """Return the hypotheses after a step that those take together which share a root, and walk alike."""
+    Hypotheses that share a root, and walk alike, are updated together. The momentum jumps where the window is too
+    unlikely without.
+    """
     groups: dict[tuple[int, float, float], list[int]] = {}
     for place, each in enumerate(bank):
         key = id(each.gaussian.conditional), each.hypothesis.momentum, each.hypothesis.position
         groups.setdefault(key, []).append(place)
     after = list(bank)
     for places in groups.values():
-        for place, filtered in zip(places, step(tuple(bank[place] for place in places)), strict=True):
-            after[place] = filtered
+        updated = _updated([bank[place] for place in places], window, white, variables)
+        steps: dict[int, SquareRootInformation] = {}  # to the next knot, by the root that hypotheses share by now
+        for place, each in zip(places, updated, strict=True):
+            root = id(each.gaussian.conditional)
+            if advancing and root not in steps:
+                steps[root] = advance(each.gaussian, white, variables, each.hypothesis)
+            after[place] = each.advanced(steps[root], white) if advancing else each
     return tuple(after)
 
 
-def _update_group(group: Bank, window: Window, white: WhitenedWindow, variables: Variables) -> Bank:
+def _updated(
+    group: Sequence[HypothesisFilter], window: Window, white: WhitenedWindow, variables: Variables
+) -> list[HypothesisFilter]:
     """Return hypotheses that share a root, updated by a window; those under which the momentum jumps share another."""
     before = at_window_start(group[0].gaussian, window, white, variables)
-    usual = dict(zip(group, _after(before, group, white), strict=True))
+    usual = dict(zip(group, update_together(before, [each.gaussian for each in group], white), strict=True))
     limit = chi_square_limit(_FALSE_ALARM, len(white.value))
     unlikely = [
-        each for each, after in usual.items() if after.last_nis > limit and after.measured > after.last_measured
+        each for each, found in usual.items() if found.last_nis > limit and found.measured > found.last_measured
     ]
     jumping = [each for each in unlikely if each.jump_length != each.longest_jump]
     if not jumping:
-        return tuple(each.updated(before, after) for each, after in usual.items())
+        return [each.updated(before, found) for each, found in usual.items()]
     loose = momentum_inflation(before, white, variables, _JUMP * variables.typical_momentum)
-    jumped = dict(zip(jumping, _after(loose, jumping, white), strict=True))
+    jumped = dict(zip(jumping, update_together(loose, [each.gaussian for each in jumping], white), strict=True))
     broken = [each for each in jumping if jumped[each].last_nis > limit]
     if broken:  # more than a jump of the momentum: of the pose error, too
-        jumped |= zip(broken, _after(pose_reset(loose, variables), broken, white), strict=True)
-    return tuple(
-        each.jumped_in(window, before, replace(jumped[each], log_likelihood=rare_event_likelihood(after)), variables)
+        reset = pose_reset(loose, variables)
+        jumped |= zip(broken, update_together(reset, [each.gaussian for each in broken], white), strict=True)
+    return [
+        each.jumped_in(window, before, replace(jumped[each], log_likelihood=rare_event_likelihood(found)), variables)
         if each in jumped
-        else each.updated(before, after)
-        for each, after in usual.items()
-    )
-
-
-def _after(
-    before: SquareRootInformation, group: Sequence[HypothesisFilter], white: WhitenedWindow
-) -> list[SquareRootInformation]:
-    """Return the Gaussians of hypotheses after a window, from the root of another one before it."""
-    return update_together([each.gaussian.sharing(before) for each in group], white)
+        else each.updated(before, found)
+        for each, found in usual.items()
+    ]
 
 
 def rare_event_likelihood(after: SquareRootInformation) -> float:

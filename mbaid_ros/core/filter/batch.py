@@ -1,14 +1,12 @@
 """The batch iteration: all windows relinearised at one point, a hypothesis filtered over them, the point moved, again.
 
-Long computations are generators: they yield the cost of each piece, in steps of the filter, and return their outcome.
-`BackgroundTask` runs a fixed number of steps a window, so that live and replayed runs take over at the same window.
+Long computations are generators, for `Tasks`: they yield the cost of each piece, and return their outcome.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -25,9 +23,8 @@ from mbaid_ros.core.results.physical_consistency import IMPOSSIBLE, project
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import unknown_scale
 from mbaid_ros.core.robot.momentum import is_physical, physical_shift
+from mbaid_ros.core.tasks import Work
 
-Outcome = TypeVar('Outcome')
-Work = Generator[int, None, Outcome]  # yields the cost of each piece, in steps of the filter; returns the outcome
 WhitenedWindows = list[tuple[Window, WhitenedWindow]]  # in order, each as it is and linearised
 
 MASS = BODY.start - LINEAR.start  # its index among the parameters
@@ -206,7 +203,7 @@ class BatchIteration:
         state = distribution.mean + distribution.factor @ np.linalg.lstsq(factor, (nearest - body) / scale)[0]
         return np.asarray(state), distance
 
-    def curvature(self, stacks: list[list[Stack]], filtered: HypothesisFilter) -> Work[Curvature]:
+    def nonlinearity(self, stacks: list[list[Stack]], filtered: HypothesisFilter) -> Work[Curvature]:
         """Return how far a converged solution moves where its windows are linearised at other points of its interval.
 
         Parameters
@@ -231,7 +228,7 @@ class BatchIteration:
             moved[:, BODY], distribution.covariance(BODY_PLACES), unknowns=unknowns, covariances=np.array(covariances)
         )
 
-    def displacement(self, stacks: list[list[Stack]], filtered: HypothesisFilter) -> Work[Curvature]:
+    def newton_step(self, stacks: list[list[Stack]], filtered: HypothesisFilter) -> Work[Curvature]:
         """Return how far the solution moves where all windows are linearised at it: a Newton step.
 
         Parameters

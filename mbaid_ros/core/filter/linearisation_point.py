@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
@@ -16,6 +18,7 @@ from mbaid_ros.core.geometry import Array
 _HELD, _WELL_KNOWN, _CURVED, _UNIT = 16.0, 1e-3, 0.1, 0.01
 
 
+@dataclass(frozen=True, eq=False)
 class LinearisationPoint:
     """The linearisation point of the windows to come (trajectory.md, eq. 6).
 
@@ -23,36 +26,23 @@ class LinearisationPoint:
     mount displaced together. Linearised at another point these are others, and together the windows would seem to see
     them. So the point follows the estimate along the directions that are well known, and rests along the others unless
     the estimate is far.
-
-    Attributes
-    ----------
-    point : at which windows are linearised at present; None before there is a start
     """
 
-    def __init__(self, layout: Layout, variables: Variables) -> None:
-        self._layout = layout
-        self._variables = variables
-        self.point: Point | None = None
-        self._reference: Array = np.zeros(layout.size)  # the estimate when the point moved last
+    point: Point  # at which windows are linearised at present
+    reference: Array  # (s,) the estimate when the point moved last
 
-    def begin(self, point: Point) -> None:
-        """Go on from the point of a start."""
-        self.point, self._reference = point, point.state
+    def near_estimate(
+        self, gaussian: SquareRootInformation, layout: Layout, variables: Variables
+    ) -> LinearisationPoint:
+        """Return the same, or relinearised if the estimate is too far from its reference."""
+        distribution = MeanAndCovariance.from_gaussian(gaussian, variables)
+        gather, root = variables.from_state[variables.persistent], _known(gaussian.triangle, variables)
+        distance = root @ (gather @ (distribution.mean - self.reference))
+        return self._relinearised(distribution, root, layout) if distance @ distance > _HELD else self
 
-    def near_estimate(self, gaussian: SquareRootInformation) -> Point:
-        """Return the point, relinearised if the estimate is too far from its reference."""
-        assert self.point is not None, 'there is a start'
-        distribution = MeanAndCovariance.from_gaussian(gaussian, self._variables)
-        gather, root = self._variables.from_state[self._variables.persistent], self._known(gaussian.triangle)
-        distance = root @ (gather @ (distribution.mean - self._reference))
-        if distance @ distance > _HELD:
-            self._move(distribution, root)
-        return self.point
-
-    def _move(self, distribution: MeanAndCovariance, root: Array) -> None:
-        """Move the point to the estimate, along eigenvectors of the information R^T R of the lasting variables."""
-        assert self.point is not None, 'there is a start'
-        layout, variables, held = self._layout, self._variables, self.point
+    def _relinearised(self, distribution: MeanAndCovariance, root: Array, layout: Layout) -> LinearisationPoint:
+        """Return it moved to the estimate, along eigenvectors of the information R^T R of the lasting variables."""
+        variables, held = distribution.variables, self.point
         lasting, state = variables.persistent, held.state
         # A body heavier than the robot sets the typical size: its momentum at 1 m/s is the typical one.
         heavier = float(distribution.mean[BODY.start] / variables.typical_momentum[0])
@@ -66,19 +56,17 @@ class LinearisationPoint:
         step = state[layout.parameters] - held.parameters
         part = near_part(held.parameters, step)
         state[layout.parameters] = held.parameters + part * step
-        if part == 1.0:
-            self._reference = distribution.mean.copy()
         # The next window continues the error chain of the last: at the same readings.
         state[layout.readings] = held.readings
-        self.point = layout.point(state)
+        return LinearisationPoint(layout.point(state), distribution.mean.copy() if part == 1.0 else self.reference)
 
-    def _known(self, root: Array) -> Array:
-        """Return the square-root information R of all but pose error, Gauss-Markov processes and a constant force."""
-        variables = self._variables
-        first, count = variables.poses, len(variables.scale)
-        others = np.concatenate((np.arange(count, len(root)), variables.gauss_markov)).astype(int)
-        if not others.size:
-            return root[first:, first:count]
-        order = np.concatenate((others, np.arange(count)[variables.persistent]))
-        triangle = np.asarray(np.linalg.qr(root[first:, order], mode='r'))
-        return triangle[len(others) : len(order), len(others) :]
+
+def _known(root: Array, variables: Variables) -> Array:
+    """Return the square-root information R of all but pose error, Gauss-Markov processes and a constant force."""
+    first, count = variables.poses, len(variables.scale)
+    others = np.concatenate((np.arange(count, len(root)), variables.gauss_markov)).astype(int)
+    if not others.size:
+        return root[first:, first:count]
+    order = np.concatenate((others, np.arange(count)[variables.persistent]))
+    triangle = np.asarray(np.linalg.qr(root[first:, order], mode='r'))
+    return triangle[len(others) : len(order), len(others) :]

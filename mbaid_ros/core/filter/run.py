@@ -1,4 +1,7 @@
-"""One run of the filter: its phase, and the bank of hypotheses."""
+"""One run of the filter: its phase, the bank of hypotheses, the stored windows and their linearisation point.
+
+The first windows are relinearised together, ever more of them, until their linearisation may be frozen.
+"""
 
 from __future__ import annotations
 
@@ -7,23 +10,44 @@ from enum import Enum, auto
 
 import numpy as np
 
-from mbaid_ros.core.filter.bank import Bank, HypothesisFilter, leader, update_bank, update_hypotheses
-from mbaid_ros.core.filter.batch import BatchIteration
-from mbaid_ros.core.filter.initialisation import Initialisation, resolved_frequencies
+from mbaid_ros.core.filter.bank import Bank, HypothesisFilter, leader, update_bank
+from mbaid_ros.core.filter.batch import HOPELESS, BatchIteration
+from mbaid_ros.core.filter.initialisation import resolved_frequencies
 from mbaid_ros.core.filter.linearisation_point import LinearisationPoint
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
 from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
-from mbaid_ros.core.filter.start import Start
-from mbaid_ros.core.filter.state import Layout, Point
+from mbaid_ros.core.filter.start import MultiStart, Start
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout, Point
 from mbaid_ros.core.filter.time_update import Hypothesis
 from mbaid_ros.core.filter.variables import Variables
 from mbaid_ros.core.filter.whitened import LinearisationCache
-from mbaid_ros.core.filter.window import Window
+from mbaid_ros.core.filter.window import Window, in_stacks
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.results.status import LARGEST_NIS
+from mbaid_ros.core.robot.momentum import body_sizes
+from mbaid_ros.core.tasks import AT_ONCE, Kind, Tasks, outcome_or_none
 
 _CONFIRMING = 8  # windows that show whether a jump was an impulse: if the target has moved, so many do not fit
+
+# Growth of the windows until the next search, so that all searches together cost three times the last; where the target
+# has a prior, at which it is linear until the data move it, five times.
+_GROWTH, _GROWTH_DESCRIBED = 1.5, 1.25
+FIRST = 10  # windows before the first search: 5 s of motion, from which a batch start converges
+_AT_REST = 4  # windows before the first motion that are kept: noise alone is in their rows
+# Windows after which a search that has not converged is repeated, and the least part of all that is: so the work of a
+# window stays about the same.
+_RETRY, _RETRY_PART = 2, 0.1
+_FREEZE = 40  # windows above which the linearisation is frozen if it is good enough
+# Ratio of standard deviations of the body, now and when its windows were linearised, below which they are checked anew.
+_SHARPER = 0.7
+# Relative deviation of the body, in all directions seen, below which the linearisation may be frozen: the remainder of
+# second order is a tenth of it.
+_KNOWN = 0.1
+# Steps of the filter that each task may take between two windows: while there is an estimate, and before. Without limit
+# where the target has a prior: windows are rare then, and each may leave the linear range.
+_SHARE, _FIRST_SHARE = 300, 1200
+_KINDS = Kind.NONLINEARITY, Kind.NEWTON_STEP, Kind.SEARCH
 
 
 class Phase(Enum):
@@ -34,7 +58,7 @@ class Phase(Enum):
     TRACKING = auto()  # one step a window; each keeps the linearisation point it was first seen at
 
 
-class FilterRun:
+class Run:
     """Estimates the state window by window, under several hypotheses of forces and drifts.
 
     Parameters
@@ -43,6 +67,7 @@ class FilterRun:
     variables : of the filter
     hypotheses : the first is the one to beat
     kept : windows that are kept at most to be relinearised
+    tasks : run its background work; that of a run before it is given up
 
     Attributes
     ----------
@@ -50,21 +75,35 @@ class FilterRun:
     planar : whether it takes the motion for planar
     """
 
-    def __init__(self, layout: Layout, variables: Variables, hypotheses: tuple[Hypothesis, ...], kept: int) -> None:
+    def __init__(
+        self, layout: Layout, variables: Variables, hypotheses: tuple[Hypothesis, ...], kept: int, tasks: Tasks
+    ) -> None:
         self._layout = layout
         self._variables = variables
         self._linearised = LinearisationCache(layout, variables)
-        batch = BatchIteration(layout, variables, self._linearised)
-        self._initialisation = Initialisation(batch, hypotheses, kept)
-        self._point = LinearisationPoint(layout, variables)
+        self._batch = BatchIteration(layout, variables, self._linearised)
+        self._multi_start = MultiStart(self._batch, hypotheses)
+        self._kept = kept
+        self._tasks = tasks
+        tasks.cancel(*_KINDS)
+        self.phase = Phase.COLLECTING
+        self.planar = len(variables.measured) < 6
         self._bank: Bank = ()  # after the latest window that has all its neighbours
         self._latest: HypothesisFilter | None = None  # the best hypothesis, with the window that is still open
         self._newest: Window | None = None  # the latest window that has been filtered
-        self._offered: Callable[[], Point] | None = None  # a start that another method has found
+        self._point: LinearisationPoint | None = None  # None before there is a start
         # Of passive joints: whose frequency was resolved when the linearisation was frozen; later data do not mend it.
         self._frozen_resolved: Flags = np.ones(layout.kernel.springs.count, dtype=bool)
-        self.phase = Phase.COLLECTING
-        self.planar = len(variables.measured) < 6
+        self._windows: list[Window] = []  # to be relinearised, in order
+        self._offered: Callable[[], Point] | None = None  # a start that another method has found
+        self._due = FIRST  # number of windows at which the next search begins
+        self._searched = 0  # windows in the latest search
+        self._linearised_until = -np.inf  # s, start of the last of these
+        self._accepted = self._confirmed = False  # whether the latest search has been, and then by the search after it
+        self._consistent = True  # whether the latest search explains its windows
+        self._nonlinearity: Curvature | None = None  # about the solution of a search
+        self._newton_step: Curvature | None = None  # of the solution from where its windows are linearised
+        self._covariance: Array | None = None  # of the body when all windows were linearised last; None: not all are
 
     @property
     def has_state(self) -> bool:
@@ -73,13 +112,13 @@ class FilterRun:
 
     @property
     def converged(self) -> bool:
-        """Whether the batch iteration has converged, and the nonlinearity about its solution is known."""
-        return self._initialisation.converged
+        """Whether the latest search has been accepted, and the nonlinearity about its solution is known."""
+        return self._accepted and self._nonlinearity is not None
 
     @property
     def searching(self) -> bool:
         """Whether a search is under way."""
-        return self._initialisation.searching
+        return self._tasks.is_under_way(Kind.SEARCH)
 
     @property
     def best(self) -> HypothesisFilter:
@@ -90,7 +129,7 @@ class FilterRun:
     @property
     def has_joint_delay(self) -> bool:
         """Whether the estimate has a delay of the joints' stamps."""
-        return self._point.point is not None and self._point.point.side.delay != 0.0
+        return self._point is not None and self._point.point.side.delay != 0.0
 
     @property
     def log_likelihood_ratio(self) -> float:
@@ -123,7 +162,7 @@ class FilterRun:
         If the target has moved in the grasp, the next windows do not fit. And a window that moves a joint for the first
         time may only show that the others are linearised elsewhere, until they are relinearised.
         """
-        linearised = np.inf if self.phase is Phase.TRACKING else self._initialisation.linearised_until
+        linearised = np.inf if self.phase is Phase.TRACKING else self._linearised_until
         newest = self._newest
         since = -np.inf if newest is None else min(linearised, newest.start - _CONFIRMING * newest.length)
         return tuple(jump.time for jump in self.best.jumps if jump.time > since)
@@ -147,9 +186,10 @@ class FilterRun:
         deviation = self.distribution_of_first().deviation
         return self._frozen_resolved & resolved_frequencies(self._layout, deviation, seconds)
 
-    def curvatures(self, *, consistent: bool) -> tuple[Curvature, ...]:
+    def nonlinearities(self, *, consistent: bool) -> tuple[Curvature, ...]:
         """Return the nonlinearity of the windows; about the present estimate only where the model explains the data."""
-        return self._initialisation.curvatures(consistent=consistent)
+        known = (self._nonlinearity, self._newton_step if consistent else None)
+        return tuple(each for each in known if each is not None)
 
     def distribution(self) -> MeanAndCovariance:
         """Return the latest state under the best hypothesis."""
@@ -161,8 +201,8 @@ class FilterRun:
 
     def prior_scales(self, distribution: MeanAndCovariance) -> PriorScaleFactors:
         """Return the scale factors of the unknowns' priors at a mean and covariance of this run."""
-        known = self.curvatures(consistent=False)
-        return distribution.prior_scales(self._layout, known[0].unknowns if known else None)
+        known = self._nonlinearity
+        return distribution.prior_scales(self._layout, known.unknowns if known else None)
 
     def gaussian_before(self, time: float, slack: float) -> SquareRootInformation | None:
         """Return the information before a jump of the momentum near a time, s, if nothing drifts."""
@@ -173,40 +213,6 @@ class FilterRun:
         """Set the coming windows, in order."""
         self._linearised.expect(windows)
 
-    def filter_windows(self, ready: Window | None, still_open: Window | None, *, joints_moved: bool) -> None:
-        """Filter the next window, and for the latest estimate the one after it.
-
-        Parameters
-        ----------
-        ready : a window with all its neighbours; None where there is none
-        still_open : the window after it, without its later neighbours
-        joints_moved : whether a joint has moved so far; before, no start is searched
-        """
-        while self.run_slice():
-            pass
-        if ready is not None and self.phase is not Phase.TRACKING:
-            points = [self._best_point] if self.converged else []
-            points += [] if self._offered is None else [self._offered]
-            lost = self.converged and self.inconsistent
-            self._initialisation.add(ready, points, joints_moved=joints_moved, lost=lost)
-        self._initialisation.allot()
-        if self.phase is Phase.COLLECTING:
-            return
-        point = self._point.near_estimate(leader(self._bank).gaussian)  # for both windows: one window old is as good
-        if ready is not None:
-            self._bank = update_bank(self._bank, ready, self._linearised.whitened(ready, point), self._variables)
-            if self.phase is Phase.INITIALISING:
-                self._initialisation.check_displacement(leader(self._bank))
-        self._latest = leader(self._bank)
-        self._newest = still_open or ready or self._newest
-        if still_open is not None:
-            white = self._linearised.whitened(still_open, point)
-            # Where nothing acts or drifts, the pose error alone goes on from its first knot.
-            if self._latest.hypothesis.disturbed:
-                (self._latest,) = update_bank((self._latest,), still_open, white, self._variables)
-            else:
-                (self._latest,) = update_hypotheses((self._latest,), still_open, white, self._variables)
-
     def offer(self, point: Callable[[], Point]) -> None:
         """Keep a point that the next search may begin at."""
         self._offered = point
@@ -215,33 +221,154 @@ class FilterRun:
         """Give up the solution; windows that are still kept are searched again."""
         self.phase, self._bank, self._latest = Phase.COLLECTING, (), None
         self._frozen_resolved[:] = True
-        self._initialisation.restart()
+        self._tasks.cancel(*_KINDS)
+        self._nonlinearity = self._newton_step = None
+        self._accepted = False
+        self._due = min(self._due, len(self._windows)) if self._windows else FIRST
 
-    def run_slice(self) -> bool:
-        """Run a slice of the background work; return whether more is due before the next window."""
-        outcome = self._initialisation.run_slice(consistent=not self.inconsistent)
-        if isinstance(outcome, Start):
-            self._take_over(outcome)
-        elif outcome is not None:
-            self._freeze_if_possible()
-        return self._initialisation.is_due
+    def add(self, ready: Window | None, still_open: Window | None, *, joints_moved: bool) -> None:
+        """Filter the next window, and for the latest estimate the one after it; finish the work that is due before.
 
-    def _take_over(self, start: Start) -> None:
-        """Go on from a start."""
-        self.phase, self._bank = Phase.INITIALISING, start.bank
-        self._point.begin(start.point)
-        self._initialisation.take_over(start, leader(start.bank))
-        if not start.accepted:
-            self._freeze_if_possible()
+        Parameters
+        ----------
+        ready : a window with all its neighbours; None where there is none
+        still_open : the window after it, without its later neighbours
+        joints_moved : whether a joint has moved so far; before, no start is searched
+        """
+        if ready is not None and self.phase is not Phase.TRACKING:
+            self._store(ready, joints_moved=joints_moved)
+        steps = _SHARE if self.converged and not self._is_displaced else _FIRST_SHARE
+        self._tasks.allot_steps(AT_ONCE if self._variables.has_body_prior else steps, *_KINDS)
+        if self.phase is Phase.COLLECTING:
+            return
+        assert self._point is not None, 'there is a start'
+        # For both windows: one window old is as good.
+        self._point = self._point.near_estimate(leader(self._bank).gaussian, self._layout, self._variables)
+        point = self._point.point
+        if ready is not None:
+            self._bank = update_bank(self._bank, ready, self._linearised.whitened(ready, point), self._variables)
+            if self.phase is Phase.INITIALISING:
+                self._check_newton_step(leader(self._bank))
+        self._latest = leader(self._bank)
+        self._newest = still_open or ready or self._newest
+        if still_open is not None:
+            white = self._linearised.whitened(still_open, point)
+            # Where nothing acts or drifts, the pose error alone goes on from its first knot.
+            disturbed = self._latest.hypothesis.disturbed
+            (self._latest,) = update_bank((self._latest,), still_open, white, self._variables, advancing=disturbed)
 
-    def _freeze_if_possible(self) -> None:
-        """Relinearise no window again where the initialisation allows it."""
-        resolved = self.resolved
-        if self._initialisation.may_freeze(leader(self._bank).gaussian):
-            self.phase, self._frozen_resolved = Phase.TRACKING, resolved
+    def _store(self, window: Window, *, joints_moved: bool) -> None:
+        """Store a window, and begin a search where one is due; none as long as no joint has moved.
+
+        A search is due, too, where the solution of a target with a prior explains the windows no more.
+        """
+        self._windows.append(window)
+        if self.searching:
+            return
+        lost = self.converged and self.inconsistent and self._consistent and self._variables.has_body_prior
+        if not joints_moved:
+            self._windows = self._windows[-_AT_REST:]
+        elif len(self._windows) >= self._due or lost:
+            self._searched = len(self._windows)
+            points: list[Callable[[], Point | None]] = [self._best_point] if self.converged else []
+            points += [] if self._offered is None else [self._offered]
+            search = outcome_or_none(self._multi_start.search(self._windows, points), np.linalg.LinAlgError)
+            self._tasks.begin(Kind.SEARCH, search, self._take_over, size=self._layout.size)
+        elif not self.converged and len(self._windows) > self._kept:
+            self._drop(len(self._windows) // 2)
+            self._due = min(self._due, len(self._windows) + _RETRY)
 
     def _best_point(self) -> Point | None:
         if not self._bank:
             return None
         distribution = MeanAndCovariance.from_gaussian(leader(self._bank).gaussian, self._variables)
         return self._layout.point(distribution.mean, distribution.deviation)
+
+    def _take_over(self, start: Start | None) -> None:
+        """Go on from the outcome of a search; None where it has led to no robot that can exist."""
+        if start is None:  # later windows may help
+            self._due = self._searched + _RETRY
+            return
+        anew, filtered = not self.converged, leader(start.bank)
+        self.phase, self._bank = Phase.INITIALISING, start.bank
+        self._point = LinearisationPoint(start.point, start.point.state)
+        self._consistent = filtered.gaussian.nis < LARGEST_NIS * filtered.gaussian.measured
+        self._accepted, self._confirmed = start.accepted, start.accepted and not anew
+        self._linearised_until = self._windows[self._searched - 1].start
+        self._due = self._next_search(self._searched, filtered.gaussian)
+        self._nonlinearity = None if anew else self._nonlinearity
+        self._tasks.cancel(Kind.NONLINEARITY, Kind.NEWTON_STEP)
+        if start.nonlinearity is not None:
+            steps, size = _FIRST_SHARE if anew else 0, self._layout.size
+            self._tasks.begin(Kind.NONLINEARITY, start.nonlinearity, self._take_nonlinearity, size=size, steps=steps)
+        self._covariance = start.covariance
+        if not self._is_sharper(filtered):
+            self._newton_step = None  # of windows as they were linearised before
+        if not start.accepted:
+            self._freeze_if_possible()
+
+    def _take_nonlinearity(self, nonlinearity: Curvature) -> None:
+        self._nonlinearity = nonlinearity
+        self._freeze_if_possible()
+
+    def _check_newton_step(self, filtered: HypothesisFilter) -> None:
+        """Begin to linearise the windows at the estimate where the body is known so much better than when they were."""
+        if self._accepted and not self._tasks.is_under_way(Kind.NEWTON_STEP) and self._is_sharper(filtered):
+            work = self._batch.newton_step(in_stacks(self._windows), filtered)
+            self._tasks.begin(Kind.NEWTON_STEP, work, self._take_newton_step, size=self._layout.size)
+
+    def _take_newton_step(self, step: Curvature) -> None:
+        self._newton_step = step
+        self._covariance = None if self._covariance is None else step.covariance
+        # Where the data contradict the model, no point is that where the windows are near linear.
+        if step.is_nonlinear and not self.inconsistent:
+            self._due = min(self._due, len(self._windows))
+
+    def _freeze_if_possible(self) -> None:
+        """Relinearise no window again if they are near linear; else drop those that lead nowhere together."""
+        if self.searching or not (self._confirmed or not self._accepted):
+            return
+        gaussian = leader(self._bank).gaussian
+        linear = self._accepted and self._is_linear(gaussian)
+        if self._due <= (min(_FREEZE, self._kept) if linear else self._kept):
+            return
+        self._tasks.cancel(Kind.NEWTON_STEP)
+        self._newton_step = None
+        if self._accepted and gaussian.nis < LARGEST_NIS * gaussian.measured:
+            self.phase, self._frozen_resolved, self._windows = Phase.TRACKING, self.resolved, []
+        else:
+            self._drop(self._searched // 2)
+            self._due = self._next_search(len(self._windows), gaussian)
+
+    @property
+    def _is_displaced(self) -> bool:
+        return self._newton_step is not None and self._newton_step.is_nonlinear
+
+    def _is_linear(self, gaussian: SquareRootInformation) -> bool:
+        """Return whether the remainder of second order is small, wherever the windows are linearised."""
+        if self._nonlinearity is None or self._nonlinearity.is_nonlinear or self._is_displaced:
+            return False
+        distribution = MeanAndCovariance.from_gaussian(gaussian, self._variables)
+        seconds = self._windows[-1].start - self._windows[0].start
+        layout = self._layout
+        if layout.kernel.springs.count and not resolved_frequencies(layout, distribution.deviation, seconds).all():
+            return False
+        factor = distribution.factor_of(self._variables.to_state[BODY])
+        body, deviation = distribution.mean[BODY], np.sqrt(np.add.reduce(factor**2, axis=1))
+        return bool(body[0] > 0.0 and np.all(deviation < _KNOWN * body_sizes(body)))
+
+    def _is_sharper(self, filtered: HypothesisFilter) -> bool:
+        if self._covariance is None:
+            return False
+        now = MeanAndCovariance.from_gaussian(filtered.gaussian, self._variables).covariance(BODY_PLACES)
+        return bool(np.any(now.diagonal() < _SHARPER**2 * self._covariance.diagonal()))
+
+    def _drop(self, first: int) -> None:
+        self._windows, self._covariance = self._windows[first:], None
+
+    def _next_search(self, windows: int, gaussian: SquareRootInformation) -> int:
+        """Return at how many windows to search again: soon where that may yet be accepted."""
+        if self._variables.has_body_prior:
+            return int(np.ceil(_GROWTH_DESCRIBED * windows))
+        soon = not (self._accepted or gaussian.nis > HOPELESS * gaussian.measured)
+        return int(np.ceil(windows + max(_RETRY, _RETRY_PART * windows) if soon else _GROWTH * windows))

@@ -124,12 +124,14 @@ class SquareRootInformation:
 
 def update(gaussian: SquareRootInformation, window: WhitenedWindow) -> SquareRootInformation:
     """Return the Gaussian after a window's measurements."""
-    return update_together((gaussian,), window)[0]
+    return update_together(gaussian, (gaussian,), window)[0]
 
 
-def update_together(gaussians: Sequence[SquareRootInformation], window: WhitenedWindow) -> list[SquareRootInformation]:
-    """Return Gaussians that share a root after a window's measurements; they share the next one."""
-    after, moved, left = gaussians[0].conditional.updated(window)
+def update_together(
+    before: SquareRootInformation, gaussians: Sequence[SquareRootInformation], window: WhitenedWindow
+) -> list[SquareRootInformation]:
+    """Return Gaussians from the variables' root of one before a window, after its measurements; they share the next."""
+    after, moved, left = before.conditional.updated(window)
     updated, count = list[SquareRootInformation](), len(left)
     for gaussian in gaussians:
         force, residual, diagonal = gaussian.force, left[:, count + 1], left.diagonal()

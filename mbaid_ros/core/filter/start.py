@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.filter.bank import LONGEST_AT_A_GUESS, NO_JUMPS, Bank, cap_likelihood, far_likelier, joined, leader
-from mbaid_ros.core.filter.batch import MASS, BatchIteration, BatchResult, Work
+from mbaid_ros.core.filter.batch import MASS, BatchIteration, BatchResult
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout, Point, mobility_and_joint_momentum
 from mbaid_ros.core.filter.time_update import Hypothesis
@@ -18,6 +18,7 @@ from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.results.reporting import Curvature
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.tasks import Work
 
 _FIRST = 5  # windows of a mean angular momentum: noise is far below the rate, disturbances have hardly acted
 
@@ -64,7 +65,7 @@ class Start:
     accepted: bool  # whether the search has converged to one acceptable point
     covariance: Array  # (10, 10) of the body, of the windows that were searched
     # computes how near linear the windows are about the point; None where it is not accepted
-    curvature: Work[Curvature] | None
+    nonlinearity: Work[Curvature] | None
 
 
 @dataclass(frozen=True)
@@ -106,13 +107,13 @@ class MultiStart:
         accepted = other_leads or (result.acceptable and not any(result.is_rivalled_by(other) for other in results))
         distribution = MeanAndCovariance.from_gaussian(leader(bank).gaussian, self.batch.variables)
         covariance = distribution.covariance(BODY_PLACES)
-        curvature = self.batch.curvature(stacks, leader(bank)) if accepted else None
+        nonlinearity = self.batch.nonlinearity(stacks, leader(bank)) if accepted else None
         while count < len(windows):
             more = windows[count : count + STACK]
             linearised = yield from self.batch.relinearise([stacked(more)], chosen.linearised_at)
             count += len(more)
             bank = yield from self.batch.filter(linearised, bank)
-        return Start(bank, chosen.linearised_at, accepted, covariance, curvature)
+        return Start(bank, chosen.linearised_at, accepted, covariance, nonlinearity)
 
     def _from_guesses(self, stacks: list[list[Stack]]) -> Work[list[BatchResult]]:
         """Return the solutions with each guessed mass held, and from the best of these with any mass.

@@ -1,4 +1,4 @@
-"""Method `trajectory`: from windows of samples to estimates."""
+"""Method `trajectory`: from windows of samples to estimates, by one run of the filter after another."""
 
 from __future__ import annotations
 
@@ -8,21 +8,26 @@ from functools import partial
 
 import numpy as np
 
-from mbaid_ros.core.diagnosis.fault_isolation import with_findings
-from mbaid_ros.core.filter.averaging import Averaged, KnotAveraging
-from mbaid_ros.core.filter.initialisation import FIRST
+from mbaid_ros.core.diagnosis.candidates import CandidateCauses
+from mbaid_ros.core.diagnosis.fault_isolation import FaultIsolation, with_findings
+from mbaid_ros.core.diagnosis.filter_passes import another_body
+from mbaid_ros.core.diagnosis.ranking import Change
+from mbaid_ros.core.filter.averaging import KnotAveraging
 from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
-from mbaid_ros.core.filter.run import FilterRun
+from mbaid_ros.core.filter.run import FIRST, Run
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
-from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout, Point
+from mbaid_ros.core.filter.state import BODY, BODY_PLACES, MOMENTUM, Layout, Point, layout_of
+from mbaid_ros.core.filter.variables import Variables, variables
+from mbaid_ros.core.filter.window import Window, without_twist
 from mbaid_ros.core.geometry import Array, cross
-from mbaid_ros.core.results.estimate import Estimate, PassiveJoint
+from mbaid_ros.core.results.estimate import Estimate, Event, PassiveJoint
 from mbaid_ros.core.results.reporting import Reporting, Solution
-from mbaid_ros.core.results.status import Reason, Verdict, judge, notes
+from mbaid_ros.core.results.status import Evidence, Reason, Verdict, judge, notes
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.kinematics import PlaneDetector
 from mbaid_ros.core.robot.momentum import momentum_change, standard
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.tasks import Tasks
 from mbaid_ros.core.trajectory.posterior import End, Posterior, posterior
 from mbaid_ros.core.trajectory.solution import (
     error_budget,
@@ -36,22 +41,32 @@ from mbaid_ros.core.trajectory.solution import (
     soft_grasp_warnings,
     thrusters,
 )
-from mbaid_ros.core.trajectory.target_runs import TargetRuns, TrajectorySettings
-from mbaid_ros.core.unknowns.catalogue import underestimated_text
+from mbaid_ros.core.trajectory.target_runs import ChangedTarget, TrajectorySettings
+from mbaid_ros.core.unknowns.catalogue import kind_in_words, target_changed_text, underestimated_text
 from mbaid_ros.core.unknowns.environment import Thrusters
 from mbaid_ros.core.unknowns.flexible import SpringErrors
+from mbaid_ros.core.unknowns.priors import UnknownsPrior
 
 _AT_REST = 'no joint has moved yet: with joints at rest no single body is observable'
 _TUMBLING = (
     'no joint has moved yet: tumbling determines only the ratios of the moments of inertia; calibrate reports them'
 )
+_SETTLING = 2  # windows that a changing target may take: the next run begins as many later
 _FEWEST = 3  # samples of a window, whose knots are too far apart with fewer
 _SPARSE = 'too few joint states for windows of {:g} s: read the joints more often, or set window to {:g} or more'
 _REPORTED = np.concatenate((BODY_PLACES, np.arange(MOMENTUM.start, MOMENTUM.stop)))  # (body, momentum) of the state
 
 
 class TrajectoryEstimator:
-    """Identifies one link and the total momentum from how the base's pose moves."""
+    """Identifies one link and the total momentum from how the base's pose moves.
+
+    Another run of the filter begins where the motion is no longer planar, the target changes, or the twist is wrong.
+
+    Attributes
+    ----------
+    tasks : its background work
+    run : the present one; None before the first window
+    """
 
     method = 'trajectory'
     needs_rates = False
@@ -61,6 +76,8 @@ class TrajectoryEstimator:
         self._settings = settings
         self._reporting = reporting
         self._plane = PlaneDetector(kernel.model)
+        before = settings.before  # in space a planar motion counts as well
+        self._plane.planar = self._plane.planar and (before is None or before.planar)
         self._soft = soft_grasp_warnings(kernel)
         self._averaging = KnotAveraging(
             settings.noise,
@@ -69,7 +86,15 @@ class TrajectoryEstimator:
             orientation_measured=settings.orientation_measured,
             fastest=kernel.springs.highest_frequency,
         )
-        self._runs = TargetRuns(kernel, settings, self._plane)
+        self.tasks = Tasks()
+        self.run: Run | None = None
+        self._layout: Layout  # of its state
+        self._variables: Variables  # of its filter
+        self._isolation: FaultIsolation  # of its faults
+        self._earlier: tuple[Event, ...] = ()  # before the target changed last
+        self._change: ChangedTarget | None = None
+        self._wrong_twist = ''  # why the twist has been left out
+        self._coming: list[Window] = []
         self._samples = 0
         self._last: Samples | None = None
 
@@ -82,25 +107,105 @@ class TrajectoryEstimator:
         origin : ns, stamp at time 0
         """
         averaged = self._averaging.average(windows)  # to knots
-        self._runs.expect(
-            [window for each in averaged for window in (each.ready, each.still_open) if window is not None]
-        )
-        estimates = [self._filter(window, each, origin) for window, each in zip(windows, averaged, strict=True)]
-        self._last = windows[-1] if windows else self._last
+        self._expect([window for each in averaged for window in (each.ready, each.still_open) if window is not None])
+        estimates: list[Estimate] = []
+        for window, knots in zip(windows, averaged, strict=True):
+            self.tasks.finish_due()  # of the windows before
+            self._plane.update(window)
+            self._samples += len(window)
+            run = self._current_run()  # a new one if motion or target have changed
+            ready, still_open = (each and self._usable_part(each) for each in (knots.ready, knots.still_open))
+            # Predict the twist, linearise, update every hypothesis, choose.
+            has_prior = self._variables.has_body_prior or self._variables.previous_bias is not None
+            joints_moved = knots.joints_moved or has_prior
+            run.add(ready, still_open, joints_moved=joints_moved)
+            self._isolation.add_window(ready, window)
+            self._last = window
+            estimates.append(self._estimate(run, window, origin, joints_moved=joints_moved))
         return estimates
 
-    def _filter(self, window: Samples, knots: Averaged, origin: int) -> Estimate:
-        """Filter one window, and report the solution by then, or why there is none."""
-        self._runs.finish_due_work()  # of the windows before
-        self._plane.update(window)
-        self._samples += len(window)
-        run = self._runs.current_run(self._averaging.origin)  # a new one if motion or target have changed
-        ready, still_open = (each and self._runs.usable_window(each) for each in (knots.ready, knots.still_open))
-        # Predict the twist, linearise, update every hypothesis, choose.
-        variables = self._runs.variables
-        joints_moved = knots.joints_moved or variables.has_body_prior or variables.previous_bias is not None
-        run.filter_windows(ready, still_open, joints_moved=joints_moved)
-        self._runs.isolation.add_window(ready, window)
+    def _usable_part(self, window: Window) -> Window:
+        """Return the part of a window that the run uses."""
+        return without_twist(window) if self._wrong_twist else window
+
+    def _expect(self, windows: list[Window]) -> None:
+        """Take the windows that are going to come, in order."""
+        self._coming = windows
+        if self.run is not None:
+            self.run.expect([self._usable_part(window) for window in windows])
+
+    def _current_run(self) -> Run:
+        """Return the run for the next window: a new one if the motion is not planar, target or twist have changed."""
+        if self.run is None or self.run.planar != self._plane.planar:
+            self._layout = layout_of(self._kernel, self._settings.declared, self._plane)
+            self._variables = variables(self._layout, self._plane, self._settings.declared)
+            before = self._settings.before
+            if before is not None and before.planar == self._plane.planar:
+                self._variables = self._variables.for_continued_run(before.root, before.bias)
+            self.run = self._new_run([])
+            if self._variables.previous_bias is not None:  # of the run that this one continues
+                self.run.offer(partial(self._layout.point, self._variables.to_state @ self._variables.prior()[0]))
+        elif (change := self._isolation.change) is not None:
+            self.run = self._run_after(self.run, change)
+        elif (wrong := self._isolation.wrong_twist) and not self._wrong_twist:
+            self._wrong_twist = wrong
+            self.run = self._new_run([self._usable_part(window) for window in self._isolation.windows_since(-np.inf)])
+        return self.run
+
+    def _new_run(self, windows: list[Window]) -> Run:
+        """Return a run over some windows."""
+        settings, bank = self._settings, self._settings.hypotheses
+        candidates = CandidateCauses(
+            self._layout, self._plane, settings.declared, bank, settings.suspects, settings.conventions
+        )
+        self._isolation = FaultIsolation(candidates, settings.noise, self.tasks)
+        run = Run(self._layout, self._variables, bank, settings.kept, self.tasks)
+        run.expect(windows)
+        for window in windows:
+            run.add(window, None, joints_moved=True)
+            self.tasks.finish_due()
+        run.expect([self._usable_part(window) for window in self._coming])
+        return run
+
+    def _run_after(self, run: Run, change: Change) -> Run:
+        """Return a run over the windows since a change of the target: the posterior of the robot carries over."""
+        slack = _SETTLING * self._settings.window
+        windows = self._isolation.windows_since(change.time + slack)
+        gaussian = run.gaussian_before(change.time, slack)
+        before = None if gaussian is None else MeanAndCovariance.from_gaussian(gaussian, self._variables)
+        jumped = jumps(run.best, run.distribution(), self._averaging.origin) if run.has_state else ()
+        self._earlier = (*self._events(before), *(jump for jump in jumped if jump.time < change.time - slack))
+        text = target_changed_text(change.time, exchanged=change.exchanged)
+        self._change = ChangedTarget(change.time, text, change.exchanged, before)
+        if gaussian is not None:
+            after = another_body(gaussian, self._variables, exchanged=change.exchanged)
+            distribution = MeanAndCovariance.from_gaussian(after, self._variables)
+            prior = UnknownsPrior(distribution.mean[BODY.stop :], distribution.factor[BODY.stop :])
+            self._layout = replace(self._layout, known=prior)
+            self._variables = self._variables.for_new_target(after.root, distribution.mean, exchanged=change.exchanged)
+        return self._new_run(windows)
+
+    def _events(self, now: MeanAndCovariance | None) -> tuple[Event, ...]:
+        """Return the events of earlier runs, and the change of target that ended them.
+
+        Parameters
+        ----------
+        now : state of the present run; None where there is none yet
+        """
+        return self._earlier if self._change is None else (*self._earlier, self._change.event(now))
+
+    @property
+    def _warnings(self) -> tuple[str, ...]:
+        """Warnings about the present run."""
+        before, found = self._settings.before, []
+        if self._wrong_twist:
+            found.append(f'the twist is not used, because it contradicts the poses: {self._wrong_twist}')
+        if before is not None and self.run is not None and before.planar and not self.run.planar:
+            found.append('the run before, which was planar, does not count: this motion is not')
+        return tuple(found)
+
+    def _estimate(self, run: Run, window: Samples, origin: int, *, joints_moved: bool) -> Estimate:
+        """Return the solution by the end of a window, or why there is none."""
         time = float(window.time[-1])
         stamp = origin + round(time * 1e9)
         now = Estimate(self.method, 'waiting', time, stamp, samples=self._samples, innovations=run.innovations)
@@ -108,11 +213,11 @@ class TrajectoryEstimator:
             return self._solution(run, now, window)
         return self._no_solution(run, now, window, joints_moved=joints_moved)
 
-    def _solution(self, run: FilterRun, now: Estimate, window: Samples) -> Estimate:
+    def _solution(self, run: Run, now: Estimate, window: Samples) -> Estimate:
         """Judge the solution of the best hypothesis, and report it with the history of its run."""
-        layout, distribution = self._runs.layout, run.distribution()
+        layout, distribution = self._layout, run.distribution()
         prior_scales = run.prior_scales(distribution)
-        verdict = self._with_causes(run, judge(self._runs.evidence(run, prior_scales)))
+        verdict = self._with_causes(run, judge(self._evidence(run, prior_scales)))
         verdict = with_findings(verdict, distribution, layout)
         history = self._history(run, now, distribution, verdict)
         solution = self._solved(run, distribution, prior_scales, verdict, history.flexible)
@@ -126,9 +231,30 @@ class TrajectoryEstimator:
             estimate = replace(estimate, momentum=momentum, momentum_covariance=covariance)
         return estimate.after_thrust(self._momentum_change(window, distribution.mean))
 
-    def _history(self, run: FilterRun, now: Estimate, distribution: MeanAndCovariance, verdict: Verdict) -> Estimate:
+    def _evidence(self, run: Run, prior_scales: PriorScaleFactors) -> Evidence:
+        """Return the evidence for and against the model of a run that has started."""
+        gaussian, hypothesis = run.best.gaussian, run.best.hypothesis
+        # A force or drift would absorb the errors of a wrong robot.
+        undisturbed = run.prior_scales(run.distribution_of_first()) if hypothesis.disturbed else prior_scales
+        beside_prior = prior_scales if hypothesis.physical else undisturbed
+        # A declared force has no rival: nothing was estimated without it.
+        declared = self._settings.hypotheses[0].force != 'none'
+        instead, gain = ('', 0.0) if declared else undisturbed.likeliest
+        return Evidence(
+            nis=gaussian.nis / max(gaussian.measured, 1),
+            innovations=gaussian.innovations,
+            distances={kind_in_words(cause): value for cause, value in beside_prior.distances.items()},
+            jumps=len(run.best.jumps),
+            unconfirmed=run.unconfirmed_jumps or self._isolation.open_jumps(run),
+            hypothesis=hypothesis.name if hypothesis.disturbed else '',
+            physical=hypothesis.physical,
+            gain=run.log_likelihood_ratio,
+            instead=(kind_in_words(instead), gain),
+        )
+
+    def _history(self, run: Run, now: Estimate, distribution: MeanAndCovariance, verdict: Verdict) -> Estimate:
         """Return all that is known of a run by now, but for body and momentum."""
-        filtered, layout = run.best, self._runs.layout
+        filtered, layout = run.best, self._layout
         delay, delay_std = joint_delay(distribution, layout)
         return replace(
             now,
@@ -136,7 +262,7 @@ class TrajectoryEstimator:
             causes=tuple((cause.text, cause.gain) for cause in verdict.causes),
             events=(
                 *forces(filtered, distribution),
-                *self._runs.events(distribution),
+                *self._events(distribution),
                 *jumps(filtered, distribution, self._averaging.origin),
             ),
             thrusters=thrusters(estimates(Thrusters, distribution, layout)),
@@ -145,23 +271,23 @@ class TrajectoryEstimator:
             time_offset_std=delay_std,
         )
 
-    def _flexible(self, run: FilterRun, distribution: MeanAndCovariance) -> tuple[PassiveJoint, ...]:
+    def _flexible(self, run: Run, distribution: MeanAndCovariance) -> tuple[PassiveJoint, ...]:
         """Return the passive joints as estimated, those that carry the target as declared."""
-        layout = self._runs.layout
+        layout = self._layout
         resolved = run.resolved & ~joints_carrying_target(layout.kernel)
         estimated = estimates(SpringErrors, distribution, layout)
         return passive_joints(estimated, layout.kernel, run.deflections, resolved)
 
     def _solved(
         self,
-        run: FilterRun,
+        run: Run,
         distribution: MeanAndCovariance,
         prior_scales: PriorScaleFactors,
         verdict: Verdict,
         flexible: Sequence[PassiveJoint],
     ) -> Solution:
         """Return body and momentum with their covariance, and the reasons to read them with care."""
-        filtered, layout = run.best, self._runs.layout
+        filtered, layout = run.best, self._layout
         # Where the data contradict the model, the verdict names the declarations that would have to be wrong.
         too_small = [underestimated_text(*each) for each in prior_scales.significant if verdict.adequate]
         acting = filtered.hypothesis.disturbed and filtered.hypothesis.physical
@@ -177,25 +303,25 @@ class TrajectoryEstimator:
             redundancy=filtered.gaussian.measured,
             origin=self._averaging.origin,
             plane=self._plane.plane(self._kernel.target),
-            curvatures=run.curvatures(consistent=verdict.adequate),
+            curvatures=run.nonlinearities(consistent=verdict.adequate),
             reasons=(
-                *notes((*self._runs.warnings, *too_small, *estimated, *self._soft)),
+                *notes((*self._warnings, *too_small, *estimated, *self._soft)),
                 *(Reason(text, 'contradiction') for text in verdict.reasons),
                 *(implausible_springs(distribution.mean, layout, flexible, run.resolved) if flexible else ()),
             ),
         )
 
-    def _with_causes(self, run: FilterRun, verdict: Verdict) -> Verdict:
+    def _with_causes(self, run: Run, verdict: Verdict) -> Verdict:
         """Return the verdict with the causes that fault isolation has found, and let that follow the run."""
-        isolation = self._runs.isolation
+        isolation = self._isolation
         isolation.begin_if_due(run, suspicious=not verdict.adequate or bool(verdict.causes))
         if not verdict.adequate and (causes := isolation.causes(run)):
             return replace(verdict, causes=causes)
         return verdict
 
-    def _no_solution(self, run: FilterRun, now: Estimate, window: Samples, *, joints_moved: bool) -> Estimate:
+    def _no_solution(self, run: Run, now: Estimate, window: Samples, *, joints_moved: bool) -> Estimate:
         """Return why there is no solution after a window."""
-        isolation = self._runs.isolation
+        isolation = self._isolation
         if run.has_state:
             reason = 'no convergent solution yet: more motion is needed'
         elif joints_moved:
@@ -212,41 +338,35 @@ class TrajectoryEstimator:
             now,
             status='waiting' if joints_moved and not run.has_state else 'not_identifiable',
             causes=tuple((cause.text, cause.gain) for cause in isolation.causes(run)),
-            events=self._runs.events(None),
-            warnings=(reason, *self._runs.warnings),
+            events=self._events(None),
+            warnings=(reason, *self._warnings),
         ).after_thrust(window.impulse[-1])
 
     def _momentum_change(self, window: Samples, state: Array) -> Array:
         """Return how thrust and orbit have changed the momentum by the end of a window, (6,)."""
         if not window.tide.shape[1]:
             return window.impulse[-1]
-        return momentum_change(window, self._runs.layout.point(state).side.kernel.body_parameters(state[BODY]))
-
-    def run_slice(self) -> bool:
-        """Run a slice of the background work; return whether more is due before the next window."""
-        run = self._runs.run
-        return run is not None and (run.run_slice() or self._runs.isolation.run_slice())
+        return momentum_change(window, self._layout.point(state).side.kernel.body_parameters(state[BODY]))
 
     def posterior(self) -> Posterior | None:
         """Return the posterior at the end of the run; None without a solution, or where nothing locates the base."""
-        run, last = self._runs.run, self._last
+        run, last = self.run, self._last
         if run is None or last is None or not self.settled or not self._settings.located:
             return None
         distribution = run.distribution()
         settings, change = self._settings, self._momentum_change(last, distribution.mean)
         end = End.from_window(last, settings.noise, settings.window, self._averaging.origin, change)
-        return posterior(self._runs.layout, run.best.hypothesis, distribution, run.prior_scales(distribution), end)
+        return posterior(self._layout, run.best.hypothesis, distribution, run.prior_scales(distribution), end)
 
     @property
     def settled(self) -> bool:
         """Whether the run has a solution that has converged."""
-        run = self._runs.run
-        return run is not None and run.has_state and run.converged
+        return self.run is not None and self.run.has_state and self.run.converged
 
     @property
     def disturbed(self) -> bool:
         """Whether the solution explains the data by an external force, or by joints that are stamped late."""
-        run = self._runs.run
+        run = self.run
         if run is None or not run.has_state:
             return False
         return run.best.hypothesis.disturbed or len(run.best.jumps) > 0 or run.has_joint_delay
@@ -254,17 +374,17 @@ class TrajectoryEstimator:
     @property
     def changed(self) -> bool:
         """Whether the target has changed since the run began, or the twist has been left out."""
-        return self._runs.changed
+        return self._change is not None or bool(self._wrong_twist)
 
     def offer(self, estimate: Estimate) -> None:
         """Take an estimate to start from."""
-        if self._runs.run is not None:
-            self._runs.run.offer(partial(_point_of, estimate, self._runs.layout, self._averaging.origin))
+        if self.run is not None:
+            self.run.offer(partial(_point_of, estimate, self._layout, self._averaging.origin))
 
     def restart(self) -> None:
         """Give up the solution and search a start again."""
-        if self._runs.run is not None:
-            self._runs.run.restart()
+        if self.run is not None:
+            self.run.restart()
 
 
 def _point_of(estimate: Estimate, layout: Layout, origin: Array) -> Point:

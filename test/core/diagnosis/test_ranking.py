@@ -10,8 +10,8 @@ import pytest
 
 from mbaid_ros.core.diagnosis.candidates import FEWEST, Candidate, CandidateCauses
 from mbaid_ros.core.diagnosis.ranking import CandidateCause, IsolationResult, explains, likeliest_kinds, ranked
-from mbaid_ros.core.filter.batch import Work
 from mbaid_ros.core.results.status import Innovations
+from mbaid_ros.core.tasks import Work
 
 Row = tuple[float, str]  # gain, and what it is: a thing, something of the twist, or a walk without a mechanism
 

@@ -68,7 +68,7 @@ def test_a_constant_force(robot: MomentumKernel, joints: Sinusoids, momentum: Ar
     assert any(f'constant force or torque acts, {NAMED[axes]}' in each for each in last.warnings)
     assert normalised(last, robot) < LIMIT
     assert [event.kind for event in last.events] == ['ramp']
-    run = some(following._runs.run)
+    run = some(following.run)
     distribution = run.distribution()
     error = distribution.force - wrench
     covariance = distribution.force_factor @ distribution.force_factor.T

@@ -16,7 +16,7 @@ from mbaid_ros.config.model_errors import EXACT
 from mbaid_ros.config.parameters import build, values_of
 from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.filter.state import Declared
-from mbaid_ros.core.identifier import Estimator, posterior_of
+from mbaid_ros.core.identifier import Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -121,7 +121,7 @@ def halves(seed: int) -> tuple[list[Samples], list[Samples]]:
 
 
 def left_by(method: Estimator) -> Continuation:
-    known = some(posterior_of(method))
+    known = some(method.posterior())
     return known.continuation
 
 

@@ -1,4 +1,4 @@
-"""Searches for a start, work that is put off, and how far an estimate is from its linearisation."""
+"""Searches for a start, and how far an estimate is from its linearisation."""
 
 from __future__ import annotations
 
@@ -11,50 +11,17 @@ import pytest
 from checked import some
 from floating import make
 from mbaid_ros.core.filter.bank import HypothesisFilter
-from mbaid_ros.core.filter.batch import BatchIteration, Work
-from mbaid_ros.core.filter.initialisation import FIRST, BackgroundTask, Initialisation
-from mbaid_ros.core.filter.run import Phase
+from mbaid_ros.core.filter.batch import BatchIteration
+from mbaid_ros.core.filter.run import FIRST, Phase, Run
 from mbaid_ros.core.filter.square_root import MeanAndCovariance
 from mbaid_ros.core.filter.start import MultiStart, Start
 from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
 from mbaid_ros.core.filter.time_update import UNDISTURBED
 from mbaid_ros.core.filter.window import Window, in_stacks
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.tasks import AT_ONCE, Kind, Tasks, Work
 from mbaid_ros.simulation.simulation import Truth
 from observed import HIGH, MID, kernel, observe, windows
-
-
-def bits(sizes: list[int], done: list[int]) -> Work[str]:
-    for size in sizes:
-        done.append(size)
-        yield size
-    return 'found'
-
-
-@pytest.mark.parametrize('size', [24, 140])
-@pytest.mark.parametrize('seed', range(5))
-def test_what_is_done_before_a_window_does_not_depend_on_the_calls(seed: int, size: int) -> None:
-    rng = np.random.default_rng(seed)
-    sizes, owed = rng.integers(1, 40, 60).tolist(), 250
-    at_leisure, at_once = BackgroundTask[str](size), BackgroundTask[str](size)
-    ways: tuple[list[int], list[int]] = ([], [])
-    found: dict[str, int] = {}
-    for task, done in zip((at_leisure, at_once), ways, strict=True):
-        task.begin(bits(sizes, done))
-    for number in range(40):
-        for task in (at_leisure, at_once):
-            task.allot_steps(owed)
-        for _ in range(int(rng.integers(0, 8))):
-            if at_leisure.run_slice():
-                found['at leisure'] = number
-        for name, task in (('at leisure', at_leisure), ('at once', at_once)):
-            while task.is_due:
-                if task.run_slice():
-                    found[name] = number
-        assert ways[0] == ways[1]
-    assert ways[0] == sizes
-    assert found['at leisure'] == found['at once'] > 1
-    assert not at_leisure.under_way
 
 
 def spied(monkeypatch: pytest.MonkeyPatch, *, failing: bool) -> list[int]:
@@ -80,8 +47,8 @@ def test_a_run_that_is_given_up_is_searched_again_from_as_many_windows_as_the_fi
     taken = windows(observe(servicer, MID, 1))
     following = make(kernel('servicer7'), MID)
     following.update(taken, 0)
-    run = some(following._runs.run)
-    run._initialisation.windows, run.phase = [], Phase.TRACKING
+    run = some(following.run)
+    run._windows, run.phase = [], Phase.TRACKING
     lengths = spied(monkeypatch, failing=False)
     following.restart()
     for window in taken:
@@ -110,9 +77,9 @@ class Young:
     def __init__(self, truth: Truth) -> None:
         following = make(kernel('servicer7'), HIGH)
         following.update(windows(observe(truth, HIGH, 3))[:16], 0)
-        run = some(following._runs.run)
-        self.windows: list[Window] = run._initialisation.windows
-        self.passes: BatchIteration = run._initialisation._batch
+        run = some(following.run)
+        self.windows: list[Window] = run._windows
+        self.passes: BatchIteration = run._batch
         self.point = run.point
 
     def passed(self, point: Point) -> tuple[HypothesisFilter, MeanAndCovariance]:
@@ -139,38 +106,37 @@ def young(servicer: Truth) -> Young:
     return Young(servicer)
 
 
-def taken_over(initialisation: Initialisation, filtered: HypothesisFilter, point: Point, covariance: Array) -> None:
+def taken_over(run: Run, filtered: HypothesisFilter, point: Point, covariance: Array) -> None:
     """Have it go on from a search that has led to a hypothesis, with the body's covariance by then."""
-    start = Start((filtered,), point, accepted=True, covariance=covariance, curvature=None)
-    initialisation.take_over(start, filtered)
+    run._take_over(Start((filtered,), point, accepted=True, covariance=covariance, nonlinearity=None))
 
 
 def test_it_is_the_step_of_the_next_pass(young: Young) -> None:
     filtered, distribution = young.passed(young.far())
     _, after = young.passed(young.at(distribution))
-    found = returned(young.passes.displacement(in_stacks(young.windows), filtered))
+    found = returned(young.passes.newton_step(in_stacks(young.windows), filtered))
     assert found.shifts[0] == pytest.approx(after.mean[BODY] - distribution.mean[BODY], rel=1e-9, abs=1e-12)
 
 
 def test_it_is_asked_once_the_body_is_better_known_and_kept_until_windows_are_linearised_anew(young: Young) -> None:
     filtered, distribution = young.passed(young.far())
     covariance = distribution.covariance(BODY_PLACES)
+    layout, variables = young.passes.layout, young.passes.variables
     asked = []
     for before in (covariance, 3.0 * covariance):  # no better known than where they were linearised, or better
-        initialisation = Initialisation(young.passes, (UNDISTURBED,), ENOUGH)
-        initialisation.windows = list(young.windows)
-        initialisation._searched = len(young.windows)
-        taken_over(initialisation, filtered, young.point, before)
-        initialisation.check_displacement(filtered)
-        initialisation.allot()
-        asked.append(initialisation.is_due)
+        tasks = Tasks()
+        run = Run(layout, variables, (UNDISTURBED,), ENOUGH, tasks)
+        run._windows, run._searched, run._latest = list(young.windows), len(young.windows), filtered
+        taken_over(run, filtered, young.point, before)
+        run._check_newton_step(filtered)
+        asked.append(tasks.is_under_way(Kind.NEWTON_STEP))
     assert asked == [False, True]
-    while initialisation.is_due:
-        initialisation.run_slice(consistent=True)
-    assert initialisation._due == len(young.windows)  # a search is due with the next window
-    displaced = [initialisation._displaced]
-    taken_over(initialisation, filtered, young.point, 3.0 * covariance)
-    displaced.append(initialisation._displaced)  # better known than where they were linearised anew: not checked yet
-    taken_over(initialisation, filtered, young.point, covariance)
-    displaced.append(initialisation._displaced)
+    tasks.allot_steps(AT_ONCE, Kind.NEWTON_STEP)
+    tasks.finish_due()
+    assert run._due == len(young.windows)  # a search is due with the next window
+    displaced = [run._is_displaced]
+    taken_over(run, filtered, young.point, 3.0 * covariance)
+    displaced.append(run._is_displaced)  # better known than where they were linearised anew: not checked yet
+    taken_over(run, filtered, young.point, covariance)
+    displaced.append(run._is_displaced)
     assert displaced == [True, True, False]

@@ -14,7 +14,6 @@ from mbaid_ros.config.estimator import EstimatorConfig
 from mbaid_ros.config.parameters import build
 from mbaid_ros.core.filter.state import BODY
 from mbaid_ros.core.geometry import rotation_from_quaternion
-from mbaid_ros.core.identifier import posterior_of
 from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.kernel import MomentumKernel
@@ -215,7 +214,7 @@ def test_to_ask_what_would_help_most_leaves_the_estimates_as_they_are() -> None:
     for window in seen:
         (estimate,), (beside,) = asked.update([window], 0), left.update([window], 0)
         assert same(estimate, beside)
-        known = posterior_of(asked)
+        known = asked.posterior()
         reported.append(advice(build(EstimatorConfig, {'plan.joint_velocity': FASTEST}), known) if known else '')
     assert reported[-1].startswith('best single joint: joint')
 

@@ -91,8 +91,8 @@ def _run(case: Case, seed: int) -> Run:
     samples = observe(wrong.read(truth), MID, seed)
     estimator = make(robot, MID, known_std=LINKS, declared=declared)
     last = estimator.update(windows(samples), 0)[-1]
-    assert estimator._runs.run is not None
-    distribution = estimator._runs.run.distribution()
+    assert estimator.run is not None
+    distribution = estimator.run.distribution()
     # The catalogue's order is that of the state: what is only read comes last in both.
     found, factor = distribution.mean[BODY.stop :], distribution.factor[BODY.stop :]
     return Run(case, samples, last, found - np.concatenate(numbers), factor @ factor.T)
